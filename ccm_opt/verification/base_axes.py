@@ -1,4 +1,4 @@
-"""Checks of the axes that carry the base: range, limits, consistency, and joints inside the guide tube."""
+"""Checks of the linear axes that carry the base: range, limits, consistency, and straight joints in the guide tube."""
 
 import numpy as np
 
@@ -19,13 +19,13 @@ def check_base_axes(
     needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check all requirements on the axes that carry the base; for an arm with a fixed base, return no checks.
+    """Check ranges, limits and consistency of the linear axes that carry the base; return [] for a fixed base.
 
     Args:
         problem: the problem that the motion is to solve.
-        trajectory: the motion in the arm's coordinates.
-        joints: the motion in terms of the drives, with their efforts.
-        needed: efforts from the verifier's own inverse dynamics.
+        trajectory: sampled motion in the arm's coordinates.
+        joints: angles, rates and efforts of the drives at the same samples, as the plan reports them.
+        needed: torques and base force from the verifier's own inverse dynamics.
         settings: tolerances.
     """
     checks: list[Check] = []
@@ -77,8 +77,11 @@ def _held(
 ) -> Check:
     """Check that every joint inside the guide tube is straight.
 
-    Within an interval this holds up to the moment at which the joint leaves through the hole. Feed and bend are linear
-    between samples, so the bend of a joint at the hole follows by proportion.
+    A joint that leaves the tube between two samples must be straight until it passes the hole at the tube's end. Feed
+    and
+    bend are linear between samples, so the bend at the hole follows by proportion. The worst value is a bend as a
+    multiple
+    of its tolerance.
     """
     # Depth of each joint behind the hole: positive within the guide tube.
     depth = axis.hole - place[:, None] - arm.link_length * np.arange(arm.links)
@@ -91,7 +94,7 @@ def _held(
     inside = np.maximum(depth[:-1], depth[1:])
     outside = np.minimum(depth[:-1], depth[1:])
     passing = (inside > settings.inside) & (outside < -settings.inside)
-    # Share of the step that the joint spends inside, from its depths at both ends of the step.
+    # Fraction of the step that the joint spends inside, from its depths at both ends of the step.
     share = np.where(passing, inside / np.maximum(inside - outside, settings.inside), 0.0)
     further = np.maximum(bends[:-1], bends[1:])
     bent[:-1] = np.maximum(bent[:-1], share * further / settings.passing_tolerance)
@@ -103,6 +106,6 @@ def _held(
 
 
 def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Return difference quotients, with magnitudes reduced by the largest possible rounding error."""
+    """Return the difference quotients of sampled values, shape (T − 1,), less the largest possible rounding error."""
     step = np.diff(time)
     return less_rounding(np.diff(values) / step, 1.0 + largest_magnitude(values), step)

@@ -1,12 +1,13 @@
-"""Distances of segments from triangles, and whether a point is inside a body given by triangles.
+"""Distances between segments and triangles, and a test whether a triangle mesh encloses a point.
 
-Any unit vector n proves a lower bound on a distance: the least n · p over the segment minus the greatest n · q over the
-triangle, both attained at corners. The vector used joins the nearest pair of candidate points. The candidates include
-the true nearest pair; if they did not, the bound would be too small but still valid.
+Any unit vector n proves a lower bound on the distance of a segment from a triangle: the least n · p over the segment
+minus the greatest n · q over the triangle, both attained at corners. Here n joins the nearest of several candidate
+pairs of points. The candidates include the true nearest pair; if they did not, the bound would be too small but still
+valid.
 
-A consistently oriented set of triangles encloses a point if its winding number there exceeds one half. For other sets,
-rays are cast from the point, most of which must cross an odd number of triangles. The test is applied to all triangles
-together, which may be open, and, since overlapping bodies may cancel, to each piece connected through corners.
+A consistently oriented mesh encloses a point if its winding number at the point exceeds one half. For other meshes,
+rays are cast from the point, most of which must cross an odd number of triangles. The test is applied to the whole
+mesh, which may be open, and, since overlapping bodies may cancel, to each set of triangles connected through corners.
 """
 
 from itertools import pairwise
@@ -20,15 +21,15 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 
 
 def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return bounds on the distances of segments from triangles.
+    """Return lower and upper bounds on the distances of segments from triangles.
 
     Args:
-        start: starts of the segments, shape (P, 3) [m].
+        start: starts of P segments, shape (P, 3) [m].
         end: ends of the segments, shape (P, 3) [m].
-        triangles: corners of the triangles, shape (P, 3, 3) [m].
+        triangles: corners of one triangle per segment, shape (P, 3, 3) [m].
 
     Returns:
-        Proved lower bounds, and upper bounds from a pair of points; each of shape (P,) [m].
+        Proved lower bounds, and distances of a pair of points as upper bounds; each of shape (P,) [m].
     """
     normal, upper = nearest_lines(start, end, triangles)
     # Projections are relative to a corner, so that points far from the origin lose no digits.
@@ -42,7 +43,13 @@ def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tu
 def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors from triangles to segments between their nearest points, and the distances of these points.
 
-    Vectors have shape (P, 3) and are zero where the bodies touch; distances have shape (P,) [m].
+    Args:
+        start: starts of P segments, shape (P, 3) [m].
+        end: ends of the segments, shape (P, 3) [m].
+        triangles: corners of one triangle per segment, shape (P, 3, 3) [m].
+
+    Returns:
+        Vectors, shape (P, 3), zero where segment and triangle touch; distances, shape (P,) [m].
     """
     best = np.full(len(start), np.inf)
     apart = np.zeros_like(start)
@@ -56,10 +63,11 @@ def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> 
 
 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
-    """Return the candidates for the nearest pair of points of each segment and triangle.
+    """Return candidates for the vector from the nearest point of a triangle to that of a segment, for P pairs.
 
-    Each candidate is the difference of two points, shape (P, 3), with a mask of shape (P,) that is set where both
-    points lie on their bodies.
+    Each candidate is a vector per pair, shape (P, 3), with a mask, shape (P,), that is set where both of its end points
+    lie
+    on the segment and the triangle.
     """
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
@@ -76,14 +84,14 @@ def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> l
 
 
 def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
-    """Return the foot of a point on a line from the origin, as a fraction of the line's length, clipped to [0, 1]."""
+    """Return the projections of points onto segments from the origin, as fractions of the segments in [0, 1]."""
     square = np.einsum("pd,pd->p", line, line)
     share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
     return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the difference of the nearest points of two lines, valid where both points lie on their segments."""
+    """Return the shortest vectors between two lines each, and a mask: set where both end points lie on the segments."""
     normal = np.cross(line, edge)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -96,7 +104,7 @@ def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tu
 def _through_face(
     start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
 ) -> list[tuple[FloatArray, BoolArray]]:
-    """Return the candidates in a triangle's face: both ends of the segment projected onto it, and the crossing."""
+    """Return nearest-point candidates inside triangles: both segment ends projected, and the crossing point."""
     normal = np.cross(one, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -122,25 +130,25 @@ def _through_face(
 
 
 _GRID = 1e-6
-"""Cell width of the grid in which corners are merged, as a share of the body's extent."""
+"""Cell width of the grid in which nearby corners are merged, as a fraction of the mesh's extent."""
 _RAYS = 9
 _MOST = 0.75
-"""Share of rays with an odd number of crossings above which a point is inside triangles without common orientation.
+"""Fraction of rays with an odd number of crossings above which a mesh without common orientation encloses a point.
 
-For closed pieces the share is 0 or 1, except for rays that graze an edge.
+For a closed mesh the fraction is 0 or 1, except for rays that graze an edge.
 """
 _WHOLE = 1e-3
-"""Largest difference of a closed piece's winding number from an integer, small cracks included."""
+"""Largest difference of a closed mesh's winding number from an integer, small cracks included."""
 _PROBES = 200
-"""Approximate number of points of a piece that must lie inside the surrounding piece for it to be a cavity."""
+"""Approximate number of points of an inner surface that must lie inside the outer one for it to bound a cavity."""
 
 
 def depth_enclosed(triangles: FloatArray, point: FloatArray) -> float:
-    """Return the depth of a point inside the body that triangles enclose [m]; 0 for a point outside.
+    """Return the depth of a point below the surface of a closed triangle mesh [m]; 0 outside the mesh.
 
     Args:
-        triangles: corners of the body's triangles, shape (m, 3, 3) [m].
-        point: position, shape (3,) [m].
+        triangles: corners of the m triangles, shape (m, 3, 3) [m].
+        point: the point, shape (3,) [m].
     """
     corners = triangles.reshape(-1, 3)
     if np.any(point < corners.min(axis=0)) or np.any(point > corners.max(axis=0)):
@@ -168,7 +176,7 @@ def _is_enclosed(triangles: FloatArray, point: FloatArray) -> bool:
 
 
 def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
-    """Return whether nested pieces of alternating orientation around a point leave the point in a cavity."""
+    """Return whether a point lies in a cavity: nested closed surfaces around the point alternate in orientation."""
     about.sort(key=lambda each: -abs(each.volume))
     return len(about) % 2 == 0 and all(
         outer.alike and inner.alike and outer.turns(point) * inner.turns(point) < 0.0 and outer.contains(inner)
@@ -177,11 +185,11 @@ def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
 
 
 class _Piece:
-    """A connected set of triangles.
+    """A set of triangles connected through their corners.
 
     Args:
-        triangles: corners of the triangles, shape (m, 3, 3) [m].
-        corner: index of each corner after merging, shape (m, 3).
+        triangles: corners of the m triangles, shape (m, 3, 3) [m].
+        corner: index of each corner after merging coincident corners, shape (m, 3).
     """
 
     def __init__(self, triangles: FloatArray, corner: IntArray) -> None:
@@ -190,20 +198,22 @@ class _Piece:
 
     @property
     def volume(self) -> float:
-        """Enclosed volume, negative if the triangles face inwards [m³]."""
+        """Enclosed volume [m³], negative if the triangles face inwards."""
         a, b, c = (self.triangles[:, k] - self.triangles[0, 0] for k in range(3))
         return float(np.einsum("md,md->", a, np.cross(b, c))) / 6.0
 
     def encloses(self, point: FloatArray) -> bool:
-        """Return whether a point is inside the piece, judged by its winding number or by most rays."""
+        """Return whether the mesh encloses a point, by winding number or, if not oriented, by a majority of rays."""
         if self._is_beyond(point):
             return False
         return abs(self.turns(point)) > 0.5 if self.alike else _odd_share(self.triangles, point) > _MOST
 
     def goes_round(self, point: FloatArray) -> bool:
-        """Return whether a point is inside the piece and the piece is closed around it.
+        """Return whether the mesh encloses a point and is closed.
 
-        The piece is closed if the winding number is whole or, without a consistent orientation, if all rays agree.
+        A mesh counts as closed if its winding number at the point is an integer or, without a consistent orientation,
+        if all
+        rays agree.
         """
         if self._is_beyond(point):
             return False
@@ -216,15 +226,16 @@ class _Piece:
         return bool(np.any(point < self.triangles.min(axis=(0, 1))) or np.any(point > self.triangles.max(axis=(0, 1))))
 
     def contains(self, other: "_Piece") -> bool:
-        """Return whether another piece is inside this one, judged by a sample of its corners and centroids."""
+        """Return whether another mesh lies inside this one, tested at a sample of its corners and centroids."""
         places = np.concatenate((other.triangles[:, 0], other.triangles.mean(axis=1)))
         return all(self.encloses(place) for place in places[:: max(len(places) // _PROBES, 1)])
 
     def turns(self, point: FloatArray) -> float:
-        """Return the winding number of the triangles around a point.
+        """Return the winding number of the mesh around a point.
 
         The winding number is the sum of the triangles' signed solid angles over 4 π: ±1 inside a closed surface and 0
-        outside (A. Van Oosterom and J. Strackee, The solid angle of a plane triangle, 1983).
+        outside
+        (A. Van Oosterom and J. Strackee, The solid angle of a plane triangle, 1983).
         """
         a, b, c = (self.triangles[:, k] - point for k in range(3))
         lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]
@@ -236,7 +247,7 @@ class _Piece:
 
 
 def _heights(triangles: FloatArray) -> FloatArray:
-    """Return the least height of each triangle, shape (m,) [m]; it is near zero for degenerate triangles."""
+    """Return the least height of each of m triangles, shape (m,) [m]; near zero for a degenerate triangle."""
     sides = np.roll(triangles, -1, axis=1) - triangles
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.max(np.linalg.norm(sides, axis=2), axis=1)
@@ -244,7 +255,7 @@ def _heights(triangles: FloatArray) -> FloatArray:
 
 
 def _corner_numbers(triangles: FloatArray) -> IntArray:
-    """Return the index of each corner after merging corners in the same or touching grid cells, shape (m, 3)."""
+    """Return an index per corner of m triangles, equal for corners in one or touching grid cells, shape (m, 3)."""
     corners = triangles.reshape(-1, 3)
     low = corners.min(axis=0)
     width = _GRID * float(np.max(corners.max(axis=0) - low))
@@ -257,10 +268,10 @@ def _corner_numbers(triangles: FloatArray) -> IntArray:
 
 
 def _piece_numbers(corner: IntArray) -> IntArray:
-    """Return the index of the piece that each triangle belongs to, shape (m,).
+    """Return the index of the connected surface to which each of m triangles belongs, shape (m,).
 
-    Triangles that share a corner belong to one piece, unless cutting it at edges with more than two triangles yields
-    pieces in which every edge has exactly two.
+    Triangles with a common corner belong to one surface, unless cutting it at edges with more than two triangles yields
+    surfaces in which every edge has exactly two.
     """
     by_corner = _components(corner[:, [0, 1]].ravel(), corner[:, [1, 2]].ravel(), int(corner.max()) + 1)[corner[:, 0]]
     start = corner.ravel()
@@ -282,7 +293,7 @@ def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
 
 
 def _turn_alike(corner: IntArray) -> bool:
-    """Return whether the orientation is consistent: every shared edge is traversed equally often in both directions."""
+    """Return whether a mesh is oriented: every shared edge is traversed equally often in both directions."""
     start = corner.ravel()
     end = np.roll(corner, -1, axis=1).ravel()
     key = np.minimum(start, end) * (int(corner.max()) + 1) + np.maximum(start, end)
@@ -291,7 +302,7 @@ def _turn_alike(corner: IntArray) -> bool:
 
 
 def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
-    """Return the fraction of rays from a point, evenly spread over all directions, with an odd number of crossings."""
+    """Return the fraction of rays from a point, evenly spread, that cross an odd number of triangles."""
     turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_RAYS) + 0.3
     height = 1.0 - (2.0 * np.arange(_RAYS) + 1.0) / _RAYS
     beside = np.sqrt(1.0 - height**2)
@@ -303,7 +314,7 @@ def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
 def _meets(corners: FloatArray, ray: FloatArray) -> BoolArray:
     """Return a mask of the triangles that a ray from the origin crosses, shape (m,).
 
-    The ray must be on the same side of all three planes through the origin and one edge of the triangle.
+    A ray crosses a triangle if it is on the same side of all three planes through the origin and one edge.
     """
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
     volume = np.einsum("md,md->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))

@@ -1,7 +1,7 @@
 """The verifier's own kinematics: frames and positions of the links, and bounds on their motion between samples.
 
-Link vectors are expressed in the world frame, in which a planar arm moves in x-z. Positions, which are used for
-distances, have the arm's own dimension d.
+Link vectors are in the world frame, in which a planar arm moves in x-z. Positions, from which distances are computed,
+have the arm's own dimension, d = 2 or 3.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from ccm_opt.verification.drives import as_revolutes
 def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
     """Convert coordinates (T, c) to joint angles about z and then the turned y axis, shape (T, links, 2) [rad].
 
-    The map is linear, so it also applies to rates and differences.
+    The map is linear, so rates and differences of coordinates are converted alike.
     """
     return as_revolutes(arm.coordinates, values[:, arm.coordinates.bends]).reshape(len(values), arm.links, 3)[..., :2]
 
@@ -26,14 +26,14 @@ def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
 def carried(arm: Arm, positions: FloatArray) -> FloatArray:
     """Convert coordinates (T, c) to the displacement of the base along its direction, shape (T,) [m].
 
-    The map is linear, so it also applies to rates and differences.
+    The map is linear, so rates and differences of coordinates are converted alike.
     """
     return np.asarray(np.sum(positions[:, arm.coordinates.base], axis=1))
 
 
 @dataclass(frozen=True)
 class LinkFrames:
-    """Orientations of the links in T poses, as unit vectors in the world frame, each of shape (T, links, 3).
+    """Orientations of the links in T configurations, as unit vectors in the world frame, each of shape (T, links, 3).
 
     Attributes:
         first_axes: first rotation axes of the joints, which are the z axes of the preceding links.
@@ -49,7 +49,7 @@ class LinkFrames:
 
     @classmethod
     def of(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
-        """Return the link frames of configurations, shape (T, c)."""
+        """Compute the link frames of configurations, shape (T, c)."""
         if arm.dimension == 2:
             return cls._in_plane(arm, positions)
         shape = (len(positions), arm.links, 3)
@@ -84,7 +84,7 @@ class LinkFrames:
 
 
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return the directions of the links in configurations (T, c), as unit vectors of shape (T, links, d)."""
+    """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
     if arm.dimension == 3:
         return LinkFrames.of(arm, positions).along
     turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
@@ -94,7 +94,7 @@ def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return the positions of all joints and the tip, base first, in configurations (T, c): (T, links + 1, d) [m]."""
+    """Return the positions of joints, base first, and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
     points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
@@ -105,19 +105,19 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def lengths_of(vectors: FloatArray) -> FloatArray:
-    """Return the lengths of vectors (..., d), shape (...), three times as fast as numpy's norm if d is small."""
+    """Return the Euclidean lengths of vectors (..., d), three times as fast as ``numpy.linalg.norm`` for small d."""
     return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
 
 
 @dataclass(frozen=True)
 class TimeStretches:
-    """Stretches of time in units of samples; 2 to 2.5 spans from sample 2 halfway to sample 3.
+    """S time intervals in units of samples; 2 to 2.5 is from sample 2 halfway to sample 3.
 
-    A stretch either begins and ends at samples or lies between two neighbouring samples.
+    An interval either begins and ends at samples or lies between two consecutive samples.
 
     Attributes:
-        low: starts of the stretches, shape (S,).
-        high: ends of the stretches, shape (S,).
+        low: starts of the intervals, shape (S,).
+        high: ends of the intervals, shape (S,).
     """
 
     low: FloatArray
@@ -125,13 +125,13 @@ class TimeStretches:
 
     @classmethod
     def blocks(cls, samples: int, size: int) -> "TimeStretches":
-        """Divide a motion, given its number of samples, into stretches of `size` intervals; the last may be shorter."""
+        """Divide a motion of a given number of samples into intervals of `size` steps; the last one may be shorter."""
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
 
     @classmethod
     def moments(cls, samples: int, most: int) -> "TimeStretches":
-        """Return stretches of zero length at no more than `most` evenly spread samples."""
+        """Return intervals of zero length at no more than `most` evenly spread samples."""
         few = np.unique(np.linspace(0, samples - 1, min(most, samples)).astype(np.intp)).astype(np.float64)
         return cls(few, few)
 
@@ -140,30 +140,31 @@ class TimeStretches:
 
     @property
     def middle(self) -> FloatArray:
-        """Midpoints of the stretches, rounded down to a sample if a stretch has several intervals, shape (S,)."""
+        """Midpoints in sample numbers, rounded down where a time interval has several steps, shape (S,)."""
         middle = 0.5 * (self.low + self.high)
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
     def take(self, index: IntArray) -> "TimeStretches":
-        """Return the stretches with given indices."""
+        """Return the time intervals with given indices."""
         return TimeStretches(self.low[index], self.high[index])
 
     def halves(self) -> "TimeStretches":
-        """Return the first halves of all stretches, followed by the second halves."""
+        """Return the first halves of all time intervals, followed by the second halves."""
         middle = self.middle
         return TimeStretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
 
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """A motion of an arm whose coordinates are linear in time between samples.
+    """A motion of an arm whose coordinates are linear in time between T samples.
 
     Attributes:
         arm: the arm.
         time: sample times, shape (T,) [s].
         positions: coordinates at the samples, shape (T, c) [rad, m].
-        deviation: largest deviation of each link from this motion in each interval, shape (T − 1, links) [m]; none by
-            default.
+        deviation: bound on how far each link may be from this motion in each step, shape (T − 1, links) [m]; None if
+            the
+            motion is exact.
     """
 
     arm: Arm
@@ -172,11 +173,11 @@ class ChainMotion:
     deviation: FloatArray | None = None
 
     def off(self, stretches: TimeStretches, stretch: IntArray, link: IntArray) -> FloatArray | float:
-        """Return the largest deviation of links from the motion during stretches, shape (P,) [m].
+        """Return bounds on the deviation of links from the nominal motion during time intervals, shape (P,) [m].
 
         Args:
-            stretches: stretches of time.
-            stretch: indices of stretches, shape (P,).
+            stretches: S time intervals.
+            stretch: indices of time intervals, shape (P,).
             link: indices of links, shape (P,).
         """
         if self.deviation is None:
@@ -188,30 +189,30 @@ class ChainMotion:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Positions of all joints and the tip at the samples, base first, shape (T, links + 1, d) [m]."""
+        """Positions of all joints, base first, and of the tip at the samples, shape (T, links + 1, d) [m]."""
         return chain_points(self.arm, self.positions)
 
     @cached_property
     def steps(self) -> FloatArray:
-        """Change of the coordinates over each interval, shape (T − 1, c) [rad, m]."""
+        """Change of the coordinates from each sample to the next, shape (T − 1, c) [rad, m]."""
         return np.diff(self.positions, axis=0)
 
     @cached_property
     def chords(self) -> FloatArray:
-        """Displacement of each joint and the tip over each interval, shape (T − 1, links + 1, d) [m]."""
+        """Displacement of each joint and the tip from each sample to the next, shape (T − 1, links + 1, d) [m]."""
         return np.diff(self.points, axis=0)
 
     @cached_property
     def bows(self) -> FloatArray:
-        """Bound on the second derivative of joint positions with respect to the fraction of each interval, in metres.
+        """Bounds on the second derivatives of joint and tip positions in each step, shape (T − 1, links + 1) [m].
 
-        The shape is (T − 1, links + 1).
+        The derivative is with respect to the fraction of the step.
         """
         return acceleration_bounds(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
 
     @cached_property
     def rounding(self) -> float:
-        """Bound on the rounding error of any position on the arm [m]."""
+        """Bound on the rounding error of any computed position on the arm [m]."""
         return point_rounding(self.arm, self.positions)
 
     @cached_property
@@ -220,7 +221,7 @@ class ChainMotion:
         return float(np.max(np.abs(self.points))) + self.arm.length
 
     def poses(self, at: FloatArray) -> FloatArray:
-        """Return the positions of all joints and the tip at times in units of samples, shape (S, links + 1, d) [m]."""
+        """Return the positions of joints and tip at times in sample numbers, shape (S, links + 1, d) [m]."""
         between = at != np.floor(at)
         poses = self.points[np.floor(at).astype(np.intp)]
         if np.any(between):
@@ -228,12 +229,12 @@ class ChainMotion:
         return poses
 
     def places(self, at: FloatArray) -> FloatArray:
-        """Return the coordinates at times, in units of samples, before the last sample, shape (S, c) [rad, m]."""
+        """Return the coordinates at times given in sample numbers, before the last sample, shape (S, c) [rad, m]."""
         interval = at.astype(np.intp)
         return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
 
     def turned(self, at: FloatArray) -> FloatArray:
-        """Return the total angle that each joint has turned up to given times in samples, shape (S, links) [rad]."""
+        """Return the total angle that each joint has turned up to times in sample numbers, shape (S, links) [rad]."""
         interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
         return np.asarray(self._turned[interval] + (at - interval)[:, None] * self._turns[interval])
 
@@ -246,11 +247,14 @@ class ChainMotion:
         return np.concatenate((np.zeros((1, self.arm.links)), np.cumsum(self._turns, axis=0)))
 
     def when(self, at: float) -> float:
-        """Convert a time in units of samples to a time in seconds."""
+        """Convert a time in sample numbers, such as 2.5, to seconds."""
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
     def travels(self, stretches: TimeStretches) -> FloatArray:
-        """Return a bound on each joint's distance from its position at mid-stretch, shape (S, links + 1) [m]."""
+        """Return bounds on the distances of joints and tip from their positions in the middle of time intervals.
+
+        The shape is (S, links + 1) [m]. Each bound holds throughout its interval.
+        """
         length = stretches.high - stretches.low
         travels = np.zeros((len(stretches), self.arm.links + 1))
         for some, of_kind in (
@@ -263,20 +267,20 @@ class ChainMotion:
         return travels
 
     def _interval_travels(self, stretches: TimeStretches) -> FloatArray:
-        """Return the travel bounds of stretches that are whole intervals, shape (S, links + 1) [m]."""
+        """Return the travel bounds of time intervals that are whole steps, shape (S, links + 1) [m]."""
         interval = stretches.low.astype(np.intp)
         return half_travels(self.chords[interval], self.bows[interval])
 
     def _travels_within(self, stretches: TimeStretches) -> FloatArray:
-        """Return the travel bounds of stretches that are parts of intervals, shape (S, links + 1) [m]."""
+        """Return the travel bounds of time intervals that are parts of a step, shape (S, links + 1) [m]."""
         steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
         chords = self.poses(stretches.high) - self.poses(stretches.low)
         return half_travels(chords, acceleration_bounds(self.arm, self.places(stretches.middle), steps))
 
     def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
-        """Return the travel bounds of stretches of several intervals, shape (S, links + 1) [m].
+        """Return the travel bounds of time intervals of several steps, shape (S, links + 1) [m].
 
-        Each bound is the distance to the farthest sample plus the chord deviation between samples.
+        Each bound is the distance to the farthest sample plus the largest deviation from the chord between samples.
         """
         low = stretches.low.astype(np.intp)
         count = stretches.high.astype(np.intp) - low + 1
@@ -291,17 +295,18 @@ class ChainMotion:
 
 
 def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
-    """Return a bound on the second derivative of joint positions over a stretch, shape (N, links + 1) [m].
+    """Return bounds on the second derivatives of joint and tip positions over N motions at constant rates.
 
-    The derivative is with respect to the fraction of the stretch. With angular rates ω_j of the links, ω_j' is at most
-    D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of joint j move with the preceding link; S_j = |ω_j
-    at the middle| + ½ D_j is an upper bound on |ω_j|. A link adds l (ω' × t + ω × (ω × t)) to the second derivative of
-    every point beyond it. In the plane no axis turns, and ω' is zero.
+    The derivative is with respect to the fraction s of the motion, from 0 to 1; the shape is (N, links + 1) [m]. With
+    angular rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of
+    joint j move with the preceding link; S_j = |ω_j at s = ½| + ½ D_j is an upper bound on |ω_j|. A link along the unit
+    vector t adds l (ω' × t + ω × (ω × t)) to the second derivative of every point beyond it. In the plane no axis
+    turns, and ω' is zero.
 
     Args:
         arm: the arm.
-        middle: configurations at mid-stretch, shape (N, c) [rad, m].
-        steps: change of the coordinates over the stretch, at a constant rate, shape (N, c) [rad, m].
+        middle: configurations at s = ½, shape (N, c) [rad, m].
+        steps: changes of the coordinates from s = 0 to 1, shape (N, c) [rad, m].
     """
     bows = np.zeros((len(steps), arm.links + 1))
     if arm.dimension == 2:
@@ -324,12 +329,12 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
 
 
 def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
-    """Return bounds on the distance of joints from their positions at mid-stretch, shape (N, links + 1) [m].
+    """Return bounds on the distances of joints from their positions halfway, shape (N, links + 1) [m].
 
-    The mean velocity is the chord, and the velocity differs from it by at most half of its greatest change.
+    The mean velocity is the chord, and the velocity differs from the mean by at most half of its greatest change.
 
     Args:
-        chords: displacements of the joints over the stretch, shape (N, links + 1, d) [m].
-        bows: bounds on the second derivatives of their positions, shape (N, links + 1) [m].
+        chords: displacements of the joints over N motions, shape (N, links + 1, d) [m].
+        bows: bounds on the second derivatives of the joint positions, shape (N, links + 1) [m].
     """
     return np.asarray(0.5 * (lengths_of(chords) + 0.5 * bows))

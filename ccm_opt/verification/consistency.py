@@ -2,7 +2,7 @@
 
 Rounding bounds follow running-error analysis: with u = 2⁻⁵³, a sum of n numbers in any order has an error of at most
 1.01 n u times the sum of their magnitudes, as long as n u < 0.01 (Higham, Accuracy and Stability of Numerical
-Algorithms, section 4.2). Samples count as exact, since the verified motion is the one through them.
+Algorithms, section 4.2). Samples count as exact, since the verified motion is defined as the one through the samples.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,9 +37,9 @@ def check_consistency(
 
     Args:
         problem: the problem that the motion is to solve.
-        trajectory: the motion in the arm's coordinates.
-        joints: the motion in terms of the drives, with their efforts.
-        needed: efforts from the verifier's own inverse dynamics.
+        trajectory: sampled motion in the arm's coordinates.
+        joints: angles, rates and efforts of the drives at the same samples, as the plan reports them.
+        needed: torques and base force from the verifier's own inverse dynamics.
         settings: tolerances.
     """
     # A bend has the limit of its revolute.
@@ -68,9 +68,11 @@ def check_rates(
     limit: FloatArray | float,
     names: Sequence[str] = (),
 ) -> Check:
-    """Check that |Δq/h − (v₀ + v₁)/2| ≤ h a/4, which holds for any acceleration within ± a.
+    """Check that velocities match the differences of positions, as closely as an acceleration limit a implies.
 
-    The bound is the error of the trapezoidal rule for a velocity whose slope is bounded by a.
+    In a step of length h, |Δq/h − (v₀ + v₁)/2| ≤ h a/4 holds for any motion whose acceleration lies within ± a: the
+    error
+    bound of the trapezoidal rule for a velocity with slope at most a.
 
     Args:
         name: name of the check.
@@ -95,13 +97,13 @@ def check_efforts(
     where: Callable[..., str],
     settings: VerificationSettings,
 ) -> Check:
-    """Check that reported efforts agree with the verifier's own inverse dynamics.
+    """Check that reported efforts agree with those of the verifier's own inverse dynamics.
 
     Args:
         name: name of the check.
-        unit: unit of the efforts.
+        unit: unit of the efforts, N m or N.
         error: reported efforts minus expected efforts.
-        expected: efforts from the verifier's own inverse dynamics.
+        expected: efforts from the verifier's own inverse dynamics, of the same shape.
         where: describes the location of a value, given its indices.
         settings: tolerances.
     """
@@ -113,10 +115,10 @@ def check_efforts(
 def _accelerations(
     trajectory: JointTrajectory, limit: FloatArray, names: Sequence[str], settings: VerificationSettings
 ) -> Check:
-    """Check that changes of a joint's velocity match its accelerations, except for jumps that samples cannot show.
+    """Check that the changes of joint velocities match the accelerations, except for jumps between samples.
 
     The mean acceleration over a step lies between the values at its ends unless the acceleration jumps twice within the
-    step. Summed over the motion, the unexplained change may be a small fraction of the total change of velocity.
+    step. The unexplained change of velocity, summed over the motion, may be a small fraction of the total change.
     """
     step = np.diff(trajectory.time)[:, None]
     value = trajectory.bend_accelerations
@@ -135,7 +137,7 @@ def _accelerations(
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:
-    """Check that the revolutes of each ball joint match its bends and that its other revolutes stay at zero."""
+    """Check that the first revolutes of each ball joint match its bends and that the other revolutes are zero."""
     pairs = (
         (trajectory.bend_angles, joints.angles),
         (trajectory.bend_velocities, joints.velocities),
@@ -153,7 +155,7 @@ def check_form(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
-    """Check the shapes, times, stops and finiteness that all other checks rely on.
+    """Check array shapes, sample times, stop indices and finiteness, on which all other checks rely.
 
     The worst value is the largest time step [s].
     """
@@ -238,13 +240,13 @@ def _time_defect(trajectory: JointTrajectory, steps: np.ndarray, largest: float)
 
 
 UNIT = 2.0**-53
-"""Unit roundoff of double precision: half the distance from 1 to the next number."""
+"""Unit roundoff of double precision, 2⁻⁵³: half the distance from 1 to the next larger number."""
 OF_DISTANCES = 64.0 * UNIT
-"""Rounding error of the distance of two segments, as a share of their greatest coordinate."""
+"""Rounding error of the distance of two segments, as a fraction of their greatest coordinate."""
 
 
 def point_rounding(arm: Arm, positions: FloatArray) -> float:
-    """Return a bound on the rounding error of joint positions, at samples and linearly between them [m].
+    """Return a bound on the rounding error of computed joint positions, at samples and between them [m].
 
     In the plane, a heading is a cumulative sum of up to ``links`` bends. In space, the frame of a link is that of the
     preceding link, rotated twice: about thirty operations with errors of one unit in the last place, which accumulate
@@ -253,7 +255,7 @@ def point_rounding(arm: Arm, positions: FloatArray) -> float:
 
     Args:
         arm: the arm.
-        positions: values of all coordinates, shape (T, c) [rad, m].
+        positions: coordinates at the T samples, shape (T, c) [rad, m].
     """
     sizes = np.abs(positions)
     turned = float(np.max(np.sum(sizes[:, arm.coordinates.bends], axis=1)))
@@ -262,7 +264,7 @@ def point_rounding(arm: Arm, positions: FloatArray) -> float:
 
 
 def distance_rounding(size: float) -> float:
-    """Return a bound on the rounding error of the distance of two segments [m].
+    """Return a bound on the rounding error of the computed distance of two segments [m].
 
     Args:
         size: bound on the magnitude of all coordinates of the segments [m].
@@ -271,23 +273,23 @@ def distance_rounding(size: float) -> float:
 
 
 _KEYFRAME_SHARE = 1.0 / 3.0
-"""Allowed distance of a motion from a keyframe, as a share of the second difference of the keyframes there.
+"""Allowed distance of a motion from a keyframe, as a fraction of the keyframes' second difference at that keyframe.
 
 Derived: twice the sixth by which a uniform cubic B-spline misses its control points. Measured near clamped ends: 0.23.
 """
 _CLAMPED_SHARE = 0.0225
-"""Additional allowed distance from the second keyframe, as a share of the second difference at the third.
+"""Additional allowed distance from the second keyframe, as a fraction of the second difference at the third.
 
-The same applies at the end. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline with even steps
-passes its second control point.
+The last but one keyframe is treated alike. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline
+with even steps passes its second control point.
 """
 _CURVE_MATCH = 1e-6
-"""Difference of a reported curve from that of its keyframe that counts as rounding, as a share of the top curvature.
+"""Largest difference of a reported curve from one fitted anew to its keyframe, as a fraction of the maximum curvature.
 
 Derived: a least-squares fit of about twenty numbers keeps about ten digits.
 """
 _FOLLOWED_CURVE = 0.05
-"""Allowed difference of a link's heading from that of a curve that was planned first [rad].
+"""Allowed difference between the heading of a link and that of the curve from which the arm's motion was derived [rad].
 
 Taste: the paper's planner samples headings; errors of 0.02 were measured in segments that have nearly vanished.
 """
@@ -301,14 +303,15 @@ def check_keyframes(
 ) -> Check:
     """Check that a motion passes near its keyframes in order and ends at the last of them.
 
-    A uniform cubic B-spline with the keyframes as control points passes each at a distance of a sixth of its second
-    difference; near the ends, where knots are clamped, at slightly more, and after its intervals are halved, at less.
+    A uniform cubic B-spline with the keyframes as control points passes each at a distance of a sixth of the keyframes'
+    second difference; near the ends, where knots are clamped, the distance is slightly larger, and after halving of the
+    spline's intervals smaller.
 
     Args:
         arm: the arm.
-        trajectory: the motion.
-        keyframes: configurations, shape (K, c) [rad, m].
-        settings: settings of the verifier.
+        trajectory: the sampled motion.
+        keyframes: K configurations, shape (K, c) [rad, m].
+        settings: tolerances.
     """
     name = "keyframes against motion"
     if len(keyframes) == 0:
@@ -342,7 +345,7 @@ def check_keyframes(
 
 
 def _distances_from_pieces(point: FloatArray, starts: FloatArray, pieces: FloatArray) -> FloatArray:
-    """Return the distances of a point from straight pieces given by starts and vectors (n, c), shape (n,)."""
+    """Return the distances of a point from n segments, given by their starts and vectors (n, c), shape (n,)."""
     away = point - starts
     squares = np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
     along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
@@ -357,7 +360,7 @@ def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Confi
         wanted: curves fitted anew to the keyframes, one per keyframe.
 
     Returns:
-        The check; its worst value is a fraction of the greatest curvature, or an angle in radians.
+        A check whose worst value is a fraction of the maximum curvature, or an angle [rad].
     """
     name = "curves against keyframes"
     if [len(curve.segments) for curve in curves] != [len(curve.segments) for curve in wanted]:
@@ -372,15 +375,16 @@ def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Confi
 
 
 def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: FloatArray) -> Check:
-    """Check that an arm follows its curves, for plans whose curves were planned first.
+    """Check that an arm follows its curves, for plans in which the motion of the curve was planned first.
 
-    Each link heading must be the mean heading of the curve over the link, plus an offset from the mapping of the start
-    that is the same at all keyframes.
+    The heading of each link must be the mean heading of the curve over that link, plus an offset from the mapping of
+    the
+    start that is equal at all keyframes.
 
     Args:
-        arm: the arm.
+        arm: a planar arm.
         curves: reported curves, one per keyframe.
-        keyframes: configurations, shape (K, c) [rad, m].
+        keyframes: K configurations, shape (K, c) [rad, m].
     """
     name = "curves against keyframes"
     if len(curves) != len(keyframes):
@@ -394,7 +398,7 @@ def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: 
 
 
 def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
-    """Return the mean headings of a curve over the arm's links, shape (links,) [rad]."""
+    """Return the mean heading of a backbone curve over each of the arm's links, shape (links,) [rad]."""
     of_links = np.linspace(0.0, curve.length, arm.links + 1)
     ends = np.union1d(curve.breakpoints, of_links)
     # Between breakpoints headings are quartics, which three Gauss points integrate exactly.
@@ -407,10 +411,9 @@ def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
 
 
 def _difference(ours: Configuration, theirs: Configuration, size: float) -> float:
-    """Return the greatest difference of two curves.
+    """Return the greatest difference of two curves with equally many segments.
 
-    The comparison covers base headings [rad], curvatures as fractions of `size`, relative differences of lengths, and
-    knots.
+    Compared are base headings [rad], curvatures as fractions of `size`, relative differences of lengths, and knots.
     """
     found = [abs(ours.base_heading - theirs.base_heading)]
     for part, other in zip(ours.segments, theirs.segments, strict=True):

@@ -1,7 +1,7 @@
-"""Relation between bends and drives (revolutes), and checks of values per drive.
+"""Relation between an arm's bends and its drives (revolute joints), and checks of values per drive.
 
 Each ball joint consists of three revolutes. In the plane, the bend is the negative of the second revolute; in space,
-the two bends are the first and second revolutes. All other revolutes stay at zero.
+the two bends are the first and second revolutes. All other revolutes are zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,16 +16,16 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.frames import joint_names
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
-"""Torques of all revolutes, shape (T, 3 * links) [N m], and the force that moves the base, shape (T,) [N]."""
+"""Torques of all revolutes, shape (T, 3 * links) [N m], and force that moves the base, shape (T,) [N]."""
 
 
 def bends_a_ball(coordinates: Coordinates) -> int:
-    """Return the number of bends per ball joint: one in the plane, two in space."""
+    """Return the number of bends per ball joint: one for a planar arm, two for an arm in space."""
     return coordinates.joints // (coordinates.revolutes // 3)
 
 
 def bend_revolutes(coordinates: Coordinates) -> IntArray:
-    """Return the index of the revolute that each bend corresponds to, shape (bends,)."""
+    """Return the index of the revolute that corresponds to each bend of an arm, shape (bends,)."""
     first = np.arange(0, coordinates.revolutes, 3)
     if bends_a_ball(coordinates) == 1:
         return first + 1
@@ -33,7 +33,7 @@ def bend_revolutes(coordinates: Coordinates) -> IntArray:
 
 
 def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
-    """Convert bends, shape (T, bends), to revolutes, shape (T, 3 * links)."""
+    """Convert bends, shape (T, bends), to angles of all revolutes, shape (T, 3 * links); rates alike."""
     values = np.zeros((len(bends), coordinates.revolutes))
     # In the plane a bend is counter-clockwise in x-z, which is a negative turn about y.
     values[:, bend_revolutes(coordinates)] = -bends if bends_a_ball(coordinates) == 1 else bends
@@ -41,23 +41,23 @@ def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
 
 
 def describe_bend_joint(coordinates: Coordinates, number: int) -> str:
-    """Return a readable name of the joint that a bend belongs to; `number` counts bends from 0."""
+    """Return a readable name of the joint to which bend `number` (from 0) belongs, such as "joint 3 a"."""
     each = bends_a_ball(coordinates)
     return f"joint {number + 1}" if each == 1 else f"joint {number // each + 1} {'ab'[number % each]}"
 
 
 def describe_bend_joints(coordinates: Coordinates) -> tuple[str, ...]:
-    """Return readable joint names of all bends."""
+    """Return a readable joint name per bend, such as "joint 3 a"."""
     return tuple(describe_bend_joint(coordinates, number) for number in range(coordinates.joints))
 
 
 def describe_revolute_joints(names: Sequence[str]) -> tuple[str, ...]:
-    """Return readable names of named revolutes, with joints counted from 1."""
+    """Return readable names of the revolutes with given names, such as "joint 3 (name)", counted from 1."""
     return tuple(f"joint {number // 3 + 1} ({name})" for number, name in enumerate(names))
 
 
 def sample_words(time: FloatArray, names: Sequence[str] = ()) -> Callable[..., str]:
-    """Return a function that describes when and where a value occurs, given its sample and any named column."""
+    """Return a function that describes a sample and, optionally, a named column, such as "joint 3 at t = 0.5 s"."""
     return lambda k, *column: " at ".join((*(names[j] for j in column), f"t = {time[k]:.4f} s"))
 
 
@@ -69,26 +69,26 @@ def check_worst(
     where: Callable[..., str],
     tolerance: float = 0.0,
 ) -> Check:
-    """Check the value that is the greatest fraction of its allowed magnitude.
+    """Check values against allowed magnitudes; report the value that is the greatest fraction of its allowed magnitude.
 
     Args:
         name: name of the check.
         unit: unit of the values.
         values: values of any shape and sign.
-        allowed: greatest allowed magnitudes, positive, of a shape that broadcasts to that of the values.
+        allowed: allowed magnitudes, positive, of a shape that broadcasts to that of the values.
         where: describes the location of a value, given its indices.
         tolerance: fraction by which a value may exceed its allowed magnitude.
     """
     sizes = np.abs(values)
     bounds = np.broadcast_to(allowed, sizes.shape)
-    # Shares are compared, since drives may have different limits.
+    # Fractions are compared, since drives may have different limits.
     worst = np.unravel_index(np.argmax(sizes / bounds), sizes.shape)
     size, bound = float(sizes[worst]), float(bounds[worst])
     return Check(name, size, bound, unit, where(*map(int, worst)), passed=size <= bound * (1.0 + tolerance))
 
 
 def check_names(problem: Problem, joints: JointStates) -> Check:
-    """Check that the drives in the plan have the names of the arm's revolutes."""
+    """Check that the names of a plan's drives are those of the arm's revolute joints, in order."""
     expected = joint_names(problem.arm)
     # Lists of different lengths are compared over their common part; the surplus counts as wrong below.
     differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]

@@ -1,4 +1,4 @@
-"""Check of how far a fed arm deviates from the path of its tip."""
+"""Check of how far an arm with a feed axis deviates from the path of its tip."""
 
 from itertools import pairwise
 
@@ -12,22 +12,25 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import ChainMotion, carried, lengths_of
 
 _PLACES = 8
-"""Parts of a link at whose ends its distance from the path is measured. Taste."""
+"""Number of parts into which a link is divided to measure its distance from the tip path. Taste."""
 _SPACING = 0.05
-"""Spacing of the places on the path that stand for it, as a share of the bound: the distance from the nearest of them
-is at most a thousandth of the bound more than that from the path, where it is half the bound or more."""
+"""Spacing of the points that represent the tip path, as a fraction of the allowed deviation.
+
+From half the allowed deviation on, the distance to the nearest point exceeds that to the path by at most a thousandth
+of the allowed deviation.
+"""
 _CHUNK = 200
-"""Poses that are looked at together."""
+"""Number of poses evaluated per batch."""
 
 
 def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTrajectory) -> list[Check]:
-    """Check how far the arm deviates from its tip's path at all samples; return no checks without a bound.
+    """Check how far the arm deviates from its tip path at all samples; return [] if the problem sets no bound.
 
-    The path to a goal consists of the arm's centre line beyond the hole when the motion to that goal begins, followed
-    by the path of the tip.
+    The reference path to a goal is the arm's centre line outside the guide tube when the motion to that goal begins,
+    followed by the path of the tip.
 
     Args:
-        problem: the problem that the motion is to solve.
+        problem: the problem, with the allowed deviation ``planner.follow_within``.
         motion: the motion.
         trajectory: the same motion, with the samples at which the arm rests at intermediate goals.
     """
@@ -43,7 +46,7 @@ def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTraj
 
 
 def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> tuple[float, int, int]:
-    """Return the largest distance of the centre line beyond the hole from the path [m], its sample and its link."""
+    """Return the largest distance of the arm outside the tube from the reference path [m], its sample and link."""
     points = motion.points[samples]
     along = carried(arm, motion.positions[samples])[:, None] + arm.link_length * np.arange(arm.links + 1) - arm.hole
     path = _path(arm, points, along, spacing)
@@ -64,13 +67,14 @@ def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> 
 
 
 def _path(arm: Arm, points: FloatArray, along: FloatArray, spacing: float) -> FloatArray:
-    """Return points on the path of the tip with at most a given spacing, shape (m, d) [m].
+    """Return points on the reference path of the tip, at most a given distance apart, shape (m, d) [m].
 
     Args:
         arm: arm with a feed axis.
-        points: joints and tip at the samples, shape (T, links + 1, d) [m].
-        along: distances of these points from the hole along the arm, negative in the tube, shape (T, links + 1) [m].
-        spacing: greatest distance between consecutive points [m].
+        points: joints and tip at the T samples, shape (T, links + 1, d) [m].
+        along: distances of these points from the tube's end along the arm, negative in the tube, shape (T, links + 1)
+            [m].
+        spacing: largest distance between consecutive points [m].
     """
     hole = arm.base + arm.hole * arm.direction
     beyond = along[0] > 0.0
@@ -78,7 +82,7 @@ def _path(arm: Arm, points: FloatArray, along: FloatArray, spacing: float) -> Fl
     corners = np.concatenate((hole[None], points[0][beyond], points[1:, -1][leading]))
     steps = lengths_of(np.diff(corners, axis=0))
     parts = np.maximum(np.ceil(steps / spacing), 1.0).astype(np.intp)
-    # Every leg is cut into equal parts.
+    # Every segment of the path is divided into equal parts.
     leg = np.repeat(np.arange(len(parts)), parts)
     part = np.arange(len(leg)) - np.repeat(np.cumsum(parts) - parts, parts)
     share = (part / parts[leg])[:, None]

@@ -1,13 +1,13 @@
-"""Checks of the motion that a controller interpolates from the points of a message.
+"""Checks of the motion that a controller interpolates from the points of a trajectory message.
 
 ROS's ``joint_trajectory_controller`` joins two points by a cubic if both have velocities, and by a quintic if both also
 have accelerations. Such a curve is checked in short steps. In a step of length h, a function f lies within
-h² / 8 · max|f''| of its chord, so |f| is at most its value at the ends plus this amount, or without it if f' keeps its
-sign. Bounds on the derivatives of a polynomial follow from those on higher derivatives, of which the last is constant
-or linear (``docs/guarantees.md``, theorem 10).
+h² / 8 · max|f''| of its chord, so |f| is at most its value at the ends plus this amount, or without this amount if f'
+keeps its sign. Bounds on the derivatives of a polynomial follow from those on higher derivatives, of which the last is
+constant or linear (``docs/guarantees.md``, theorem 10).
 
-The verified motion is the one whose coordinates are linear between samples. A deviation of the curve *along* the
-straight piece only changes the timing on the same path; the deviation across it is bounded here (same theorem).
+In the verified motion, coordinates are linear between samples. A deviation of the curve *along* a linear piece only
+changes the timing on the same path; the deviation across the piece is bounded here (theorem 10, too).
 """
 
 from collections.abc import Callable, Sequence
@@ -29,28 +29,28 @@ from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 LONGEST_STEP = 1e-3
-"""Longest step in which curves are checked [s]. Taste: adds about 1e-5 of a limit for the time between step ends."""
+"""Longest step in which interpolated curves are checked [s]. Taste: adds about 1e-5 of a limit between step ends."""
 MOST_STEPS = 50_000
 """Largest number of steps, unless the message has more points; longer steps only loosen the bounds. Taste."""
 MOST_PIECES = 32
-"""Number of pieces into which a step of the verified motion is cut to bound the deviation. Taste."""
+"""Number of parts into which a step of the verified motion is divided to bound the deviation. Taste."""
 _SAMPLE_PIECES = 3
-"""The same if every sample is a point of the message.
+"""Number of parts into which a step is divided to bound the deviation if every sample is a point of the message.
 
-Measured: 8 pieces tighten the bound by up to a tenth and take three times as long.
+Measured: 8 parts tighten the bound by up to a tenth and take three times as long.
 """
 
 
 @dataclass(frozen=True)
 class Message:
-    """Points that a controller interpolates.
+    """P trajectory points between which a controller interpolates.
 
     Attributes:
         time: times increasing from 0, shape (P,) [s].
         positions: coordinates of the arm, shape (P, c) [rad, m].
         velocities: velocities of the coordinates, shape (P, c) [rad/s, m/s].
         accelerations: accelerations of the coordinates, shape (P, c) [rad/s², m/s²]; None if the message has none.
-        coordinates: layout of the columns.
+        coordinates: layout of the c columns.
     """
 
     time: FloatArray
@@ -82,7 +82,13 @@ class Message:
         return np.array(parts)
 
     def at(self, segments: IntArray, since: FloatArray, order: int = 0) -> FloatArray:
-        """Return the derivative of a given order at times since the first points of segments, shape (N, c)."""
+        """Return a derivative of the interpolated coordinates at times within segments, shape (N, c).
+
+        Args:
+            segments: indices of the segments between consecutive points, shape (N,).
+            since: times since the first point of each segment, shape (N,) [s].
+            order: order of the derivative; 0 for the coordinates themselves.
+        """
         found = np.zeros((len(since), self.positions.shape[1]))
         for power in range(len(self.coefficients) - 1, order - 1, -1):
             factor = np.prod(np.arange(power - order + 1, power + 1), dtype=np.float64)
@@ -90,17 +96,17 @@ class Message:
         return found
 
     def at_times(self, times: FloatArray, order: int = 0) -> FloatArray:
-        """Return the derivative of a given order at times of the motion, shape (N, c)."""
+        """Return the derivative of a given order of the interpolated coordinates at N times, shape (N, c)."""
         segments = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
         return self.at(segments, times - self.time[segments], order)
 
 
 @dataclass(frozen=True)
 class _Steps:
-    """The interpolated motion, divided into short steps.
+    """An interpolated motion, divided into n short time steps.
 
     Attributes:
-        message: the points.
+        message: the trajectory points.
         segments: index of the segment between points in which each step lies, shape (n,).
         since: time from the first point of the segment to the start of each step, shape (n,) [s].
         length: durations of the steps, shape (n,) [s].
@@ -122,13 +128,13 @@ class _Steps:
 
     @cached_property
     def ends(self) -> tuple[FloatArray, ...]:
-        """Derivatives of all orders at both ends of the steps, each of shape (2, n, c)."""
+        """Derivatives of the coordinates at both ends of all steps, for every order from 0, each of shape (2, n, c)."""
         both = (self.since, self.since + self.length)
         orders = range(len(self.message.coefficients))
         return tuple(np.array([self.message.at(self.segments, time, order) for time in both]) for order in orders)
 
     def greatest(self, order: int) -> FloatArray:
-        """Return a bound on the magnitude of the derivative of a given order in every step, shape (n, c)."""
+        """Return bounds on the magnitude of the derivative of a given order throughout every step, shape (n, c)."""
         if order >= len(self.ends):
             return np.zeros(self.ends[0].shape[1:])
         at_ends = np.asarray(np.max(np.abs(self.ends[order]), axis=0))
@@ -140,14 +146,14 @@ class _Steps:
     def _keeps_sign(self, order: int) -> BoolArray:
         """Return a mask of the steps in which the derivative f of a given order keeps its sign, shape (n, c).
 
-        With b = h² max|f''|, f is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b.
+        With b = h² max|f''| over a step of length h, f is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b.
         """
         first, last = self.ends[order]
         bow = 0.5 * self.length[:, None] ** 2 * self.greatest(order + 2)
         return np.asarray((first * last >= 0.0) & (np.maximum(np.abs(first), np.abs(last)) >= bow))
 
     def trajectory(self, stops: Sequence[int]) -> JointTrajectory:
-        """Return the states at the ends of all steps as a trajectory; `stops` are indices of points."""
+        """Return the states at the ends of all steps as a trajectory that rests at given indices of message points."""
         q, v, a = (np.concatenate((self.ends[order][0], self.ends[order][1, -1:])) for order in range(3))
         time = np.append(self.message.time[self.segments] + self.since, self.message.time[-1])
         first = np.searchsorted(self.segments, np.asarray(stops, dtype=np.intp))
@@ -160,16 +166,16 @@ def check_message_limits(
     stops: Sequence[int],
     settings: VerificationSettings,
 ) -> Check:
-    """Check that the motion interpolated from a message keeps every limit at all times.
+    """Check that the motion interpolated from a trajectory message keeps every limit at all times.
 
     Args:
         problem: the problem that the motion is to solve.
-        message: the points.
+        message: the trajectory points.
         stops: indices of the points at which the arm rests at its intermediate goals.
         settings: tolerances, with lengths in metres.
 
     Returns:
-        The check; its worst value is the greatest fraction of any limit that the motion uses.
+        A check whose worst value is the greatest fraction of any limit that the motion uses.
     """
     steps = _Steps.of(message)
     found = _rate_shares(problem, steps) + _effort_shares(problem, steps)
@@ -192,7 +198,7 @@ def check_message_limits(
 
 
 def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """Return the greatest used fractions of limits on position, velocity, acceleration and jerk, with their places."""
+    """Return the greatest used fraction of each bend, velocity, acceleration and jerk limit, with its location."""
     layout = steps.message.coordinates
     limits = problem.limits
     bends = bend_revolutes(layout)
@@ -227,9 +233,9 @@ def _time(steps: _Steps, k: int) -> str:
 
 
 def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """Return the greatest used fractions of the limits on torques and base force, with their places.
+    """Return the greatest used fractions of the torque limits and of the base-force limit, each with its time.
 
-    The fractions include the largest possible increase of efforts between the ends of a step.
+    The fractions include the largest possible increase of an effort between the ends of a step.
     """
     limits = problem.limits
     bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
@@ -248,11 +254,13 @@ def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
 
 
 def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
-    """Return a bound on the second time derivative of every torque and of the force, shape (n,) [N m/s², N/s²].
+    """Return bounds on the second time derivative of every torque and of the base force, shape (n,) [N m/s², N/s²].
 
-    No link turns faster than the sum of the magnitudes of all bend rates; the same applies to higher derivatives. A
-    vector of constant length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³, and so on, times
-    its length; this includes the joint axes. A link counts as its mass, placed its radius of gyration beyond its distal
+    No link turns faster than the sum of the magnitudes of all bend rates, and likewise for higher derivatives. A vector
+    of
+    constant length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³, and so on, times its
+    length;
+    this includes the joint axes. A link is replaced by a point mass that lies its radius of gyration beyond its distal
     end.
     """
     arm = problem.arm
@@ -295,15 +303,16 @@ def check_message_deviation(
 
     Args:
         arm: the arm.
-        proved: the verified motion, whose coordinates are linear between samples.
-        message: the points.
-        factor: factor by which the message takes longer than the verified motion.
+        proved: the verified motion, whose coordinates are linear between its T samples.
+        message: the trajectory points.
+        factor: duration of the message as a multiple of that of the verified motion.
         spare: allowed distance of any point of the arm from the verified motion at any time [m].
-        gaps: checks the gaps of links that deviate from the verified motion by given distances in each interval, shape
+        gaps: checks the gaps of links that deviate from the verified motion by given distances in each step, shape
             (T − 1, links) [m]; called only if the deviation exceeds `spare`.
 
     Returns:
-        The check; its worst value is a bound on the distance of any point of the arm from its position at some time of
+        A check whose worst value is a bound on the distance of any point of the arm from where it is at a nearby time
+        of
         the verified motion [m].
     """
     found = _deviation(arm, proved, message, factor, 1)
@@ -322,9 +331,9 @@ def check_message_deviation(
 def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
     """Return bounds on the deviation of each link in every step of the verified motion, shape (T − 1, links) [m].
 
-    Every point of the straight piece between two poses is compared with the curve at the same fraction of the time
-    between the two moments at which the curve is nearest to these poses. The curve's chord deviation between these
-    moments is bounded by its acceleration.
+    Each point of the linear motion between two poses is compared with the interpolated curve at the corresponding
+    fraction of the time between the two moments at which the curve is nearest to these poses. The deviation of the
+    curve from its chord between these moments is bounded by its acceleration.
     """
     numbers = np.arange(pieces * (len(proved.time) - 1) + 1) / pieces
     samples = np.arange(len(proved.time))
@@ -364,7 +373,7 @@ def _controls(message: Message) -> list[FloatArray]:
 
 
 def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
-    """Return bounds on how far changes of coordinates (N, c) move each link, shape (N, links) [m]."""
+    """Return bounds on the distances by which changes of coordinates (N, c) move the links, shape (N, links) [m]."""
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
@@ -373,10 +382,10 @@ def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
 
 
 def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:
-    """Return a bound on the deviation of an interpolating controller from the verified motion [m].
+    """Return a bound on the deviation of a controller that interpolates all samples of the verified motion [m].
 
-    The controller is sent all samples and joins them by cubics or quintics. No point of the arm is then farther than
-    the bound from its position at some time of the verified motion.
+    The controller joins samples by cubics or quintics. No point of the arm is then farther than the bound from where it
+    is at a nearby time of the verified motion.
 
     Args:
         arm: the arm.

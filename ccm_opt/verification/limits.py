@@ -1,8 +1,8 @@
 """Checks of the limits on joints and points of the arm, and of the fraction of the limits that a plan may use.
 
-The share σ applies to velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
-share h of an effort limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. ``robot.coordinates`` implements the same
-rule; the verifier deliberately does not use that code.
+A plan may use the fraction σ of the limits on velocity, acceleration, jerk and effort of all drives. Where holding the
+arm still takes the fraction h of an effort limit, the effort may use max(σ, h + ½ σ (1 − h)) of it.
+``robot.coordinates`` implements the same rule; the verifier deliberately does not use that code.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 UNIT = "of the limit"
 _Source = tuple[FloatArray, FloatArray]
-"""Values, and the times to which they belong."""
+"""Sampled values, and the times to which they belong."""
 
 
 def check_limits(
@@ -39,10 +39,11 @@ def check_limits(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check every limit of the problem on bends, velocities, accelerations, jerks and torques.
+    """Check every limit of a problem on bends, velocities, accelerations, jerks and torques of the joints.
 
     Velocities and accelerations are checked twice, by the reported values and by differences of the samples. The mean
-    rate over a step can never exceed a limit that holds at all times, so a false report cannot hide a violation.
+    rate
+    over a step never exceeds a limit that holds at all times, so a false report cannot hide a violation.
     """
     names = describe_revolute_joints(joints.names)
     found = [
@@ -62,7 +63,7 @@ def check_limits(
 
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
-    """Check the bends against the joint limits; they are linear between samples, so checking the samples suffices."""
+    """Check all bends against the joint limits at the samples; they are linear between samples, so samples suffice."""
     # The joint at the base has its own limit.
     limit = np.full(arm.coordinates.joints, arm.joint_limit)
     limit[: bends_a_ball(arm.coordinates)] = arm.base_limit
@@ -76,7 +77,7 @@ def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSet
 
 
 def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Return the reported velocities of revolutes and bends, and the mean velocities over the steps."""
+    """Return reported velocities of revolutes and bends, and mean velocities of all steps, as revolutes [rad/s]."""
     time = trajectory.time
     step = np.diff(time)[:, None]
     # Mean rates carry the rounding of the angles, magnified by 1/h, which must not count as a violation.
@@ -89,7 +90,7 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
 
 
 def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Return accelerations from three sources, in revolutes.
+    """Return accelerations of the revolutes from several sources [rad/s²].
 
     The sources are the reported values (of revolutes and bends), difference quotients of the reported velocities, and
     second difference quotients of the angles.
@@ -107,9 +108,9 @@ def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> l
 
 
 def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Return jerks from difference quotients of reported accelerations and from second differences of velocities.
+    """Return jerks of the revolutes from differences of accelerations and second differences of velocities [rad/s³].
 
-    The steps into and out of the motion count, since the arm is at rest before and after it.
+    The jumps from and to rest at both ends count, since the arm is at rest before and after the motion.
     """
     time = trajectory.time
     reported = (joints.accelerations, as_revolutes(trajectory.coordinates, trajectory.bend_accelerations))
@@ -120,7 +121,7 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
 
 
 def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
-    """Return difference quotients of accelerations (T, …), with those from and to rest at the ends (T + 1, …)."""
+    """Return difference quotients of accelerations (T, …), with those from and to rest at the ends, (T + 1, …)."""
     step = np.diff(time).reshape(-1, *[1] * (accelerations.ndim - 1))
     # Before the first sample and after the last, the arm is taken to rest for as long as the adjacent step.
     around = np.concatenate((step[:1], step, step[-1:]))
@@ -130,7 +131,7 @@ def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the second difference quotients at the inner samples, shape (T − 2, 3 * links)."""
+    """Return the second difference quotients of values (T, n) at the inner samples, shape (T − 2, n)."""
     mean = np.diff(values, axis=0) / step
     # Mean rates belong to the midpoints of their steps, which are this far apart in time.
     apart = 0.5 * (step[1:] + step[:-1])
@@ -139,17 +140,17 @@ def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def largest_magnitude(values: FloatArray) -> float:
-    """Return the greatest absolute value."""
+    """Return the greatest absolute value of an array."""
     return float(np.max(np.abs(values)))
 
 
 def less_rounding(quotient: FloatArray, size: float, step: FloatArray) -> FloatArray:
-    """Return difference quotients, with magnitudes reduced by the largest possible error from rounding of the values.
+    """Return difference quotients with magnitudes reduced by the largest possible error from rounding of the values.
 
     Args:
-        quotient: the difference quotients.
+        quotient: the difference quotients, of any shape.
         size: greatest magnitude of the differenced values.
-        step: the steps by which the differences were divided.
+        step: steps by which the differences were divided, of a shape that broadcasts to that of the quotients.
     """
     noise = 16.0 * np.finfo(np.float64).eps * size / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
@@ -163,7 +164,7 @@ def check_sources(
     settings: VerificationSettings,
     names: Sequence[str] = (),
 ) -> Check:
-    """Check values from several sources against the limit of each drive, or against a single limit."""
+    """Check values from several sources against one limit per drive, or against a common limit."""
     values, times = (np.concatenate(parts) for parts in zip(*sources, strict=True))
     return check_worst(name, unit, values, limit, sample_words(times, names), settings.limit_tolerance)
 
@@ -173,10 +174,12 @@ def check_points(
 ) -> list[Check]:
     """Check every limit on the speed or acceleration of a point of the arm.
 
-    Speeds are checked by the reported velocities, by the distances between samples and, in the plane, by the motion
-    with coordinates linear between samples at all times. Accelerations are checked by the reported ones, by difference
-    quotients of reported velocities, and by second differences of positions. Both quotients are means, which the peak
-    of any motion through the samples reaches or exceeds.
+    Speeds are computed from the reported velocities, from the distances between samples and, in the plane, from the
+    motion
+    with coordinates linear between samples, at all times. Accelerations are computed from the reported values, from
+    difference quotients of reported velocities, and from second differences of positions. Both quotients are means,
+    which
+    the peak of any motion through the samples reaches or exceeds.
     """
     if not limits.points:
         return []
@@ -203,13 +206,13 @@ def check_points(
 
 @dataclass(frozen=True)
 class _PointMotion:
-    """Positions, velocities and accelerations of a point of the arm at the samples.
+    """Positions, velocities and accelerations of a point of the arm at T samples.
 
     Attributes:
         arm: the arm.
         limit: the limit, which defines the point.
         trajectory: the motion of the arm.
-        frames: frames of the links.
+        frames: frames of the links at the samples.
         rates: rates of the links, from the reported velocities and accelerations.
     """
 
@@ -221,7 +224,7 @@ class _PointMotion:
 
     @cached_property
     def places(self) -> FloatArray:
-        """Positions of the point relative to the arm's nominal base position, shape (T, 3) [m]."""
+        """Positions of the point relative to the base position at zero feed, shape (T, 3) [m]."""
         return self._summed(self.frames.along) + self._carried(self.trajectory.positions)
 
     @cached_property
@@ -231,14 +234,15 @@ class _PointMotion:
         return self._summed(swing) + self._carried(self.trajectory.velocities)
 
     def mean_speeds(self) -> FloatArray:
-        """Return the distance divided by the duration of every step, shape (T − 1,) [m/s]."""
+        """Return the mean speed of the point over every step, distance by duration, shape (T − 1,) [m/s]."""
         return self._quotient(self.places)
 
     def speeds_between(self) -> FloatArray:
-        """Return a bound on the speed within every step for planar arms, shape (T − 1,) [m/s].
+        """Return bounds on the speed of a planar arm's point within every step, shape (T − 1,) [m/s].
 
-        Coordinates are taken as linear in time. Within a step, the velocity deviates from its chord by at most h² / 8
-        times the greatest third derivative of the position.
+        Coordinates are taken as linear in time. In a step of length h, the velocity deviates from linear interpolation
+        by at
+        most h² / 8 times the greatest third derivative of the position.
         """
         steps = np.diff(self.trajectory.positions, axis=0) / self._step[:, None]
         turns = np.cumsum(bend_pairs(self.arm, steps)[..., 1], axis=1)
@@ -250,7 +254,7 @@ class _PointMotion:
         return np.asarray(np.maximum(*map(lengths_of, ends)) + self._step**2 / 8.0 * third)
 
     def reported_accelerations(self) -> FloatArray:
-        """Return the point's acceleration magnitudes from the reported coordinate rates, shape (T,) [m/s²]."""
+        """Return the magnitudes of the point's acceleration from the reported coordinate rates, shape (T,) [m/s²]."""
         # From the midpoint of a link to its end, the acceleration grows by half of the link's contribution.
         added = 2.0 / self.arm.link_length * (self.rates.ends - self.rates.middles)
         return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
@@ -260,7 +264,7 @@ class _PointMotion:
         return self._quotient(self.velocities)
 
     def second_differences(self) -> FloatArray:
-        """Return the magnitudes of the second difference quotients of positions, shape (T − 2,) [m/s²]."""
+        """Return the magnitudes of second difference quotients of the point's positions, shape (T − 2,) [m/s²]."""
         step = self._step
         means = np.diff(self.places, axis=0) / step[:, None]
         apart = 0.5 * (step[1:] + step[:-1])
@@ -273,7 +277,7 @@ class _PointMotion:
 
     @cached_property
     def _levers(self) -> FloatArray:
-        """Length of each link that lies between the base and the point, shape (links,) [m]."""
+        """Part of each link's length that lies between the base and the point, shape (links,) [m]."""
         arm = self.arm
         at = arm.length if self.limit.at is None else self.limit.at
         return np.clip(at - arm.link_length * np.arange(arm.links), 0.0, arm.link_length)
@@ -289,7 +293,7 @@ class _PointMotion:
         return np.asarray(np.maximum(change - self._noise(values), 0.0) / self._step)
 
     def _noise(self, values: FloatArray) -> float:
-        """Return a bound on the rounding error of a difference of values."""
+        """Return a bound on the rounding error of a difference of two of the values."""
         return float((16.0 + self.arm.links) * np.finfo(np.float64).eps * np.max(np.abs(values)))
 
 
@@ -301,14 +305,14 @@ def check_shares(
     holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check that the plan uses only its share of the limits; return no checks if it may use them in full.
+    """Check that a plan uses only the allowed fraction of the limits; return [] if the limits may be used in full.
 
     Args:
-        problem: the problem that the motion is to solve.
-        trajectory: the motion in the arm's coordinates.
-        joints: the motion in terms of the drives, with their efforts.
+        problem: the problem, with the allowed fraction ``planner.effort_share``.
+        trajectory: sampled motion in the arm's coordinates.
+        joints: angles, rates and efforts of the drives at the same samples, as the plan reports them.
         of_limits: the checks of the limits themselves, each with the greatest value and where it occurs.
-        holding: efforts of all drives that hold the arm still at the samples, shape (T, drives) [N m, N].
+        holding: efforts of all drives that hold the arm still at the T samples, shape (T, drives) [N m, N].
         settings: the tolerance of limits.
     """
     share = problem.planner.effort_share
@@ -323,7 +327,7 @@ def check_shares(
     limit = effort_limits(problem)
     if np.any(np.isfinite(limit)):
         taken = np.column_stack((joints.torques, joints.base_forces)) / limit
-        # Shares above 1 are clipped here; the check of the limit itself reports them.
+        # Fractions above 1 are clipped here; the check of the limit itself reports them.
         held = np.minimum(np.abs(holding) / limit, 1.0)
         axes = tuple(f"the {name} axis" for name in trajectory.coordinates.base_names)
         names = (*describe_revolute_joints(joints.names), *axes)
@@ -332,7 +336,7 @@ def check_shares(
 
 
 def _rate_check(kind: str, limited: Sequence[Check], share: float, settings: VerificationSettings) -> Check:
-    """Return the check of the share for velocities, accelerations or jerks, from the checks of their limits."""
+    """Return a check of the used fraction of velocity, acceleration or jerk limits, from the checks of the limits."""
     tightest = max(limited, key=lambda check: check.worst / check.limit)
     worst = tightest.worst / tightest.limit
     # Checks of a base axis give only a time as their location, so the name of the check is added.
@@ -345,7 +349,7 @@ def _rate_check(kind: str, limited: Sequence[Check], share: float, settings: Ver
 def _effort_check(
     taken: FloatArray, held: FloatArray, place: Callable[..., str], share: float, settings: VerificationSettings
 ) -> Check:
-    """Return the check of the share for efforts, which depends on the effort to hold the arm still at each sample."""
+    """Return a check of the used fraction of effort limits; holding the arm still raises the allowed fraction."""
     allowed = allowed_share(held, share)
 
     def where(k: int, j: int) -> str:
@@ -356,24 +360,24 @@ def _effort_check(
 
 
 def allowed_share(held: FloatArray, share: float) -> FloatArray:
-    """Return the fraction of an effort limit that a plan may use, in [0, 1].
+    """Return the fraction of an effort limit that a plan may use, max(σ, h + ½ σ (1 − h)), in [0, 1].
 
     Args:
-        held: fraction of the limit that holding the arm still takes, in [0, 1].
+        held: fraction h of the limit that holding the arm still takes, in [0, 1].
         share: fraction σ of the limits that plans may use in general.
     """
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
 
 
 def effort_limits(problem: Problem) -> FloatArray:
-    """Return the limits on the torques of all revolutes and the forces of the base axes; inf without a limit."""
+    """Return torque limits of all revolutes [N m], then force limits of the base axes [N]; inf where unlimited."""
     limits = problem.limits
     torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
     return np.append(torque, [np.inf if limits.feed_force is None else limits.feed_force] * len(problem.arm.base_axes))
 
 
 def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
-    """Return the efforts of all drives that hold the arm still in poses (T, c), shape (T, drives) [N m, N].
+    """Return the efforts of all drives that hold the arm still in configurations (T, c), shape (T, drives) [N m, N].
 
     The result is zero if no effort is limited.
     """

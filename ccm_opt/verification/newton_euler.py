@@ -1,8 +1,8 @@
-"""The verifier's own inverse dynamics.
+"""The verifier's own inverse dynamics, by the recursive Newton-Euler method.
 
 Link velocities and accelerations are accumulated from the base, forces and moments from the tip; moments are projected
 onto the axes of the revolutes (Craig, Introduction to Robotics, section 6.5). Links are rotationally symmetric: their
-inertia is the same about all transverse axes. A planar arm is one whose joints turn about y only.
+moment of inertia is equal about all transverse axes. A planar arm is one whose joints turn about y only.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried
 
 _AT_ONCE = 256
-"""Number of samples per batch, so that their forces and moments stay in the processor's cache."""
+"""Number of samples per batch, so that the forces and moments of a batch stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class LinkRates:
-    """Angular velocities and accelerations of the links at T samples, each array of shape (T, links, 3).
+    """Angular velocities and accelerations of the links at T samples, in the world frame, each of shape (T, links, 3).
 
     Attributes:
         rate: angular velocities [rad/s].
@@ -35,7 +35,7 @@ class LinkRates:
 
     @classmethod
     def of(cls, arm: Arm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray) -> "LinkRates":
-        """Return the link rates for given coordinate velocities and accelerations, each of shape (T, c)."""
+        """Compute the link rates from link frames and from rates and accelerations of the coordinates, each (T, c)."""
         first, second = bend_pairs(arm, velocities).transpose(2, 0, 1)[..., None]
         first_gain, second_gain = bend_pairs(arm, accelerations).transpose(2, 0, 1)[..., None]
         turn = first * frames.first_axes + second * frames.second_axes
@@ -57,12 +57,12 @@ class LinkRates:
 def drive_efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torques of all revolutes and the force along the base's direction that a motion requires.
+    """Return the torques of all revolutes, and the force along the base's direction, that a motion requires.
 
     Args:
         arm: the arm, with masses, inertia, payload, rotor inertia and friction.
         gravity: gravitational acceleration, shape (3,) [m/s²].
-        positions: coordinates, shape (T, c) [rad, m].
+        positions: coordinates at T samples, shape (T, c) [rad, m].
         velocities: velocities of the coordinates, shape (T, c) [rad/s, m/s].
         accelerations: accelerations of the coordinates, shape (T, c) [rad/s², m/s²].
 
@@ -80,7 +80,7 @@ def drive_efforts(
 def _efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the result of ``drive_efforts`` for one batch of samples."""
+    """Return the torques and base forces of ``drive_efforts`` for one batch of samples."""
     frames = LinkFrames.of(arm, positions)
     rates = LinkRates.of(arm, frames, velocities, accelerations)
     needed = arm.masses[:, None] * (rates.middles - gravity)
@@ -104,7 +104,8 @@ def _efforts(
 def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArray:
     """Return the rate of change of each link's angular momentum about its midpoint, shape (T, links, 3) [N m].
 
-    The momentum is I ω transverse to the link and I' ω along it.
+    The momentum is I ω_t + I' ω_a with transverse inertia I and axial inertia I' for the parts ω_t across and ω_a along
+    the link.
     """
     across = arm.inertia_transverse[:, None]
     if arm.dimension == 2:
@@ -117,5 +118,5 @@ def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArr
 
 
 def from_tip(values: FloatArray) -> FloatArray:
-    """Return cumulative sums from the tip: for each link, over that link and all beyond it, shape (T, n, ...)."""
+    """Return for each link the sum of values (T, n, ...) over that link and all links beyond it, same shape."""
     return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

@@ -1,8 +1,8 @@
 """Checks of efforts that the samples' positions and times alone require, whatever happens between the samples.
 
-The share σ applies to velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
-share h of an effort limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. ``robot.coordinates`` implements the same
-rule; the verifier deliberately does not use that code.
+A plan may use the fraction σ of the limits on velocity, acceleration, jerk and effort of all drives. Where holding the
+arm still takes the fraction h of an effort limit, the effort may use max(σ, h + ½ σ (1 − h)) of it.
+``robot.coordinates`` implements the same rule; the verifier deliberately does not use that code.
 
 The second difference quotient of a position is the mean of its acceleration over the two steps around a sample,
 weighted by the hat function w that peaks at the sample and vanishes at its neighbours. A moment is a product of a lever
@@ -30,12 +30,14 @@ from ccm_opt.verification.newton_euler import from_tip
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _REFINEMENTS = 2
-"""Number of times that the bound on link rates is fed back into itself; a third time would hardly tighten it."""
+"""Number of iterations that tighten the bound on link rates; a third would hardly change the bound."""
 
 
 @dataclass(frozen=True)
 class HatMeans:
-    """Hat-weighted means around the T − 2 inner samples, computed from values at all samples, shape (T, …).
+    """Means around the T − 2 inner samples, weighted by a hat function, of values given at all samples, shape (T, …).
+
+    The weight of an inner sample is 1 at that sample and falls linearly to 0 at both of its neighbours.
 
     Attributes:
         time: times of the samples, shape (T,) [s].
@@ -50,30 +52,31 @@ class HatMeans:
         return step[:-1], step[1:]
 
     def mean(self, values: FloatArray) -> FloatArray:
-        """Return the means of values that are linear between samples, shape (T − 2, …)."""
+        """Return the weighted means of values that are linear between samples, shape (T − 2, …)."""
         before, after = self._beside(values)
         change = after * (values[2:] - values[1:-1]) + before * (values[:-2] - values[1:-1])
         return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
 
     def first(self, values: FloatArray) -> FloatArray:
-        """Return the means of first derivatives, which are the mean rates over both steps, shape (T − 2, …)."""
+        """Return the weighted means of first derivatives, which are mean rates over both steps, shape (T − 2, …)."""
         before, after = self._beside(values)
         return np.asarray((values[2:] - values[:-2]) / (before + after))
 
     def second(self, values: FloatArray) -> FloatArray:
-        """Return the second difference quotients, which are exactly the means of second derivatives, (T − 2, …)."""
+        """Return the second difference quotients, which equal the weighted means of second derivatives, (T − 2, …)."""
         before, after = self._beside(values)
         rates = np.diff(values, axis=0)
         return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
 
     def at(self, sample: int) -> "HatMeans":
-        """Return the means around a single inner sample, counted from 0."""
+        """Return the weighted means around one inner sample, whose index counts from 0."""
         return HatMeans(self.time[sample : sample + 3])
 
     def variance(self, values: FloatArray) -> FloatArray:
-        """Return a bound on the mean square deviation of vectors (3, …, d) from their mean, shape (…).
+        """Return bounds on the mean square deviation of vectors from their weighted means, shape (…).
 
-        This applies only to the means around a single inner sample.
+        This applies only to the means around a single inner sample, so the vectors are given at three samples: (3, …,
+        d).
         """
         before, after = (float(step[0]) for step in self.steps)
         # The square is convex, so linear interpolation between samples is an upper bound.
@@ -95,13 +98,14 @@ def check_sample_efforts(
 ) -> list[Check]:
     """Check the bend torques and feed forces that the positions and times of the samples alone require.
 
-    A check fails only if every motion through the samples, with accelerations within their limits, exceeds the limit
-    of an effort. The worst value is the effort from difference quotients; the limit includes their possible error.
+    A check fails only if every motion through the samples, with accelerations within their limits, exceeds an effort
+    limit.
+    The worst value is the effort from difference quotients; the limit includes the possible error of that effort.
 
     Args:
         problem: the problem that the motion is to solve.
-        motion: the motion, linear between samples.
-        trajectory: the motion, with the layout of its coordinates.
+        motion: the motion, linear between its T samples.
+        trajectory: the same motion, with the layout of its coordinates.
         holding: efforts of all drives that hold the arm still at the samples, shape (T, drives) [N m, N].
         settings: the tolerance of limits.
     """
@@ -131,11 +135,11 @@ def check_sample_efforts(
 
 
 def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
-    """Return the greatest effort allowed at any time in the two steps around each inner sample, shape (T − 2, N).
+    """Return the greatest effort allowed in the two steps around each inner sample, shape (T − 2, N) [N m or N].
 
     Args:
-        held: efforts that hold the arm still at the samples, shape (T, N).
-        limit: effort limit of each drive, shape (N,), or of all drives.
+        held: efforts of N drives that hold the arm still at the samples, shape (T, N).
+        limit: effort limit of each drive, shape (N,), or common to all drives.
         problem: the problem, which sets the fraction of the limits that plans may use.
     """
     allowed = limit * allowed_share(np.minimum(np.abs(held) / limit, 1.0), problem.planner.effort_share)
@@ -144,11 +148,11 @@ def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> Fl
 
 @dataclass(frozen=True)
 class SampleMeans:
-    """Mean efforts around the T − 2 inner samples, from the positions and times of the samples alone.
+    """Mean efforts around the T − 2 inner samples, computed from the positions and times of the samples alone.
 
     Attributes:
         problem: the problem, with arm, gravity and acceleration limits.
-        motion: the motion, with at least three samples.
+        motion: the motion, with T ≥ 3 samples.
     """
 
     problem: Problem
@@ -171,7 +175,7 @@ class SampleMeans:
 
     @property
     def force(self) -> FloatArray:
-        """Mean force along the base's direction, shape (T − 2,) [N]; exact, since no lever is involved."""
+        """Mean force along the base's direction, shape (T − 2,) [N]; exact, as no lever arms enter."""
         return np.asarray(np.sum(self._forces, axis=1) @ self.problem.arm.base_rotation[:, 0])
 
     @property
@@ -181,7 +185,7 @@ class SampleMeans:
         return np.asarray(4.0 * self.motion.rounding / (before * after) * np.sum(self._masses))
 
     def torque_error(self, sample: int, bend: int) -> float:
-        """Return a bound on the error of a mean torque against the true mean of any motion through the samples [N m].
+        """Return a bound on the difference of a mean torque from that of any motion through the samples [N m].
 
         Args:
             sample: index of an inner sample, from 0.
@@ -195,7 +199,10 @@ class SampleMeans:
 
     @cached_property
     def _moments(self) -> FloatArray:
-        """Mean moments about the joints, without those for links spinning about their axes, (T − 2, links, 3) [N m]."""
+        """Mean moments about the joints, shape (T − 2, links, 3) [N m].
+
+        The moments that spin links about their own axes are not included.
+        """
         hat = self._hat
         arm = self.problem.arm
         forces = self._forces
@@ -214,7 +221,7 @@ class SampleMeans:
 
     @cached_property
     def _forces(self) -> FloatArray:
-        """Mean forces that accelerate and carry the masses, shape (T − 2, links + 1, 3) [N]."""
+        """Mean forces that accelerate the masses and support their weight, shape (T − 2, links + 1, 3) [N]."""
         gains = self._hat.second(self._bodies) - self.problem.simulation.gravity
         return np.asarray(self._masses[:, None] * gains)
 
@@ -225,7 +232,7 @@ class SampleMeans:
 
     @cached_property
     def _bodies(self) -> FloatArray:
-        """Positions of the masses, the midpoints of the links and the tip, shape (T, links + 1, 3) [m]."""
+        """Positions of the point masses, at link midpoints and the tip, shape (T, links + 1, 3) [m]."""
         points = self.motion.points
         bodies = np.concatenate((0.5 * (points[:, :-1] + points[:, 1:]), points[:, -1:]), axis=1)
         return self.problem.arm.embedded(bodies)
@@ -240,13 +247,13 @@ class SampleMeans:
 
 
 def _of_bends(drives: FloatArray | float, links: int) -> FloatArray:
-    """Return the values of a drive property for the first two revolutes of each ball joint, shape (links, 2)."""
+    """Return a drive property of the first two revolutes of each ball joint, shape (links, 2)."""
     return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * links,)).reshape(-1, 3)[:, :2]
 
 
 @dataclass(frozen=True)
 class Factors:
-    """Bounds on n products lever × force, each array of shape (n,), with forces per unit of mass or inertia.
+    """Bounds on n products of a lever and a force, each array of shape (n,), with forces per unit of mass or inertia.
 
     Attributes:
         shares: weights of the products: masses, or moments of inertia.
@@ -281,9 +288,9 @@ class SampleBounds:
 
     Attributes:
         problem: the problem, with arm, gravity and acceleration limits.
-        motion: the motion.
+        motion: the motion, with T samples.
         frames: link frames at the samples.
-        bodies: positions of the masses at the samples, shape (T, links + 1, 3) [m].
+        bodies: positions of the point masses at the samples, shape (T, links + 1, 3) [m].
         sample: index of the inner sample, from 0.
     """
 
@@ -294,11 +301,11 @@ class SampleBounds:
     sample: int
 
     def of_torque(self, joint: int, revolute: int, axis: FloatArray, moment: float) -> float:
-        """Return a bound on the error of a revolute's mean torque computed from means [N m].
+        """Return a bound on the error of the mean torque of a revolute joint [N m].
 
         Args:
-            joint: index of the joint, from 0.
-            revolute: index of the joint's first or second revolute, from 0.
+            joint: index of the ball joint, from 0.
+            revolute: 0 or 1 for the ball joint's first or second revolute.
             axis: axis of the revolute at the three samples, shape (3, 3).
             moment: magnitude of the mean moment about the joint [N m].
         """
@@ -340,9 +347,9 @@ class SampleBounds:
         )
 
     def _turning_beyond(self, joint: int) -> Factors:
-        """Return the factors of the links' rotational inertia.
+        """Return bounds on the moments of the rotational inertia of all links from a joint on.
 
-        The directions of links take the place of levers, and the second derivatives of these directions that of forces.
+        Link directions stand for levers, and the second derivatives of these directions for forces.
         """
         along = self.frames.along[self._within, joint:]
         bow = self._eighth * self._curving[joint:]
@@ -357,9 +364,9 @@ class SampleBounds:
         )
 
     def _held(self, joint: int, axis: FloatArray, bow: float) -> float:
-        """Return a bound on the excess of the holding torque between samples over that at the samples [N m].
+        """Return a bound on the excess of the holding torque between samples over that at samples [N m].
 
-        The effort that a plan may use grows with the holding torque.
+        The holding torque keeps the arm still against gravity; the allowed effort grows with it.
         """
         arm = self.problem.arm
         masses = np.append(arm.masses, arm.payload)[joint:]
@@ -380,23 +387,25 @@ class SampleBounds:
         return noise + 2.0 * place * float(masses.shares @ masses.mean) + place / arm.link_length * moment
 
     def _levers(self, joint: int) -> FloatArray:
-        """Return the vectors from a joint to the masses beyond it at the three samples, shape (3, n, 3) [m]."""
+        """Return the vectors from a joint to the n masses beyond it at the three samples, shape (3, n, 3) [m]."""
         joints = self.motion.points[self._within, joint : joint + 1]
         return np.asarray(self.bodies[self._within, joint:] - self.problem.arm.embedded(joints))
 
     def _bounds_beyond(self, joint: int) -> FloatArray:
-        """Return bounds on the second derivatives of the levers beyond a joint, shape (n,) [m/s²]."""
+        """Return bounds on the second derivatives of the vectors from a joint to the n masses beyond, (n,) [m/s²]."""
         arm = self.problem.arm
         beyond = np.where(np.arange(arm.links) >= joint, arm.link_length * self._curving, 0.0)
         return _body_bounds(beyond)[joint:]
 
     @cached_property
     def _curving(self) -> FloatArray:
-        """Bounds on the second derivatives of each link's axes, shape (links,) [1/s²].
+        """Bounds on the second derivatives of the unit vectors e of each link's frame, shape (links,) [1/s²].
 
-        ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². The rates of links follow from the distance that their axes move
-        between samples, up to a step times the bound itself; so the bound is found by iteration, which starts from the
-        sum of the joint rates.
+        ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². The rates ω of links follow from the distance that their unit
+        vectors move
+        between samples, up to a step times the bound itself; so the bound is found by iteration, starting from the sum
+        of the
+        joint rates.
         """
         if self.problem.arm.dimension == 2:
             turned = np.cumsum(bend_pairs(self.problem.arm, self.motion.positions[self._within])[..., 1], axis=1)
@@ -418,7 +427,7 @@ class SampleBounds:
         return np.asarray(curving)
 
     def _growth(self, turn: FloatArray) -> FloatArray:
-        """Return bounds on the angular accelerations of links, given bounds on their rates, shape (links,) [rad/s²]."""
+        """Return bounds on the angular accelerations of links from bounds on their rates, shape (links,) [rad/s²]."""
         first, second = self._rates.T
         before = np.concatenate(([0.0], turn[:-1]))
         # The two axes of a joint are perpendicular and move with the preceding parts of the arm.
@@ -427,7 +436,7 @@ class SampleBounds:
 
     @cached_property
     def _rates(self) -> FloatArray:
-        """Bounds on the rates of the bends, shape (links, 2) [rad/s]."""
+        """Bounds on the rates of the bends near the sample, shape (links, 2) [rad/s]."""
         bends = bend_pairs(self.problem.arm, self.motion.positions[self._within])
         means = np.abs(np.diff(bends, axis=0)) / np.diff(self.motion.time[self._within])[:, None, None]
         return np.asarray(np.max(means, axis=0) + self._longest * self._accelerations)
@@ -455,10 +464,15 @@ class SampleBounds:
 
 
 def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return bounds on the root mean square deviation of bounded vectors from their means (n, 3), shape (n,)."""
+    """Return bounds on the root mean square deviation of n bounded vectors from their means, shape (n,).
+
+    Args:
+        at_all: bounds on the lengths of the vectors, shape (n,).
+        mean: means of the vectors, shape (n, 3).
+    """
     return np.asarray(np.sqrt(np.maximum(at_all**2 - np.sum(mean**2, axis=1), 0.0)))
 
 
 def _body_bounds(of_links: FloatArray) -> FloatArray:
-    """Return bounds for the link midpoints and the tip from the contributions of the links, shape (links + 1,)."""
+    """Return bounds for link midpoints and the tip, shape (links + 1,), as sums of bounds per link from the base."""
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))

@@ -20,16 +20,17 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 
 def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
-    """Return the distances between segments ab and cd; a segment may be a single point.
+    """Return the distances between N segments ab and N segments cd; a segment may be a single point.
 
     The squared distance is convex in the positions along both segments, so its minimum is either inside both segments
-    or at an end of one of them.
+    or at
+    an end of one of them.
 
     Args:
         a: starts of the first segments, shape (N, 2) or (N, 3) [m].
-        b: ends of the first segments, of the same shape [m].
-        c: starts of the second segments, of the same shape [m].
-        d: ends of the second segments, of the same shape [m].
+        b: ends of the first segments, shape as for `a` [m].
+        c: starts of the second segments, shape as for `a` [m].
+        d: ends of the second segments, shape as for `a` [m].
 
     Returns:
         The distances, shape (N,) [m]; 0 for segments that cross in the plane.
@@ -58,7 +59,7 @@ def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
 
 
 def _from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the squared distances of points from segments, shape (N,) [m²]."""
+    """Return the squared distances of N points from one segment each, shape (N,) [m²]."""
     line = end - start
     away = point - start
     square = np.maximum(_dot(line, line), np.finfo(np.float64).tiny)
@@ -71,16 +72,18 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the cross products, shape (N, 3); in the plane, their only nonzero component, shape (N, 1)."""
+    """Return the cross products of N pairs of vectors, shape (N, 3); in the plane, their z components, shape (N, 1)."""
     if first.shape[1] == 2:
         return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[:, None]
     return np.cross(first, second)
 
 
 def first_distant(arm: Arm) -> int:
-    """Return the least index difference of links that must stay apart: the least d with (d − 1) l ≥ max(2 l, π r).
+    """Return the least difference of link numbers for which links must stay apart.
 
-    ``Arm.first_self_pair`` implements the same rule; the verifier deliberately does not use it.
+    It is the least d with (d − 1) l ≥ max(2 l, π r), for link length l and radius r: links closer along the arm are
+    unavoidably close in space. ``Arm.first_self_pair`` implements the same rule; the verifier deliberately does not use
+    it.
     """
     # Links closer along the arm than two link lengths, or than π r, the tightest half turn of an arm of radius r, are
     # unavoidably close in space.
@@ -93,9 +96,9 @@ def first_distant(arm: Arm) -> int:
 
 
 def check_self_collision(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
-    """Check that links far apart along the arm never touch and, in space, that nearer ones do not cross.
+    """Check that links far apart along the arm never touch and, in space, that links nearer along the arm do not cross.
 
-    The worst value is the least gap between the surfaces of distant links [m].
+    The worst value is the least gap between the surfaces of links far apart along the arm [m].
     """
     # In the plane, neighbouring links may fold past each other in depth.
     crossing = "" if motion.arm.dimension == 2 else crossing_near_links(motion, settings)
@@ -113,7 +116,7 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
 
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
-    """Return the verdict on whether distant links stay apart; None if the arm is too short to touch itself."""
+    """Return the verdict on whether links far apart along the arm stay clear; None if the arm has no such links."""
     arm = motion.arm
     if first_distant(arm) >= arm.links:
         return None
@@ -122,7 +125,7 @@ def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_
 
 
 class LinkProof:
-    """Proves that pairs of links stay apart, for links of a given thickness.
+    """A proof, for all times of a motion, that links of a given thickness keep a gap.
 
     Args:
         motion: motion of the arm.
@@ -136,7 +139,7 @@ class LinkProof:
         self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all distant links keep a gap of at least ``least``, with arguments as in ``prove_stretches``."""
+        """Prove a gap of at least ``least`` [m] between links far apart along the arm; see ``prove_stretches``."""
         first, second = np.triu_indices(self.motion.arm.links, first_distant(self.motion.arm))
         blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
         pairs = Pairs.in_all(len(blocks), first, second)
@@ -145,9 +148,13 @@ class LinkProof:
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return bounds on the gaps of pairs of links.
+        """Return bounds on the gaps of P pairs of links over time intervals.
 
-        Gaps above the cutoff, a number or of shape (P,) [m], are bounded only roughly.
+        Args:
+            stretches: S time intervals.
+            poses: positions of joints and tip in the middle of the intervals, shape (S, links + 1, d) [m].
+            pairs: the pairs of links, each with its time interval.
+            cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
         motion = self.motion
         k, i, j = pairs.stretch, pairs.link, pairs.other
@@ -167,16 +174,17 @@ class LinkProof:
 
 
 def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
-    """Return bounds on how much smaller the distance of two links may be than at mid-stretch, shape (P,) [m].
+    """Return bounds on the decrease of link distances from their value in the middle of time intervals, shape (P,) [m].
 
-    Within an interval, motion common to both links does not count. In the frame of the first link, which preserves
-    distances, each joint k between the links only adds its own rotation ψ_k: l Σ (j − k + 1) ψ_k in total.
+    Within a step, motion common to both links does not count. In the frame of link i, each joint k up to link j adds
+    only
+    its own rotation ψ_k to the motion of link j: l Σ (j − k + 1) ψ_k in total.
 
     Args:
         motion: motion of the arm.
-        stretches: stretches of time.
-        travels: bounds on each joint's distance from its position at mid-stretch, shape (S, links + 1) [m].
-        pairs: pairs of links.
+        stretches: S time intervals.
+        travels: bounds on the distances of joints and tip from their mid-interval positions, shape (S, links + 1) [m].
+        pairs: the P pairs of links, each with its time interval.
     """
     k, i, j = pairs.stretch, pairs.link, pairs.other
     relative = np.full(len(k), np.inf)
@@ -197,12 +205,12 @@ def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: Flo
 def travels_in_frame(
     motion: ChainMotion, stretches: TimeStretches, k: IntArray, i: IntArray, j: IntArray
 ) -> FloatArray:
-    """Return bounds on links' travel from mid-stretch in the frames of links nearer to the base, shape (P,) [m].
+    """Return bounds on the travel of links from mid-interval in the frames of links nearer to the base, (P,) [m].
 
     Args:
         motion: motion of the arm.
-        stretches: stretches of time.
-        k: indices of the stretches, shape (P,).
+        stretches: S time intervals.
+        k: indices of the time intervals, shape (P,).
         i: indices of the links nearer to the base, shape (P,).
         j: indices of the moving links, shape (P,).
     """
@@ -219,15 +227,16 @@ def travels_in_frame(
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-    """Return all pairs of distant links whose gap is within a reach, and a few others, with their gaps.
+    """Return the pairs of links far apart along the arm with a gap of at most `reach`, and a few others, with gaps.
 
     Args:
         arm: the arm.
-        poses: positions of all joints and the tip, shape (N, links + 1, d) [m].
+        poses: positions of joints and tip in N poses, shape (N, links + 1, d) [m].
         reach: largest gap of interest [m].
 
     Returns:
-        The pairs, whose stretches are indices of poses, and the gaps between their surfaces, shape (P,) [m].
+        The P pairs, with indices of poses instead of time intervals, and the gaps between their surfaces, shape (P,)
+        [m].
     """
     first, second = np.triu_indices(arm.links, first_distant(arm))
     middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
@@ -240,11 +249,13 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
 
 
 def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> str:
-    """Return a description of two near links that cross, or an empty string if none do.
+    """Return a description of two links, near each other along the arm, that cross; empty if none do.
 
-    Near links share no joint but are too close along the arm to be checked for distance. If their axes meet, they close
-    a polygon, whose total turning is at least 2 π (Fenchel); all but π of it comes from the bends between them. Where
-    these bends sum to less than π, which is almost always, nothing needs to be proved.
+    Such links share no joint but are too close along the arm to be checked for distance. If their axes meet, they close
+    a
+    polygon, whose total turning is at least 2 π (Fenchel); all but π of it comes from the bends between them. Where
+    these
+    bends sum to less than π, which is almost always, nothing needs to be proved.
 
     Args:
         motion: motion of the arm.

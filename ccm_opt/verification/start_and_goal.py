@@ -21,12 +21,12 @@ from ccm_opt.verification.drives import (
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _CURVE_SHAPE_FACTOR = 1.08
-"""Allowed distance of a joint from its curve, as a multiple of κ l².
+"""Allowed distance of a joint from the curve that gives a pose, divided by κ l² (curvature κ, link length l).
 
 Derived: the worst error of the paper's own mapping (section 5.3).
 """
 _CURVE_SHAPE_SLACK = 0.1
-"""Additional allowed distance, as a share of a link's length. Taste."""
+"""Additional allowed distance of a joint from the curve, as a fraction of a link's length. Taste."""
 
 _ROUNDING = 1e-9
 """Angle beyond a tolerance that counts as rounding [rad]."""
@@ -38,7 +38,7 @@ def check_ends(
     trajectory: JointTrajectory,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check start, via points, stops and goal, and that the arm is at rest at start, stops and goal."""
+    """Check start pose, via points, stops and goal, and that the arm is at rest at start, stops and goal."""
     tip_tolerance = settings.curve_tip_tolerance
     # The start is a pose of the whole arm and has a stricter tolerance than a goal.
     checks = _whole_arm(
@@ -88,17 +88,17 @@ def _whole_arm(
     of_places: float,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Check a pose of the whole arm, given by its bends or by a curve, and the position of the base.
+    """Check the bends and the base position in one sample against a required pose, given by bends or by a curve.
 
     Args:
         name: prefix of the names of the checks.
         arm: the arm.
-        trajectory: the motion.
+        trajectory: the sampled motion.
         sample: index of the sample at which the pose is required.
         pose: the required pose.
         of_joints: tolerance of bends [rad].
         of_places: tolerance of the tip on a curve, and of the base [m].
-        settings: settings of the verifier.
+        settings: tolerances.
     """
     bends = trajectory.bend_angles[sample]
     if pose.curve is not None:
@@ -125,7 +125,7 @@ def _tip_checks(
     tolerances: Tolerances,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Check the tip position and, if the goal has one, the direction of the last link; full turns do not count."""
+    """Check the tip position and, if the goal sets one, the direction of the last link, modulo full turns."""
     when = f"at t = {motion.time[sample]:.4f} s"
     error = float(np.linalg.norm(motion.points[sample, -1] - goal.position))
     bound = tolerances.position
@@ -172,10 +172,11 @@ def _on_curve(
     tip_tolerance: float,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Check that an arm lies on its curve, whichever mapping the planner used.
+    """Check that the arm lies on a backbone curve, whichever mapping from curve to joints the planner used.
 
-    Any mapping must make the tips coincide and leave no joint farther off than the worst error of the paper's own
-    mapping allows.
+    Any mapping must make the tips coincide and leave no joint farther from the curve than the worst error of the
+    paper's
+    own mapping allows.
     """
     # The curve is given for the base at zero feed.
     points = chain_points(arm, arm.configuration(bends, 0.0)[None])[0]
@@ -199,7 +200,7 @@ def _on_curve(
 def check_pauses(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
-    """Return one check per stop with a pause; its worst value is the time that the arm stands still there [s].
+    """Return one check per stop with a pause; the worst value is the time that the arm stands still there [s].
 
     Coordinates are linear between samples, so an arm in the same pose at two consecutive samples stands still between
     them.
@@ -216,7 +217,7 @@ def check_pauses(
 
 
 def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> float:
-    """Return the time for which the arm keeps the pose of a sample, counted from that sample [s]."""
+    """Return the time for which the arm keeps the pose of a given sample, from that sample on [s]."""
     still = _still(problem, trajectory, sample, settings)[sample:]
     # The rest ends at the sample before the first one that moves.
     count = len(still) if np.all(still) else int(np.argmin(still))
@@ -224,7 +225,7 @@ def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, se
 
 
 def _still(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> BoolArray:
-    """Return a mask of the samples at which the arm is at rest in the pose of a given sample, shape (T,)."""
+    """Return a mask of the T samples at which the arm is at rest in the pose of a given sample, shape (T,)."""
     limits = problem.limits
     away = np.abs(trajectory.positions - trajectory.positions[sample])
     bends = trajectory.coordinates.joints

@@ -1,11 +1,11 @@
-"""Proofs by bisection that gaps hold at all times.
+"""Proofs by bisection of time that gaps between moving bodies hold at all times.
 
-Over a stretch of time, the distance of a pair of bodies changes from its value at mid-stretch by at most the distance
-that their points travel. A pair is therefore *proved* apart if its distance at mid-stretch, less that travel, is large
-enough, and *refuted* if the distance at mid-stretch itself is too small. Otherwise the stretch is halved. Stretches
-start with a length of many samples, and surfaces as boxes of many triangles; boxes larger than the travel are opened
-before stretches are halved. Pairs that are still undecided when the travel is below ``settings.resolution``, or when
-the allowed work is used up, are rejected, so the proof is sound.
+Over a time interval, the distance of a pair of bodies changes from its value at mid-interval by at most the distance
+that their points travel. A pair is therefore *proved* apart if its distance at mid-interval, less that travel, is large
+enough, and *refuted* if the distance at mid-interval itself is too small. Otherwise the interval is halved. Intervals
+start with a length of many samples, and surfaces as bounding boxes of many triangles; boxes larger than the travel are
+replaced by their children before intervals are halved. Pairs that are still undecided when the travel is below
+``settings.resolution``, or when the allowed work is used up, are rejected, so the proof is sound.
 
 The same bisection finds the least gap over all times to within ``settings.report_resolution`` for the report.
 """
@@ -20,7 +20,7 @@ from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 BLOCK = 32
-"""Number of sample intervals in the initial stretches.
+"""Number of steps between samples in each initial time interval.
 
 Measured on three problems in space: half as many compare links with many more boxes, twice as many with many more
 triangles.
@@ -29,10 +29,10 @@ triangles.
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of bodies in stretches of time: a link, and either another link or a box of surfaces.
+    """P pairs of bodies in time intervals: a link, and either another link or a bounding box of surfaces.
 
     Attributes:
-        stretch: indices of the stretches, shape (P,).
+        stretch: indices of the time intervals, shape (P,).
         link: indices of the links, from 0, shape (P,).
         other: indices of the other links or of the boxes, shape (P,).
     """
@@ -46,7 +46,7 @@ class Pairs:
 
     @classmethod
     def in_all(cls, stretches: int, link: IntArray, other: IntArray) -> "Pairs":
-        """Repeat pairs of links and others in each of a number of stretches."""
+        """Repeat given pairs of links and other bodies in each of a number of time intervals."""
         stretch = np.repeat(np.arange(stretches), len(link))
         return cls(stretch, np.tile(link, stretches), np.tile(other, stretches))
 
@@ -55,7 +55,7 @@ class Pairs:
         return Pairs(self.stretch[chosen], self.link[chosen], self.other[chosen])
 
     def and_also(self, others: "Pairs", shift: int = 0) -> "Pairs":
-        """Return these pairs followed by others, whose stretch indices are shifted by `shift`."""
+        """Return these pairs followed by other pairs, whose interval indices are shifted by `shift`."""
         return Pairs(
             np.concatenate((self.stretch, others.stretch + shift)),
             np.concatenate((self.link, others.link)),
@@ -65,12 +65,12 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Nearest:
-    """The least gap found, and where and when it occurs.
+    """Least gap between two bodies, and where and when this gap occurs.
 
     Attributes:
         gap: gap between the two surfaces [m]; inf if no pair was near.
         link: index of the link, from 0.
-        other: index of the other link, or of the box of a single surface.
+        other: index of the other link, or of the box of a single edge or triangle.
         time: time at which the gap occurs [s].
     """
 
@@ -82,7 +82,7 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of a proof.
+    """Result of a proof that bodies stay apart.
 
     Attributes:
         proved: whether every pair is proved apart.
@@ -99,12 +99,12 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Measured:
-    """Bounds on the gaps of pairs, each array of shape (P,) [m].
+    """Bounds on the gaps of P pairs of bodies in their time intervals, each array of shape (P,).
 
     Attributes:
-        least: lower bound on the gap throughout the stretch.
-        most: upper bound on the gap at mid-stretch.
-        travel: largest loss of gap between mid-stretch and any other time of the stretch.
+        least: lower bounds on the gaps throughout the intervals [m].
+        most: upper bounds on the gaps at mid-interval [m].
+        travel: bounds on the loss of gap between mid-interval and any other time of the interval [m].
         exact: mask of the pairs of two single bodies whose distance was computed.
     """
 
@@ -115,22 +115,22 @@ class Measured:
 
 
 Measure = Callable[[TimeStretches, FloatArray, Pairs, float], Measured]
-"""Function from stretches, their poses at mid-stretch (S, links + 1, d) [m], pairs and a cutoff [m] to gap bounds.
+"""Function from time intervals, poses at mid-interval (S, links + 1, d) [m], pairs and a cutoff [m] to bounds on gaps.
 
 Gaps above the cutoff need not be bounded tightly.
 """
 Opened = Callable[[Pairs, FloatArray], tuple[Pairs, BoolArray]]
-"""Function from pairs and their travels to pairs with the contents of opened boxes, and a mask of the boxes opened."""
+"""Function from pairs and travels to pairs with the children of large boxes, and a mask of the replaced pairs."""
 
 
 def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
-    """Open no boxes, for pairs without boxes."""
+    """Return no pairs and an all-false mask, for pairs without bounding boxes."""
     none = np.zeros(len(travel), dtype=bool)
     return pairs.where(none), none
 
 
 def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
-    """Return the gap that a pair must keep: the limit less the contact tolerance, raised where axes could touch.
+    """Return the gap that a pair must keep [m]: the required gap less the contact tolerance, raised so that axes never touch.
 
     Args:
         limit: required gap [m].
@@ -150,16 +150,16 @@ def prove_stretches(
     opened: Opened = open_none,
     nearest: Nearest | None = None,
 ) -> Verdict:
-    """Prove that every pair keeps a gap of at least ``least`` during its stretch.
+    """Prove, or refute, that every pair of bodies keeps a required gap during its time interval.
 
     Args:
         motion: motion of the arm.
-        stretches: stretches of time.
-        pairs: pairs in these stretches.
+        stretches: time intervals.
+        pairs: pairs of bodies in these intervals.
         measure: function that bounds the gaps of pairs.
         least: gap that every pair must keep [m].
         settings: resolutions and limits on the work.
-        opened: function that opens boxes.
+        opened: function that replaces large boxes by their children.
         nearest: the least gap already found; none by default.
     """
     nearest = Nearest() if nearest is None else nearest
@@ -192,7 +192,7 @@ def prove_stretches(
 
 
 def _told(ceiling: float, settings: VerificationSettings) -> float:
-    """Return the gap above which pairs need no refinement for the report, given an upper bound on the least gap [m]."""
+    """Return the gap above which the report needs no refinement of a pair, from an upper bound on the least gap [m]."""
     return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 
@@ -206,7 +206,7 @@ def _nearer(motion: ChainMotion, stretches: TimeStretches, pairs: Pairs, known: 
 
 
 def _divided(stretches: TimeStretches, pairs: Pairs, travel: FloatArray, opened: Opened) -> tuple[TimeStretches, Pairs]:
-    """Refine pairs: open boxes larger than the travel, and halve the stretches of all other pairs."""
+    """Return refined intervals and pairs: large boxes replaced by their children, all other intervals halved."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
     # Stretches without pairs are dropped, so the remaining stretches are renumbered.

@@ -1,7 +1,7 @@
 """Verification of a timed motion against all requirements of its problem.
 
 The verifier has its own kinematics, mount, link pairs, inverse dynamics and distances. The duplication is deliberate: a
-mistake in the planners' code must not be able to hide itself.
+mistake in the planners' code must not go unnoticed because the verifier shares it.
 """
 
 from ccm_opt.core.arguments import expect
@@ -33,18 +33,20 @@ def verify(
     """Check a timed motion against all requirements of its problem.
 
     Between samples, all coordinates are taken to be linear in time. Walls, self-collision and bend limits are checked
-    for that motion at *all* times, not only at the samples. A gap may fall short by at most the problem's contact
+    for
+    that motion at *all* times, not only at the samples. A gap may fall short by at most the problem's contact
     tolerance.
 
     Args:
         problem: the problem that the motion is to solve.
-        trajectory: the motion in the arm's coordinates.
-        joints: the motion in terms of the drives, with their efforts.
+        trajectory: sampled motion in the arm's coordinates.
+        joints: angles, rates and efforts of the drives at the same samples, as the plan reports them.
         settings: tolerances and limits on the work spent on proofs.
 
     Returns:
-        One check per requirement, each with its worst value and where that value occurs. Malformed data end the list
-        immediately.
+        One check per requirement, each with its worst value and where that value occurs. If the arrays are malformed,
+        only
+        the checks of their form.
 
     Raises:
         ProblemError: an argument has the wrong type.

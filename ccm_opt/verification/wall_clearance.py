@@ -27,18 +27,18 @@ from ccm_opt.verification.stretch_proof import (
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 TOUCHING = 1e-4
-"""Gap, as a share of the radius, up to which a report speaks of touching."""
+"""Gap, as a fraction of the arm's radius, up to which a report says that the arm touches."""
 _PROBES = 8
-"""Number of moments at which the nearest surface is searched for first. Taste."""
+"""Number of sample times at which the nearest surface is searched for first. Taste."""
 _FAN = 8
-"""Number of boxes in a box."""
+"""Number of children of a box in the bounding-box tree."""
 _ALONG = 0.01
-"""Sideways share of a link's travel up to which the link counts as sliding along its own axis. Taste."""
+"""Sideways fraction of a link's travel up to which the link counts as sliding along its own axis. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedSurfaces:
-    """A bounding-box tree of edges or triangles, stored level by level from the top.
+    """A bounding-box tree of wall edges (d = 2) or triangles (d = 3), stored level by level from the top.
 
     Each box of the last level holds a single edge or triangle (a part).
 
@@ -47,8 +47,8 @@ class CheckedSurfaces:
         high: upper corners of the boxes, shape (nodes, d) [m].
         rounding: largest radius by which the parts in each box are inflated, shape (nodes,) [m].
         offsets: index of the first box of every level, followed by the number of boxes, shape (levels + 1,).
-        parts: corners of the parts in the order of the last level, shape (m, d, d) [m].
-        owner: index of the obstacle that each part belongs to, in the same order, shape (m,).
+        parts: corners of the m parts in the order of the last level, shape (m, d, d) [m].
+        owner: index of the obstacle to which each part belongs, shape (m,).
         names: names of the obstacles.
     """
 
@@ -62,7 +62,7 @@ class CheckedSurfaces:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "CheckedSurfaces":
-        """Build the tree for a workspace, grouping parts of similar size and position in the lower levels."""
+        """Build the tree of all obstacles of a workspace, with parts of similar size and position in common boxes."""
         if workspace.dimension == 2:
             return cls._over(*edges_of(workspace))
         soup = workspace.soup
@@ -87,7 +87,7 @@ class CheckedSurfaces:
 
     @cached_property
     def size(self) -> float:
-        """Greatest magnitude of any coordinate [m]."""
+        """Greatest magnitude of any coordinate of a surface [m]."""
         return float(np.max(np.abs(self.parts)))
 
     def name_of(self, node: int) -> str:
@@ -99,7 +99,7 @@ class CheckedSurfaces:
         return np.asarray(node >= self.offsets[-2])
 
     def children(self, node: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the position in `node` of each child's parent, and the children of the boxes, each of shape (Q,)."""
+        """Return the position of each child's parent in `node`, and the children of the boxes, each of shape (Q,)."""
         level = np.searchsorted(self.offsets, node, side="right") - 1
         first = self.offsets[level + 1] + _FAN * (node - self.offsets[level])
         count = np.minimum(self.offsets[level + 2] - first, _FAN)
@@ -108,9 +108,14 @@ class CheckedSurfaces:
         return place, first[place] + within
 
     def bounds(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return lower and upper bounds on the distances of segments (P, d) from the parts in boxes, each (P,) [m].
+        """Return lower and upper bounds on the distances of P segments from the parts in one box each, each (P,) [m].
 
         The inflation of the parts is not subtracted.
+
+        Args:
+            node: indices of the boxes, shape (P,).
+            start: starts of the segments, shape (P, d) [m].
+            end: ends of the segments, shape (P, d) [m].
         """
         # `take` is four times as fast as indexing rows.
         low = self.low.take(node, axis=0)
@@ -126,11 +131,11 @@ class CheckedSurfaces:
         return np.maximum(apart, from_centre - half), from_centre + half
 
     def separations(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return tight bounds on the distances of segments from single parts, as for ``bounds``."""
+        """Return tight distance bounds of segments from the single parts in boxes; arguments as for ``bounds``."""
         return self.between(start, end, self.edge_parts(node))
 
     def edge_parts(self, node: IntArray) -> FloatArray:
-        """Return the corners of single edges or triangles, shape (P, d, d) [m]."""
+        """Return the corners of the edges or triangles in P boxes of the last level, shape (P, d, d) [m]."""
         return np.asarray(self.parts[node - self.offsets[-2]])
 
     @staticmethod
@@ -148,7 +153,10 @@ class CheckedSurfaces:
 
 
 def edges_of(workspace: Workspace) -> tuple[FloatArray, FloatArray, IntArray, tuple[str, ...]]:
-    """Return the edges of all walls, shape (E, 2, 2) [m], their radii and owners, and the names of the walls."""
+    """Return end points, radii and wall indices of all edges in a planar workspace, and the names of the walls.
+
+    End points have shape (E, 2, 2) [m], radii by which edges are inflated (E,) [m], and wall indices (E,).
+    """
     walls = workspace.walls
     pieces = [np.concatenate([_part_edges(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
     counts = [len(piece) for piece in pieces]
@@ -168,7 +176,7 @@ def _part_edges(part: shapely.Geometry) -> FloatArray:
 
 
 def _by_size_and_place(parts: FloatArray) -> IntArray:
-    """Return the order of parts in which neighbours have similar sizes and positions, as indices, shape (m,)."""
+    """Return an order of m edges or triangles with similar size and position next to each other, as indices (m,)."""
     low = parts.min(axis=1)
     high = parts.max(axis=1)
     extent = high.max(axis=0) - low.min(axis=0)
@@ -241,15 +249,16 @@ def nearest_wall(
 
 
 def exposed_starts(arm: Arm) -> FloatArray:
-    """Return the fraction of each link that belongs to the mount and may touch walls, 1 for all of it, shape (links,).
+    """Return the fraction of each link that belongs to the mount and may touch walls, from 0 to 1, shape (links,).
 
-    ``Arm.mount_end`` gives the end of the mount; the verifier deliberately does not use it.
+    The exposed part of a link starts at this fraction. ``Arm.mount_end`` gives the end of the mount; the verifier
+    deliberately does not use it.
     """
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
 def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
-    """Return a remark if a link with a given gap [m] touches a wall where it leaves the mount, or an empty string."""
+    """Return a remark if a link with a given gap [m] touches a wall at the end of the mount; otherwise ""."""
     leaves = link == int(arm.mount_length // arm.link_length)
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
 
@@ -260,7 +269,13 @@ def is_empty(workspace: Workspace) -> bool:
 
 
 def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the starts and ends of the parts of link axes outside the mount, each of shape (P, d) [m]."""
+    """Return the starts and ends of link axes, without the parts that belong to the mount, each of shape (P, d) [m].
+
+    Args:
+        poses: positions of joints and tip in S poses, shape (S, links + 1, d) [m].
+        pairs: P pairs; ``stretch`` selects the pose and ``link`` the link.
+        exposed: fraction of each link that belongs to the mount, shape (links,).
+    """
     points = poses.reshape(-1, poses.shape[2])
     joint = pairs.stretch * poses.shape[1] + pairs.link
     end = points.take(joint + 1, axis=0)
@@ -270,12 +285,12 @@ def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[Flo
 
 
 class WallProof:
-    """Proves that links keep a gap to the surfaces of a scene, using a bounding-box tree.
+    """A proof, for all times of a motion, that links keep a gap to the surfaces of a scene.
 
     Args:
         motion: motion of the arm.
-        surfaces: surfaces of the scene.
-        exposed: fraction of each link that may touch walls, shape (links,).
+        surfaces: bounding-box tree of the scene's surfaces.
+        exposed: fraction of each link that belongs to the mount and may touch walls, shape (links,).
     """
 
     def __init__(self, motion: ChainMotion, surfaces: CheckedSurfaces, exposed: FloatArray) -> None:
@@ -285,7 +300,7 @@ class WallProof:
         self._lost = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all links keep a gap of at least ``least``, with arguments as in ``prove_stretches``."""
+        """Prove that all links keep a gap of at least ``least`` [m] from walls; see ``prove_stretches``."""
         samples = len(self.motion.time)
         # The least gap at a few moments bounds how far the full search must look.
         moments = self._all_link_pairs(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
@@ -303,9 +318,13 @@ class WallProof:
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return bounds on the gaps of links to boxes or parts.
+        """Return bounds on the gaps of P links to bounding boxes, edges or triangles over time intervals.
 
-        Gaps above the cutoff, a number or of shape (P,) [m], are bounded only roughly.
+        Args:
+            stretches: S time intervals.
+            poses: positions of joints and tip in the middle of the intervals, shape (S, links + 1, d) [m].
+            pairs: the pairs of a link and a box, each with its time interval.
+            cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
         arm = self.motion.arm
         travels = self.motion.travels(stretches).ravel()
@@ -339,8 +358,9 @@ class WallProof:
     ) -> None:
         """Tighten ``low`` and ``travel`` in place for links that slide along their own axis.
 
-        Such a link, as in a guide tube, sweeps a longer link and hardly moves sideways: its gap is that of the longer
-        link, and its travel is the sideways part alone.
+        Such a link, as in a guide tube, sweeps a longer link and hardly moves sideways, so its gap is that of the
+        longer link,
+        and its travel is the sideways part alone.
         """
         stretch, link = pairs.stretch[close], pairs.link[close]
         within = (stretches.high - stretches.low)[stretch] <= 1.0
@@ -364,7 +384,7 @@ class WallProof:
         travel[close] = aside[slides]
 
     def opened(self, pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
-        """Open boxes larger than their link's travel; return pairs with the children, and a mask of opened boxes."""
+        """Return pairs with the children of boxes larger than their link's travel, and a mask of the boxes replaced."""
         surfaces = self.surfaces
         size = surfaces.diagonals.take(pairs.other)
         boxes = ~surfaces.is_single(pairs.other) & ((size > travel) | (size == 0.0))
@@ -380,7 +400,7 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
     length or over time.
 
     Returns:
-        The check; its worst value is minus the depth of the tested point in forbidden space [m].
+        A check whose worst value is minus the depth of the tested point in forbidden space [m].
     """
     arm = motion.arm
     # The point is where the mount ends, since the mount itself may be inside a wall.
