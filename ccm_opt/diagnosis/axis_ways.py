@@ -1,4 +1,7 @@
-"""Ways for the axis of an arm in space, found and bounded by adaptive cube decomposition."""
+"""Paths for the axis of an arm in space, found and bounded by adaptive decomposition of the room into cubes.
+
+A *way* is a path of the arm's axis from its base to a goal.
+"""
 
 import time
 from collections.abc import Iterator
@@ -26,38 +29,38 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Workspace
 
 _SECONDS = 8.0
-"""CPU time limit of the search for one goal [s]. Taste: half of the time for reasons and changes together."""
+"""CPU time limit of the search for one goal [s]. Taste: half of the time for causes and changes together."""
 _CELLS = 20_000
-"""Initial number of cubes. Taste: a thirtieth of the room along a side."""
+"""Initial number of cubes. Taste: thirty along a side of the room."""
 _FINENESS = 0.03
-"""Relative accuracy of the widest way. Taste."""
+"""Relative accuracy of the distance from obstacles of the widest axis path. Taste."""
 _LEAST = 0.3
-"""Share of the required distance below which ways are reported as closed altogether. Taste."""
+"""Fraction of the required distance below which axis paths are reported as closed altogether. Taste."""
 _DETOUR = 1.5
-"""Multiple of the arm's length up to which ways are searched for. Taste."""
+"""Multiple of the arm's length up to which axis paths are searched for. Taste."""
 _HALVINGS = 3
-"""Number of bisections of the link length that would suffice. Taste."""
+"""Number of bisections for the link length that would suffice. Taste."""
 _REACH = 8.0
-"""Multiple of the required distance up to which distances are computed. Taste."""
+"""Multiple of the required distance at which distances from surfaces are capped. Taste."""
 _MOST_REMOVED = 8
 """Number of obstacles that are removed one at a time, nearest to the straight line first. Taste."""
 _PULLS = 6
-"""Number of times a short way is tightened. Measured: six bring it within 2 % of the shortest around one edge."""
+"""Number of shortening passes over an axis path. Measured: six come within 2 % of the shortest around one edge."""
 _PLACES = 9
-"""Number of points tested along each straight part of a way. Taste."""
+"""Number of points tested along each straight part of an axis path. Taste."""
 
 _MORE_CELLS = 40_000
-"""Number of cubes added at each width to find the widest way. Taste."""
+"""Number of cubes added at each width when the widest axis path is searched for. Taste."""
 _FLOOR_CELLS = 150_000
-"""Number of cubes added to find out whether there is a way of any useful width. Taste."""
+"""Number of cubes added to decide whether there is an axis path of any useful width. Taste."""
 _DETOUR_CELLS = 15_000
-"""Number of cubes added to find a way that is too long. Taste: wide ways are found at once."""
+"""Number of cubes added to find an axis path longer than the arm. Taste: wide paths are found at once."""
 _PULL_STEPS = 5
-"""Number of halvings of a corner's displacement when a way is tightened. Taste."""
+"""Number of halvings of a corner's displacement when an axis path is shortened. Taste."""
 
 
 def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
-    """Yield an ``AxisWays`` per tip goal, for ways from the base or from the positions to which the base is fed."""
+    """Yield an ``AxisWays`` per tip goal: the axis paths to it from the base, or from all fed base positions."""
     for place in tip_places(problem):
         # CPU time makes the result independent of other load on the machine.
         own = time.process_time() + _SECONDS
@@ -66,7 +69,7 @@ def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
 
 @dataclass(frozen=True, eq=False)
 class AxisWays(Ways):
-    """Ways in space from the base, or the positions to which the base is fed, to the tolerance region of a goal."""
+    """Axis paths in space from the base, or from the positions to which the base is fed, to the tolerance of a goal."""
 
     shortest_is_proved = False
     closed_to_short_arms = True
@@ -84,13 +87,13 @@ class AxisWays(Ways):
 
     @property
     def room(self) -> float:
-        """Required distance of the axis from the surfaces, less the surfaces' largest excess over the obstacles [m]."""
+        """Distance that the axis must keep from surfaces, less the surfaces' excess over the obstacles [m]."""
         need = self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out
         return max(need, 0.0) - touching_overlap(self.arm)
 
     @cached_property
     def ends(self) -> WayEnds:
-        """Start and end of the ways; with a feed axis, ways may begin anywhere in the guide tube."""
+        """Start and end of the axis paths; with a feed axis, paths may begin anywhere in the guide tube."""
         arm = self.arm
         low, high = arm.base_range
         until = max(high, arm.hole) if arm.base_axes else high
@@ -101,7 +104,7 @@ class AxisWays(Ways):
 
     @cached_property
     def search(self) -> WaySearch:
-        """Search of the region that a slightly longer arm could reach."""
+        """Search of the region that an arm longer by a fixed factor could reach."""
         return self._search_in(self.problem.workspace, self.gaps.tree)
 
     def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> WaySearch:
@@ -113,17 +116,17 @@ class AxisWays(Ways):
 
     @cached_property
     def answer(self) -> Answer:
-        """Whether a way that is wide and short enough exists; "not known" for an arm of zero width."""
+        """Whether an axis path that is wide and short enough exists; "not known" for an arm of zero width."""
         return self.search.answer(self.room, self.arm.length) if self.room > 0.0 else "not known"
 
     @property
     def closed(self) -> bool:
-        """Whether it is proved that no way is wide and short enough."""
+        """Whether it is proved that no axis path is wide and short enough for the arm."""
         return self.answer == "closed"
 
     @cached_property
     def shortest(self) -> FloatArray | None:
-        """Corners of a short way that is wide enough, shape (m, 3) [m]; None if none was found."""
+        """Corners of a short axis path that is wide enough, shape (m, 3) [m]; None if none was found."""
         longest = _DETOUR * self.arm.length
         if self.answer != "open" and self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
             return None
@@ -131,25 +134,25 @@ class AxisWays(Ways):
 
     @property
     def least(self) -> float:
-        """Length of the short way that was found [m]; 0 if none was found."""
+        """Length of the short axis path that was found [m]; 0 if none was found."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def all_longer_than(self, length: float) -> bool:
-        """Return whether it is proved that every way that is wide enough is longer than a length [m]."""
+        """Return whether it is proved that every wide enough axis path is longer than a length [m]."""
         return self.room > 0.0 and self.search.answer(self.room, length, _DETOUR_CELLS) == "closed"
 
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from surfaces that the widest way keeps, at most `room` [m].
+        """Return an upper bound on the distance from surfaces that any axis path keeps, at most `room` [m].
 
         Args:
-            known: distance from surfaces that the widest known way keeps [m].
+            known: distance from surfaces that the widest known axis path keeps [m].
         """
         if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, _MORE_CELLS) != "closed":
             return self.room
         return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
 
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way; distances from surfaces are only distinguished up to `most` [m]."""
+        """Return the axis path farthest from surfaces, where distances beyond `most` [m] count as equal."""
         length = self.arm.length
         if most > self.room and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)
@@ -159,11 +162,11 @@ class AxisWays(Ways):
         return self.widest_between(low, most, trial)
 
     def widest_between(self, low: float, high: float, trial: float) -> WidestWay:
-        """Return the widest way that is no longer than the arm, by bisection.
+        """Return the axis path farthest from surfaces among those no longer than the arm, by bisection of the distance.
 
         Args:
-            low: distance from surfaces that the widest known way keeps; 0 if no way is known [m].
-            high: upper bound on the distance that the widest way keeps [m].
+            low: distance from surfaces that the widest known path keeps; 0 if no path is known [m].
+            high: upper bound on the distance that any path keeps [m].
             trial: first distance to be tried [m].
         """
         length = self.arm.length
@@ -171,7 +174,7 @@ class AxisWays(Ways):
         while high - low > _FINENESS * self.room:
             more = _MORE_CELLS if low else _FLOOR_CELLS
             answer = self.search.answer(trial, length, more)
-            # Whatever the answer, no way is wider than the widest chain of possibly open cubes.
+            # Whatever the answer, no path is wider than the widest chain of possibly open cubes.
             high = min(high, self.search.widest(trial if answer == "closed" else high, length))
             low = max(low, trial if answer == "open" else 0.0)
             if answer == "not known" or (answer == "closed" and low == 0.0):
@@ -179,14 +182,19 @@ class AxisWays(Ways):
             trial = 0.5 * (low + high)
         closed = low == 0.0 and high <= _LEAST * self.room
         narrow = self.search.narrowest(length)
-        # Ways that were found open stay open, since cubes are only ever split.
+        # A path found through free cubes remains, since cubes are only ever split.
         way = shortest_in(self.search, self.gaps.tree, low) if low else None
         exact = high - low <= _FINENESS * self.room
         walls = beside(self.gaps, narrow, FINEST * max(self.room, 0.0))
         return WidestWay(high, exact, closed, narrow, walls, way=way)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return obstacles whose removal alone opens a way, near a position (3,) or else near the line to the goal."""
+        """Return the obstacles whose removal alone opens an axis path to the goal.
+
+        Args:
+            place: position near which obstacles are tried first, shape (3,) [m].
+            closed: whether only obstacles near the straight line to the goal are tried.
+        """
         if closed:
             return self._closing
         walls = beside(self.gaps, place, FINEST * max(self.room, 0.0))
@@ -197,18 +205,18 @@ class AxisWays(Ways):
 
     @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
     def _without(self, name: str) -> WaySearch | None:
-        """Return the search without one obstacle; None if no way is found without it, or no obstacle has the name."""
+        """Return a search without one obstacle; None if no axis path is found, or no obstacle has the name."""
         workspace = self.problem.workspace.without(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
         search = self._search_in(workspace, SurfaceTree.of(workspace.soup))
         answer = search.answer(self.room, self.arm.length)
-        # An obstacle counts as opening a way only if there was time to find out.
+        # An obstacle counts as opening a path only if there was time to find out.
         return None if answer == "closed" or self.until.passed() else search
 
     @cached_property
     def _closing(self) -> tuple[str, ...]:
-        """Obstacles near the straight line to the goal whose removal alone opens a way, the smallest first."""
+        """Obstacles near the straight line to the goal whose removal alone opens an axis path, the smallest first."""
         straight = np.stack((self.ends.end, self.ends.goal))[None]
         near = sorted(self.gaps.each(straight, self.arm.length), key=lambda each: float(each.gaps[0]))
         opened = self._opened(tuple(each.name for each in near[:_MOST_REMOVED]))
@@ -217,11 +225,11 @@ class AxisWays(Ways):
         return tuple(sorted(opened, key=lambda name: sizes[name]))
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return the deepest point inside an obstacle of the way that opens without the obstacle, shape (3,) [m].
+        """Return the point deepest inside an obstacle on the axis path that exists without it, shape (3,) [m].
 
         Args:
             name: name of the obstacle.
-            place: position that is returned if there is no way without the obstacle, shape (3,) [m].
+            place: position that is returned if there is no path without the obstacle, shape (3,) [m].
         """
         search = self._without(name)
         way = None if search is None else shortest_in(search, search.cells.tree, self.room)
@@ -233,7 +241,7 @@ class AxisWays(Ways):
         return np.asarray(along[int(np.argmax([depth_inside(body, each) for each in along]))])
 
     def length_remedies(self) -> dict[str, float]:
-        """Return the link length up to which every way is known to be closed [m], by the key in the problem file."""
+        """Return the link length up to which no axis path is short enough [m], by its key in the problem file."""
         low = self.arm.length
         high = self.least
         for _ in range(_HALVINGS):
@@ -246,12 +254,12 @@ class AxisWays(Ways):
 
 
 def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray | None:
-    """Return the corners of a short way through cubes far enough from surfaces, shape (m, 3) [m]; None without one.
+    """Return the corners of a short path through cubes away from surfaces, shape (m, 3) [m]; None without one.
 
     Args:
         search: the search, with its cubes.
         tree: surfaces of the scene.
-        room: least distance of every point of the cubes from the surfaces [m].
+        room: distance from the surfaces that every point of the cubes must keep [m].
     """
     cells = search.cells
     start, goal = search.end_cubes()
@@ -284,12 +292,12 @@ def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray
 
 
 def _pulled(tree: SurfaceTree, way: FloatArray, room: float, steps: int) -> FloatArray:
-    """Shorten a way by moving its corners and midpoints towards the line between their neighbours.
+    """Return a path shortened by moving its corners and midpoints towards the line between their neighbours.
 
     Args:
         tree: surfaces of the scene.
-        way: corners of the way, shape (m, 3) [m].
-        room: least distance of the moved parts from the surfaces [m].
+        way: corners of the path, shape (m, 3) [m].
+        room: distance that the moved parts must keep from the surfaces [m].
         steps: number of halvings of a corner's displacement.
     """
     fine = np.empty((2 * len(way) - 1, 3))

@@ -1,8 +1,8 @@
-"""An adaptive decomposition of a box into cubes of many sizes, with a list of the pairs that touch.
+"""An adaptive decomposition of a box into cubes of many sizes, with a list of the pairs of cubes that touch.
 
 No point of a cube is farther than half the diagonal from the centre, so its distance from surfaces differs from that of
-the centre by at most this amount. When a cube is split, its pairs pass to those of its parts that still touch, so no
-neighbour search is ever needed.
+the centre by at most this amount. When a cube is split, its pairs pass to those of the eight parts that still touch, so
+no neighbour search is ever needed.
 """
 
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _UNITS = 2**20
-"""Number of finest units along a first cube; positions are integers in these units, so contact tests are exact."""
+"""Number of smallest units along an unsplit cube; positions are integers in these units, so touching is exact."""
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
-"""Corners of the unit cube, shape (8, 3)."""
+"""Lower corners of the eight parts of a cube, in units of a part, shape (8, 3)."""
 _PARTS = np.array([(a, b) for a in range(8) for b in range(a)])
-"""Pairs of the eight parts of a cube, all of which touch, shape (28, 2)."""
+"""Pairs of indices of the eight parts of a cube, all of which touch each other, shape (28, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +28,10 @@ class CellTree:
     Attributes:
         tree: surfaces of the scene.
         origin: lower corner of the box, shape (3,) [m].
-        first: size of an unsplit cube [m].
+        first: edge length of an unsplit cube [m].
         reach: value at which distances are capped [m].
-        low: lower corners of the cubes in units of the smallest possible cube, shape (n, 3).
-        size: edge lengths of the cubes in the same units, shape (n,).
+        low: lower corners of the n cubes in units of the smallest possible cube, shape (n, 3).
+        size: edge lengths of the cubes in these units, shape (n,).
         gap: distances of the centres from the surfaces, capped at ``reach``, shape (n,) [m].
         pairs: indices of cubes that touch, shape (m, 2).
     """
@@ -47,7 +47,7 @@ class CellTree:
 
     @classmethod
     def over(cls, tree: SurfaceTree, box: FloatArray, cells: int, reach: float) -> "CellTree":
-        """Cover a box with cubes of equal size.
+        """Return cubes of equal size that cover a box.
 
         Args:
             tree: surfaces of the scene.
@@ -96,7 +96,12 @@ class CellTree:
         return np.asarray(self.gap - self.half_diagonals)
 
     def distances_from(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distances [m] of the cubes' centres from the segment between two points (3,), shape (n,)."""
+        """Return the distances of the centres of n cubes from the segment between two points, shape (n,) [m].
+
+        Args:
+            start: one end of the segment, shape (3,) [m].
+            end: the other end, shape (3,) [m].
+        """
         way = end - start
         middles = self.middles
         square = float(way @ way)
@@ -104,7 +109,7 @@ class CellTree:
         return np.asarray(np.linalg.norm(middles - start - share[:, None] * way, axis=1))
 
     def split(self, chosen: BoolArray) -> tuple["CellTree", IntArray]:
-        """Split cubes into eight each; return the new tree and the index of the old cube that each new cube is from.
+        """Split cubes into eight parts each; return the new cubes and the index of the old cube around each.
 
         Args:
             chosen: mask of the cubes to split, shape (n,).
@@ -130,7 +135,7 @@ class CellTree:
 
 
 def _neighbours(numbers: IntArray) -> IntArray:
-    """Return the pairs of cells of a grid that share a side, an edge or a corner, shape (m, 2)."""
+    """Return the index pairs of grid cells that share a face, an edge or a corner, shape (m, 2)."""
     found = []
     for step in product((-1, 0, 1), repeat=3):
         if step <= (0, 0, 0):
@@ -148,11 +153,11 @@ def _inherited_pairs(
 
     Args:
         pairs: pairs of the cubes before the split, shape (m, 2).
-        chosen: mask of the cubes that were split.
-        places: new index of each old cube, or of its first part if the cube was split.
-        before: the cubes before the split.
-        low: lower corners of the new cubes.
-        size: sizes of the new cubes.
+        chosen: mask of the cubes that were split, shape (n,).
+        places: new index of each old cube, or of its first part if the cube was split, shape (n,).
+        before: the n cubes before the split.
+        low: lower corners of the new cubes, in units of the smallest possible cube.
+        size: edge lengths of the new cubes in these units.
     """
     split = chosen[pairs]
     kept = [places[pairs[~split.any(axis=1)]]]
@@ -173,12 +178,12 @@ def _parts_that_touch(
     """Replace one cube of each pair by those of its eight parts that touch the other cube; return pairs, shape (k, 2).
 
     Args:
-        pairs: in the column ``side``, the index of the first of the eight parts; in the other, the other cube's index.
+        pairs: index of the first of the eight parts in the column ``side``, and of the other cube in the other column.
         side: column of the split cubes, 0 or 1.
         low: lower corners of the parts.
-        size: sizes of the parts.
+        size: edge lengths of the parts.
         others_low: lower corners of the other cubes.
-        others_size: sizes of the other cubes.
+        others_size: edge lengths of the other cubes.
     """
     several = np.repeat(pairs, 8, axis=0)
     several[:, side] += np.tile(np.arange(8), len(pairs))

@@ -1,10 +1,11 @@
-"""Necessary conditions of a problem, and the order in which they are checked.
+"""Necessary conditions for a problem to have a plan, and the order in which they are checked.
 
 One check is implemented here: whether the first links can turn from the start to the goal. They have few joints, so all
-their poses can be covered by cells in their bends. A cell is closed if some point of a link is too close to a wall in
-every pose of the cell. If no chain of open cells joins the start to the goal, there is no motion of the first links,
-and hence none of the arm. Self-collision is ignored, and a cell is closed only if its centre is blocked by enough to
-cover the whole cell, so the check never rejects a solvable problem.
+of their poses can be covered by cells in the space of their bends. A cell is closed if some point of a link is too
+close
+to a wall in every pose of the cell. If no chain of open cells joins the start to the goal, there is no motion of the
+first links, and hence none of the arm. Self-collision is ignored, and a cell is closed only if its centre is blocked by
+enough to cover the whole cell, so the check never rejects a solvable problem.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -32,29 +33,29 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 
 _RASTER_CELLS = 200
-"""Cells along a side of the raster of blocked positions, per link. Taste: a hundredth of a link."""
+"""Cells per link along a side of the raster of blocked positions. Taste: a hundredth of a link."""
 
 _SHARES = (0.1, 0.1, 0.3)
-"""Travel of a point within half a cell, as a share of the axis's distance from walls, for one, two and three links.
+"""Travel of a point within half a cell, as a fraction of the axis's distance from walls, for one, two and three links.
 
 Measured with 8 unreachable whole-arm goals among 30 polygons: two links prove 5 in 5 ms, three links 2 more in 0.2 s.
 """
 _MOST_CELLS = 4_000_000
-"""Number of cells above which nothing is proved. Taste: one second, for joints that turn by 90°."""
+"""Number of cells above which the turning check is skipped. Taste: one second, for joints that turn by 90°."""
 _PLACES = 5
 """Number of points tested along a link. Taste: more hardly prove more."""
 _MOST_REMOVED = 4
 """Number of obstacles that are removed one at a time, nearest to the base first. Taste."""
 _BISECTIONS = 5
-"""Number of bisections of the radius that would open the way. Taste: 3 %."""
+"""Number of bisections for the arm radius with which the first links could turn. Taste: 3 %."""
 _ROUNDING = 1e-9
-"""Tolerance of bends [rad] and relative tolerance of lengths. Derived: exceeds all rounding together."""
+"""Tolerance of bends [rad] and relative tolerance of lengths. Derived: exceeds all rounding errors together."""
 
 CellLabels: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
 
 def two_links_turn(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding per whole-arm goal to which the first two links cannot turn from the start, in milliseconds."""
+    """Yield a finding per whole-arm goal to which the first two links cannot turn, within milliseconds."""
     yield from _shut_off(problem, 2)
 
 
@@ -89,7 +90,7 @@ def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class FirstLinkCells:
-    """Cells of the first links' configuration space, which show whether these links can turn between two poses.
+    """Cells in the configuration space of the first links, to decide whether these links can turn between two poses.
 
     Attributes:
         arm: the arm.
@@ -110,18 +111,18 @@ class FirstLinkCells:
 
     @property
     def near(self) -> Workspace:
-        """The workspace with only those walls that the first links can come near."""
+        """The workspace reduced to the walls within reach of the first links."""
         gap = self.arm.radius + self.workspace.clearance
         return self.workspace.near(shapely.Point(self.arm.base), self.reach + gap)
 
     @property
     def useful(self) -> bool:
-        """Whether there are obstacles within reach of the first links and the number of cells is acceptable."""
+        """Whether the check can succeed: obstacles are within reach, and the number of cells is acceptable."""
         return len(self.near.obstacles) > 0 and 0 < int(np.prod(self.counts)) <= _MOST_CELLS
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
-        """Number of cells along the range of each bend."""
+        """Number of cells along the range of each bend, of length `links`."""
         share = _SHARES[self.links - 1]
         gap = self.arm.radius + self.workspace.clearance
         # The end of the last link moves by at most the sum of the rotations of all links, half a cell per joint.
@@ -136,7 +137,7 @@ class FirstLinkCells:
         return np.asarray(2.0 * self.arm.bend_limits[: self.links] / np.array(self.counts))
 
     def joined(self, start: WholePose, goal: WholePose, turns: float = 0.0) -> bool:
-        """Return whether open cells connect two poses within their tolerances; also true if a pose is in contact.
+        """Return whether a chain of open cells connects two poses within tolerances; true if a pose is in contact.
 
         Args:
             start: first pose.
@@ -148,7 +149,7 @@ class FirstLinkCells:
         return not first or not last or bool(first & last)
 
     def _pose_labels(self, pose: WholePose, turns: float) -> set[int]:
-        """Return the labels of the connected components in which a pose may lie; empty if all its cells are closed."""
+        """Return the labels of the connected components in which a pose may lie; empty if all cells are closed."""
         limits = self.arm.bend_limits[: self.links]
         bends = pose.q[: self.links].copy()
         bends[0] += turns
@@ -160,16 +161,16 @@ class FirstLinkCells:
 
     @cached_property
     def pieces(self) -> CellLabels:
-        """Label of each cell's connected component, 0 for closed cells; a shared corner connects cells."""
+        """Label of each cell's connected component, 0 for closed cells; cells are also connected through corners."""
         is_open = np.zeros(self.counts, dtype=bool)
         is_open[tuple(self._open_cells())] = True
         labels, _ = ndimage.label(is_open, structure=np.ones((3,) * self.links))
         return np.asarray(labels, dtype=np.int32)
 
     def _open_cells(self) -> list[IntArray]:
-        """Return the indices of the open cells along every bend, found link by link.
+        """Return the cell indices of all open cells along every bend, found link by link.
 
-        Cells closed for one link are closed for all links beyond it.
+        Cells that are closed for one link are closed for all links beyond.
         """
         arm = self.arm
         link, share = arm.mount_end
@@ -194,7 +195,11 @@ class FirstLinkCells:
         return numbers
 
     def _raster(self, link: int) -> BlockedRaster:
-        """Return the raster of positions of a link's point, at a cell's centre, that mean contact in the whole cell."""
+        """Return a raster of the link positions, at a cell's centre, that mean contact in the whole cell.
+
+        Args:
+            link: index of the link, from 0.
+        """
         half_widths = 0.5 * self.widths[: link + 1]
         moved = self.arm.link_length * float(np.cumsum(half_widths).sum())
         gap = self.radius + self.workspace.clearance - moved - touching_overlap(self.arm)
@@ -204,7 +209,7 @@ class FirstLinkCells:
 
 
 def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: WholePose) -> Finding:
-    """Return the finding that the first links cannot turn to a goal, with changes that would allow them to."""
+    """Return the finding that the first links cannot turn to a goal, with changes that would remove the obstruction."""
     arm = problem.arm
     opening = _opening(cells, start, goal)
     nearest = _by_distance(cells)
@@ -237,14 +242,14 @@ def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: Wh
 
 
 def _by_distance(cells: FirstLinkCells) -> tuple[str, ...]:
-    """Return the names of the obstacles near the first links, the nearest to the base first."""
+    """Return the names of the obstacles within reach of the first links, the nearest to the base first."""
     base = shapely.Point(cells.arm.base)
     walls = sorted(cells.near.obstacles, key=lambda wall: shapely.distance(wall.core, base) - wall.rounding)
     return tuple(wall.name for wall in walls)
 
 
 def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[str, ...]:
-    """Return the obstacles near the base whose removal alone would let the first links turn, the nearest first."""
+    """Return the obstacles whose removal alone would let the first links turn to the goal, the nearest first."""
     names = _by_distance(cells)[:_MOST_REMOVED]
 
     def opened(name: str) -> bool:
@@ -255,7 +260,7 @@ def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[
 
 
 def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float | None:
-    """Return the goal's first bend, a full turn more or less, if the links can turn there [rad]; None otherwise."""
+    """Return the goal's first bend, a full turn more or less, if the links can turn to that bend [rad]; else None."""
     bend = float(goal.q[0])
     for turns in (2.0 * np.pi, -2.0 * np.pi):
         # A bend beyond the limit would lie in no open cell and count as joined.
@@ -266,7 +271,7 @@ def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> flo
 
 
 def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float:
-    """Return the largest radius found with which the first links can turn to the goal [m]; 0 if none."""
+    """Return the largest radius found with which the first links could turn to the goal [m]; 0 if none was found."""
     low = 0.0
     high = cells.radius
     for _ in range(_BISECTIONS):
@@ -280,25 +285,25 @@ def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) ->
 
 
 Check: TypeAlias = Callable[..., Iterator[Finding]]
-"""Function from a problem, and for slow checks a deadline, to the obstructions found."""
+"""Function from a problem, and for slow checks a deadline, to findings on why no plan exists."""
 AT_ONCE: tuple[Check, ...] = (
     *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, supple_enough),
     *(strong_enough, two_links_turn),
 )
-"""Inexpensive checks; before it searches, the planner itself makes the others that it needs."""
+"""Inexpensive necessary checks; the planner itself makes the others that it needs before its search."""
 NECESSARY: tuple[Check, ...] = (
     *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, wide_and_short_enough, supple_enough),
     *(strong_enough, three_links_turn),
 )
 """All necessary checks, the most elementary first."""
 BUT_WAYS = tuple(check for check in NECESSARY if check is not wide_and_short_enough)
-"""All necessary checks but the one that takes long to explain its result."""
+"""All necessary checks except the search for axis paths, which takes long to explain its result."""
 
 
 def failed(
     problem: Problem, checks: tuple[Check, ...] = NECESSARY, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
-    """Return the findings of checks, in the order of the checks.
+    """Return the findings of necessary checks, in the order of the checks.
 
     Args:
         problem: the problem to check.
@@ -310,7 +315,10 @@ def failed(
 
 
 def find_scaled(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) -> tuple[Finding, ...]:
-    """Return the findings of a function in metres; a planar problem is scaled to the arm for the function."""
+    """Return the findings of a function, with lengths in metres.
+
+    A planar problem is passed to the function scaled to an arm of unit length; the findings are scaled back.
+    """
     if problem.dimension == 3:
         return tuple(find(problem))
     units = OwnUnits(problem.arm.length)
@@ -323,11 +331,11 @@ def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]
 
 
 def no_way(problem: Problem, until: Deadline) -> bool:
-    """Return whether there is a goal to which provably no way is both wide and short enough for the arm."""
+    """Return whether it is proved for any goal that no path of the arm's axis is wide and short enough."""
     scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
     return any_way_closed(scaled, until)
 
 
 def hopeless(problem: Problem, until: Deadline) -> bool:
-    """Return whether any necessary check proves that there is no plan; much faster than finding out the cause."""
+    """Return whether any necessary check proves that there is no plan; much faster than finding the cause."""
     return any(finding.proved for finding in failed(problem, BUT_WAYS, until)) or no_way(problem, until)

@@ -19,7 +19,7 @@ from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 _TOUCHING = 1e-6
-"""Overlap that counts as touching in a proof, and allowance for every passage, as a share of the arm's length.
+"""Overlap that proofs do not count as contact, and that every passage is widened by, as a fraction of the arm's length.
 
 Derived: of the order of the verifier's tolerances, and above all rounding.
 """
@@ -34,7 +34,7 @@ def contact_at_poses(problem: Problem) -> Iterator[Finding]:
 
 
 def contact_at_tips(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding for every obstacle that the tip touches at a tip goal, deepest first."""
+    """Yield a finding per obstacle that the tip, or the last link, touches at a tip goal, deepest first."""
     gaps = gaps_of(problem.workspace)
     for place in tip_places(problem):
         yield from _deepest_first(_touched_by_tip(problem, gaps, place))
@@ -45,12 +45,12 @@ def _deepest_first(findings: Iterator[Finding]) -> list[Finding]:
 
 
 def touching_overlap(arm: Arm) -> float:
-    """Return the overlap that a proof still allows [m]: touching and rounding errors do not count as contact."""
+    """Return the overlap that proofs do not count as contact [m], to allow for touching and rounding errors."""
     return _TOUCHING * arm.length
 
 
 def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:
-    """Yield a finding for every obstacle that the arm touches in a pose, at the link with the greatest overlap."""
+    """Yield a finding per obstacle that the arm touches in a pose, at the link with the greatest overlap."""
     arm = problem.arm
     first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
     if not len(segments):
@@ -65,7 +65,7 @@ def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator
 
 
 def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
-    """Yield a finding for every obstacle that the tip touches even if it uses the goal's tolerances.
+    """Yield a finding per obstacle that the tip touches wherever in the goal's tolerances it is.
 
     If the goal has a direction, the whole last link is checked.
     """
@@ -90,7 +90,7 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
 
 
 def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
-    """Return the finding of one contact, with the radius and the clearance that would just resolve the contact.
+    """Return the finding of one contact, with the radius and the clearance with which there would just be no contact.
 
     Args:
         problem: the problem.
@@ -133,7 +133,7 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
 
 
 def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
-    """Yield a finding for the two non-adjacent links that overlap most, if any do."""
+    """Yield a finding for the pair of non-adjacent links that overlap most in a pose, if any do."""
     i, j = arm.self_pairs
     if len(i) == 0:
         return
@@ -159,7 +159,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
 
 
 def strong_enough(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding for every required pose that a joint is too weak to hold; only for arms with a fixed base."""
+    """Yield a finding per required pose that a joint is too weak to hold; only for arms with a fixed base."""
     torque = problem.limits.torque
     # A guide tube carries part of the load, so fed arms are not checked.
     if torque is None or problem.arm.base_axes:
@@ -181,7 +181,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
-    """Return upper bounds [N m] on how much a pose's tolerances can lower each revolute's load, shape (3 links,)."""
+    """Return bounds on the decrease of each revolute's load within a pose's tolerances, (3 * links,) [N m]."""
     arm = problem.arm
     play = pose.link_play(arm)
     weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
@@ -197,13 +197,13 @@ def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
 
 
 def overloaded(problem: Problem, reason: str, number: int, load: float) -> Finding:
-    """Return the finding that a joint cannot hold the arm in one pose; the finding is not marked as a proof.
+    """Return the finding, not marked as a proof, that a joint is too weak to hold the arm in one pose.
 
     Args:
         problem: the problem.
         reason: text that states joint, pose, load and limit.
-        number: index of the revolute.
-        load: torque that the revolute needs [N m].
+        number: index of the revolute joint.
+        load: torque that the joint needs [N m].
     """
     limits = problem.limits.torque
     limit = np.inf if limits is None else float(limits[number])

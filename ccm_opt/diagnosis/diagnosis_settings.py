@@ -1,4 +1,4 @@
-"""Settings of the explanation of failures: how long changed problems are tried."""
+"""Time limits for explaining failures by solving changed problems."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -6,13 +6,14 @@ from functools import partial
 
 @dataclass(frozen=True)
 class TrialSettings:
-    """Time limits of the trial solves of changed problems.
+    """Time limits of trials, in which changed problems are solved to see whether a change helps.
 
     Attributes:
         longest_try: CPU time limit of one trial [s]. Taste.
         longest_further_try: CPU time limit of one trial once a helpful change is known [s]. Taste.
-        longest_search: CPU time limit of causes and trials together, counted from when a reason is known [s]. Taste:
-            users who wait for changes already have the reason.
+        longest_search: CPU time limit of causes and trials together, counted from when a cause is known [s]. Taste:
+            users
+            who wait for changes already have the cause.
         patience: CPU time after which no new trial starts once a helpful change is known [s]. Taste.
     """
 
@@ -24,7 +25,7 @@ class TrialSettings:
 
 @dataclass(frozen=True)
 class DiagnosisSettings:
-    """Settings of the explanation of failures.
+    """Settings for explaining why a problem has no plan.
 
     Attributes:
         trials: time limits of trial solves for problems in the plane.

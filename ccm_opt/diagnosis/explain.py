@@ -22,19 +22,19 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.narrow_gates import nearest_walls
 
 _THOUSAND = (100.0, 10000.0)
-"""Least and greatest ratio of two lengths that suggests metres mixed with millimetres.
+"""Range of the ratio of two lengths that suggests metres mixed with millimetres, as least and greatest value.
 
-Taste: in the same unit, such lengths mostly differ by at most a factor of ten.
+Taste: in a common unit, such lengths mostly differ by at most a factor of ten.
 """
 _THICK = (1.0, 1000.0)
-"""The same for the ratio of a radius or clearance to the arm's length.
+"""Range of the ratio of a radius or clearance to the arm's length that suggests metres mixed with millimetres.
 
 Derived: arms are about ten to a thousand times as long as either.
 """
 _SMALL_WORKSPACE = 0.01
-"""Size of the room, as a share of the arm's length, below which the room looks wrong. Taste."""
+"""Size of the room, as a fraction of the arm's length, below which its unit looks wrong. Taste."""
 _GUESSED = ("too stiff",)
-"""Kinds of findings that, where they are not proved, rest on one way that was found, and on no bound of all ways."""
+"""Kinds of findings that, unless proved, rest on one axis path that was found, and on no bound for all paths."""
 _MOST_FAILED = 4
 """Largest number of reported changes that did not help. Taste."""
 _HARDLY_BENDS = 1.5707963267948966
@@ -42,12 +42,12 @@ _HARDLY_BENDS = 1.5707963267948966
 
 
 def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """Return the likely but unproved obstructions that are found before a deadline, the tightest first."""
+    """Return likely but unproved obstructions found before a deadline, the tightest first."""
     return find_scaled(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding, from the violated constraints, if the shortest route's curve has no goal configuration."""
+    """Yield a finding with the violated constraints if the curve on the shortest route has no goal configuration."""
     if problem.arm.base_axes or problem.dimension == 3:
         return
     try:
@@ -63,7 +63,7 @@ def _curve(problem: Problem) -> Iterator[Finding]:
 
 
 def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
-    """Return a finding on the NLP's violated constraints: their names, arc lengths, positions and the nearest walls."""
+    """Return a finding on a nonlinear program's violated constraints, with their positions and nearest walls."""
     rows = error.diagnosis.evidence.get("rows")
     places = [tuple(row["place"]) for row in rows] if isinstance(rows, list) else []
     walls = tuple(dict.fromkeys(nearest_walls(problem.workspace, np.array(place), 1)[0] for place in places))
@@ -78,7 +78,7 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
 
 
 def unit_hints(problem: Problem) -> tuple[str, ...]:
-    """Return advice on quantities whose unit looks wrong; usually none.
+    """Return advice on quantities of a problem whose unit looks wrong; usually none.
 
     Lengths that are off by about a factor of a thousand, and joint limits that look like radians, are suspicious.
     """
@@ -116,14 +116,14 @@ def _hints(problem: Problem) -> Iterator[str]:
 
 
 _ADVISED_STEPS = (0.0, 0.25, 0.6, 1.0)
-"""Steps beyond the bound, as shares of the bound, at which changes are tested by the necessary checks alone.
+"""Steps beyond a bound, as fractions of the bound, at which changes are tested by the necessary checks alone.
 
-They are used when every trial solve failed. Taste.
+Such tests replace trial solves if every trial solve failed. Taste.
 """
 
 
 def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
-    """Return a planning error with the findings that prove that there is no plan, if any; no changes are tried."""
+    """Return a planning error extended by findings that prove that there is no plan, if any; tries no changes."""
     old = error.diagnosis
     findings = old.findings or ranked(failed(problem))
     reason = findings[0].reason if findings and not old.findings else old.reason
@@ -131,7 +131,7 @@ def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
 
 
 def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
-    """Return a planning error extended by all known causes and by the changes with which the problem was solved.
+    """Return a planning error extended by all known causes and by the changes with which the problem could be solved.
 
     Args:
         problem: the problem without a plan.
@@ -166,7 +166,7 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
 
 
 def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
-    """Return a finding on the joint that is too weak to hold the arm on the path, if timing failed for that reason."""
+    """Return a finding on the joint that is too weak to hold the arm, if timing failed for that reason."""
     evidence = error.diagnosis.evidence
     number, torque = (evidence.get(name) for name in ("revolute", "torque"))
     if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
@@ -178,13 +178,13 @@ def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
 def _diagnosis(
     old: Diagnosis, findings: tuple[Finding, ...], solved: tuple[Relaxation, ...], advice: tuple[str, ...]
 ) -> Diagnosis:
-    """Return a diagnosis extended by findings, solved changes and advice; a proof replaces its reason."""
+    """Return a diagnosis extended by findings, solved changes and advice; a proved cause replaces the reason."""
     reason = findings[0].reason if binding(findings[:1]) else old.reason
     return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
 
 
 def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) -> tuple[str, ...]:
-    """Return advice on the least changes that are known to be necessary, for problems without a successful trial solve.
+    """Return advice on the least changes known to be necessary, for problems without a successful trial solve.
 
     Changes that the necessary checks prove to be insufficient are left out.
     """
@@ -208,7 +208,7 @@ def _least_with_hope(
     bound: float,
     until: Deadline,
 ) -> float | None:
-    """Return the tried value nearest to the bound that passes the necessary checks; None if no value does."""
+    """Return the tried value nearest to a parameter's bound that passes the necessary checks; None if none does."""
     beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in _ADVISED_STEPS)
     for tried in candidate.tried or beyond:
         value = candidate.rounded(problem, tried)
@@ -218,14 +218,14 @@ def _least_with_hope(
 
 
 FEW_OBSTACLES = 30
-"""Number of obstacles up to which those that close the ways are found in half a second.
+"""Number of obstacles up to which those that close all axis paths are found in half a second.
 
 Measured: 0.02 s per test, and about thirty tests.
 """
 
 
 def refuse_impossible(problem: Problem) -> None:
-    """Reject a problem if an inexpensive check proves that it has no plan.
+    """Raise an error if an inexpensive check proves that a problem has no plan.
 
     Raises:
         UnreachableGoal: there is no plan; carries the findings.
@@ -234,13 +234,14 @@ def refuse_impossible(problem: Problem) -> None:
 
 
 def refuse_hopeless(problem: Problem) -> None:
-    """Reject a problem as soon as any necessary check proves that it has no plan.
+    """Raise an error as soon as any necessary check proves that a problem has no plan.
 
-    In space, or among many obstacles, the obstacles that close the ways are determined later, with the explanation.
+    In space, or among many obstacles, the obstacles that close all axis paths are determined later, with the
+    explanation.
 
     Raises:
-        UnreachableGoal: there is no plan; carries the findings, except where all ways are closed and finding the cause
-            would take long.
+        UnreachableGoal: there is no plan; carries the findings, except where all axis paths are closed and finding the
+            cause would take long.
     """
     at_once = problem.dimension == 2 and len(problem.workspace.obstacles) <= FEW_OBSTACLES
     refuse(ranked(failed(problem, NECESSARY if at_once else BUT_WAYS)))
@@ -249,7 +250,7 @@ def refuse_hopeless(problem: Problem) -> None:
 
 
 def refuse_closed(problem: Problem) -> None:
-    """Reject a problem if any necessary check proves that it has no plan, with full findings.
+    """Raise an error with full findings if any necessary check proves that a problem has no plan.
 
     Raises:
         UnreachableGoal: there is no plan; carries the findings.

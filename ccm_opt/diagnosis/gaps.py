@@ -1,4 +1,4 @@
-"""Distances of segments from every obstacle: from walls in the plane, from surfaces in space."""
+"""Distances of segments from every obstacle of a workspace: from walls in the plane, from surfaces in space."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,9 +16,9 @@ from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, Workspace
 
 _SAMPLES = np.linspace(0.0, 1.0, 9)
-"""Positions along a segment at which its depth in a body is measured; in between it is hardly deeper."""
+"""Positions along a segment, as fractions, at which its depth in a body is measured; in between it is hardly deeper."""
 _STEP = 2e-3
-"""Spacing of the points of an axis at which its depth in a polygon is measured [m]."""
+"""Spacing of the points of the arm's axis at which its depth in a polygon is measured [m]."""
 _BESIDE = 1.3
 """Multiple of the nearest obstacle's distance up to which obstacles count as near a position. Taste."""
 _FAR = 1e9
@@ -27,7 +27,7 @@ _MOST_BESIDE = 3
 """Largest number of obstacles that are reported as near a position. Taste."""
 
 _FIRST_STEP = 0.1
-"""First step of an axis away from a position, as a share of the distance that it must keep. Taste."""
+"""First displacement from a position, as a fraction of the distance that must be kept. Taste."""
 
 WORKSPACE_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
 """Names of the walls of the room, which cannot be removed."""
@@ -35,12 +35,12 @@ WORKSPACE_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
 
 @dataclass(frozen=True)
 class ObstacleGap:
-    """Distances of segments from one obstacle.
+    """Distances of k segments from one obstacle.
 
     Attributes:
         name: name of the obstacle, or of the workspace boundary.
-        gaps: distances of the segments from the obstacle, negative depths for segments inside, shape (k,) [m].
-        places: position of the greatest depth or least distance for each segment, shape (k, d) [m].
+        gaps: distances of the segments from the obstacle, or negative depths for segments inside, shape (k,) [m].
+        places: position of the greatest depth or least distance on each segment, shape (k, d) [m].
         error: largest distance by which the surfaces used extend beyond the obstacle itself [m].
         outside: whether the obstacle is the workspace boundary and a segment reaches out of the workspace.
     """
@@ -59,14 +59,14 @@ class Gaps(Protocol):
         """Return the distances of segments (k, 2, d) from the nearest obstacle, capped at `reach`, shape (k,) [m]."""
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each obstacle or boundary nearer than `reach` [m] to any of the segments (k, 2, d)."""
+        """Yield the gaps to each obstacle or boundary nearer than `reach` [m] to any of k segments (k, 2, d)."""
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each obstacle or boundary nearer than `need` [m] by more than rounding errors."""
+        """Yield the gaps to each obstacle or boundary that is nearer than `need` [m] by more than rounding errors."""
 
 
 def gaps_of(workspace: Workspace) -> Gaps:
-    """Return the distances from all obstacles of a workspace."""
+    """Return the object that computes distances from all obstacles of a workspace."""
     return WallGaps(workspace) if workspace.dimension == 2 else SurfaceGaps(workspace)
 
 
@@ -75,7 +75,7 @@ def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
 
     Args:
         gaps: distances from the obstacles of the workspace.
-        place: position, shape (d,) [m].
+        place: the position, shape (d,) [m].
         least: difference of distances that always counts as small [m].
     """
     point = np.stack((place, place))[None]
@@ -85,11 +85,11 @@ def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
 
 
 def depth_beyond(gaps: Gaps, place: FloatArray, direction: FloatArray, room: float, most: float) -> float:
-    """Return how far an axis may be moved from a position in a direction [m].
+    """Return the distance by which the arm's axis may be moved from a position in a direction [m].
 
     Args:
         gaps: distances from the obstacles of the workspace.
-        place: position, shape (d,) [m].
+        place: the position, shape (d,) [m].
         direction: unit vector, shape (d,).
         room: distance that must be kept from all obstacles [m].
         most: largest displacement considered [m].
@@ -135,7 +135,7 @@ class WallGaps:
         return self.each(segments, need - ROUNDING)
 
     def _from_wall(self, wall: Obstacle, lines: Any) -> ObstacleGap:
-        """Return the gaps to one wall; inside a polygon or outside the workspace, they are negative depths."""
+        """Return the gaps to one wall, which are negative depths inside a polygon or outside the workspace."""
         gaps = shapely.distance(lines, wall.core) - wall.rounding
         of_clearance = wall.name == BOUNDARY_NAME
         room = self.workspace.boundary
@@ -158,7 +158,7 @@ class WallGaps:
 
 
 def _lines(segments: FloatArray) -> Any:
-    """Convert segments (k, 2, 2) to lines, or to points where their length is zero; geometries of shape (k,)."""
+    """Convert segments (k, 2, 2) to line geometries, or to points where the length is zero, shape (k,)."""
     stand = np.all(segments[:, 0] == segments[:, 1], axis=1)
     lines: Any = shapely.linestrings(segments)
     points: Any = shapely.points(segments[:, 0])
@@ -217,7 +217,7 @@ class SurfaceGaps:
 
 
 def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> ObstacleGap:
-    """Return the gaps to one obstacle; inside the obstacle, they are negative depths."""
+    """Return the gaps of segments to one obstacle, which are negative depths inside the obstacle."""
     body = obstacle.body
     tree = SurfaceTree.of(TriangleSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
     near = tree.nearest(segments, reach)

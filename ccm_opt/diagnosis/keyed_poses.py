@@ -1,4 +1,4 @@
-"""Goals and poses of a problem, with their names in messages and their keys in the problem file."""
+"""Goals and required poses of a problem, with their names in messages and their keys in the problem file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ GoalT = TypeVar("GoalT")
 
 @dataclass(frozen=True)
 class KeyedGoal(Generic[GoalT]):
-    """A goal, for the tip or the whole arm, with its name and key.
+    """A goal, for the tip or the whole arm, with its name in messages and its key in the problem file.
 
     Attributes:
         name: name of the goal in messages.
@@ -31,11 +31,11 @@ class KeyedGoal(Generic[GoalT]):
 
 
 TipPlace: TypeAlias = KeyedGoal[TipGoal]
-"""A goal for the tip alone."""
+"""A goal for the tip alone, with its name in messages and its key in the problem file."""
 
 
 def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
-    """Yield all goals of a problem in order, with their names and keys."""
+    """Yield all goals of a problem in order, with their names in messages and keys in the problem file."""
     goals = (*problem.stops, Stop(problem.goal, problem.tolerances))
     for k, stop in enumerate(goals):
         several = len(goals) > 1
@@ -44,12 +44,12 @@ def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
 
 
 def tip_goal(problem: Problem) -> TipGoal | None:
-    """Return the last goal of a problem if it is for the tip, None if it is for the whole arm."""
+    """Return the last goal of a problem if that goal is for the tip; None if it is for the whole arm."""
     return problem.goal.for_tip
 
 
 def tip_places(problem: Problem) -> Iterator[TipPlace]:
-    """Yield every goal of a problem that is for the tip, not for the whole arm."""
+    """Yield every goal of a problem that is for the tip, with its name and key."""
     for asked in keyed_goals(problem):
         if asked.goal.for_tip:
             yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal.for_tip, asked.tolerances)
@@ -63,8 +63,9 @@ class WholePose:
         name: name of the pose in messages.
         key: key of the pose in the problem file.
         q: configuration, shape (c,) [rad, m].
-        bend_play: tolerance of each bend [rad]; infinite if the pose is a curve, which other mappings may realise with
-            other bends.
+        bend_play: tolerance of each bend [rad]; infinite if the pose is a curve, since another mapping from curve to
+            joints
+            may give other bends.
         base_play: tolerance of the base's position on its axis [m].
     """
 
@@ -75,20 +76,20 @@ class WholePose:
     base_play: float = 0.0
 
     def turn_play(self, arm: Arm) -> FloatArray:
-        """Return the largest rotation of each link within the tolerances of the pose, shape (links,) [rad]."""
+        """Return bounds on the rotation of each link within the tolerances of the pose, shape (links,) [rad]."""
         # A link is rotated by all bends before it, and their angles at most add up.
         bends = arm.coordinates.bends_a_joint * np.arange(1.0, arm.links + 1.0)
         return np.asarray(np.minimum(self.bend_play * bends, np.pi))
 
     def link_play(self, arm: Arm) -> FloatArray:
-        """Return the largest displacement of any point of each link within the tolerances, shape (links,) [m]."""
-        # The rotations of all links up to link j add up at its end; each moves a direction by its chord.
+        """Return bounds on the displacement of each link within the tolerances of the pose, shape (links,) [m]."""
+        # The displacements of all links up to link j add up at its end; a rotation moves a link by at most its chord.
         chords = 2.0 * np.sin(0.5 * self.turn_play(arm))
         return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
 
 
 def whole_poses(problem: Problem) -> Iterator[WholePose]:
-    """Yield the start, then every goal for the whole arm."""
+    """Yield the start pose of a problem, then the pose of every whole-arm goal, with names, keys and tolerances."""
     arm = problem.arm
     yield WholePose("the start", "start", problem.start.configuration(arm))
     for asked in keyed_goals(problem):

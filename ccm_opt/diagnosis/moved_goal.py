@@ -1,4 +1,4 @@
-"""Changes of an unreachable goal: moved or turned to where it can be reached, or with requirements left out."""
+"""Changes of an unreachable goal: moved or turned to where the arm can reach it, or with requirements left out."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,35 +25,35 @@ from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
 
 _NEAR = 4.0
-"""Half the side of the grid around the goal in space, as a multiple of radius and clearance. Taste."""
+"""Half the side of the cube searched around the goal in space, as a multiple of radius plus clearance. Taste."""
 _STRETCH = 0.99
-"""Share of its length to which the arm can be expected to stretch. Taste."""
+"""Fraction of its length that an arm can be expected to reach. Taste."""
 _TURN_STEP = 0.03490658503988659
-"""Step between tested directions [rad]. Taste: 2°."""
+"""Angular step between tested directions [rad]. Taste: 2°."""
 _STEPS = (0.045, 0.3, 1.0)
-"""How far the goal is moved or turned beyond the nearest admissible position or direction.
+"""Displacements of the goal beyond the nearest admissible position or direction, as fractions.
 
-For positions, the steps are shares of the displacement or of the arm's length, whichever is less; for directions, of
-the rotation. Taste: a pose that is free for the last link may not be for the preceding links.
+For positions they are fractions of the displacement or of the arm's length, whichever is less; for directions, of the
+rotation. Taste: a pose that is free for the last link may not be for the preceding links.
 """
 _CELL = 0.02
-"""Grid spacing for positions, used where the nearest is hopeless, as a share of the arm's length. Taste."""
+"""Spacing of the grid of positions tried in the plane, as a fraction of the arm's length. Taste."""
 _MOST_LOOKED_AT = 200
-"""Number of positions that are tested. Taste: about 5 ms each."""
+"""Largest number of positions that are tested. Taste: about 5 ms each."""
 _MOST_PLACES = 60
-"""Number of positions of a planar grid, spread over all of it. Taste: about 10 ms each."""
+"""Largest number of tested positions of a planar grid, spread over the grid. Taste: about 10 ms each."""
 _LINK_SAMPLES = 5
-"""Number of points along the last link that must be free. Taste."""
+"""Number of points along the last link, with its ends, that must be free. Taste."""
 _CELLS = 20_000
-"""Number of cells of each grid in space, one around the goal and one over the arm's reach. Taste."""
+"""Number of cells of each of two grids in space: around the goal, and over the arm's reach. Taste."""
 _APART = 0.2
-"""Least spacing of tested positions in space, as a share of their distance from the goal. Taste."""
+"""Least spacing of tested positions in space, as a fraction of their distance from the goal. Taste."""
 _AROUND = 6
-"""Number of axes about which a direction in space is turned by an angle. Taste."""
+"""Number of directions, evenly around a direction in space, towards which that direction is turned. Taste."""
 _LONGEST_LOOK = 3.0
-"""CPU time limits of the searches for a position and for a direction [s]. Taste."""
+"""CPU time limit of the search for a position, and of that for a direction [s]. Taste."""
 _DECIMALS = 4
-"""Decimals of a direction's reported components; the direction is then off by at most a hundredth of a degree."""
+"""Decimals of the components of a reported direction, which is then off by at most a hundredth of a degree."""
 
 
 def moved_goals(
@@ -61,9 +61,9 @@ def moved_goals(
     findings: tuple[Finding, ...],
     until: Deadline,
 ) -> Iterator[Parameter]:
-    """Yield parameters that turn the goal's direction, or move its position, such that the goal may become reachable.
+    """Yield changes of the tip goal, turned in direction or moved in position, that may make the goal reachable.
 
-    At most one parameter of each kind is yielded, and none for problems with a whole-arm goal or several goals.
+    At most one change of each kind is yielded, and none for problems with a whole-arm goal or several goals.
 
     Args:
         problem: the problem.
@@ -93,9 +93,9 @@ def moved_goals(
 
 # ------------------------------------------------------------ directions
 def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArray | None:
-    """Return the direction (d,) nearest to the goal's in which the last link is free of contact and within bend limits.
+    """Return the direction nearest to the goal's with which the last link is free and bend limits are kept, shape (d,).
 
-    Return None if there is no such direction, or if the goal's own direction is allowed.
+    The result is None if there is no such direction, or if the goal's own direction is allowed.
     """
     wanted = goal.direction
     if wanted is None:
@@ -120,7 +120,7 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
 
 
 def _all_across(wanted: FloatArray) -> FloatArray:
-    """Return unit vectors perpendicular to a direction, evenly around it, shape (k, d)."""
+    """Return unit vectors perpendicular to a direction (d,), evenly spread around that direction, shape (k, d)."""
     if len(wanted) == 2:
         left = np.array([-wanted[1], wanted[0]])
         return np.stack((left, -left))
@@ -130,7 +130,7 @@ def _all_across(wanted: FloatArray) -> FloatArray:
 
 
 def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
-    """Return the unit vector perpendicular to one direction that points towards another; any if both are parallel."""
+    """Return the unit vector perpendicular to `wanted` that points towards `taken`; any one if both are parallel."""
     across = taken - (taken @ wanted) * wanted
     length = float(np.linalg.norm(across))
     if length > ROUNDING:
@@ -141,9 +141,9 @@ def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
 
 
 def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
-    """Return the parameter that turns the goal's direction towards the direction of the last link in a pose.
+    """Return a parameter that turns the goal's direction towards that of the last link in a given configuration.
 
-    Return None if the goal has no direction, or if the last link's direction is within the goal's tolerance.
+    The result is None if the goal has no direction, or if the last link's direction is within the goal's tolerance.
 
     Args:
         problem: the problem.
@@ -158,7 +158,7 @@ def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
 
 
 def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tuple[float, ...]) -> Parameter:
-    """Return the parameter that turns the goal's direction by an angle towards another direction (d,).
+    """Return a parameter, an angle by which the goal's direction is turned towards another direction.
 
     Args:
         goal: a goal with a direction.
@@ -224,7 +224,7 @@ def _may_be_due_to_direction(finding: Finding) -> bool:
 
 # ------------------------------------------------------------ places
 def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: bool) -> Parameter:
-    """Return the parameter that moves the goal by a distance towards a position.
+    """Return a parameter, a distance by which the goal is moved towards a position.
 
     Args:
         problem: the problem.
@@ -299,7 +299,7 @@ def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, 
 
 
 def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
-    """Return the region of tip positions that the walls around the last link and the arm's length permit."""
+    """Return the region of tip positions that walls around the last link and the length of a planar arm permit."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     room = problem.workspace.boundary.buffer(-need)
@@ -325,7 +325,7 @@ def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
 
 
 def _clear_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
-    """Yield well-separated grid positions in space where the tip has clearance, the nearest to the goal first."""
+    """Yield well-separated grid positions in space with clearance for the tip, the nearest to the goal first."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     gaps = SurfaceGaps(problem.workspace)
@@ -357,7 +357,7 @@ def _clear_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
 
 
 def _clear_of_walls(gaps: SurfaceGaps, box: FloatArray, need: float) -> FloatArray:
-    """Return the centres of the grid cells in a box that keep a distance from all surfaces, shape (k, 3) [m]."""
+    """Return the centres of those grid cells in a box that keep a distance from all surfaces, shape (k, 3) [m]."""
     sides = box[1] - box[0]
     # The sides of a flat box are enlarged, so that it has few cells rather than tiny ones.
     sides = np.maximum(sides, float(np.max(sides)) / _CELLS ** (1.0 / 3.0))

@@ -1,4 +1,4 @@
-"""Parameters of a problem that may be relaxed, one at a time: how each is read, changed and reported."""
+"""Values of a problem that may be relaxed, one at a time, and how each is read, changed and reported."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,17 +15,20 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 Read = Callable[[Any], float]
-"""Function that reads a number of a problem, in the plane or in space."""
+"""Function that reads a number from a problem, in the plane or in space."""
 Write = Callable[[Any, float], Any]
 """Function that returns a problem with a number replaced."""
 
 
 _FIGURES = 4
-"""Significant digits of a reported value, which is rounded to the easier side before it is solved. Taste."""
+"""Significant digits of a reported value, which is rounded to the easier side before the problem is solved. Taste."""
 _BOUNDS_MARGIN = 0.02
-"""Margin beyond radius and clearance when bounds are widened, as a share of the arm's length. Taste."""
+"""Margin beyond radius and clearance when bounds are widened, as a fraction of the arm's length. Taste."""
 _FAR = 0.05
-"""Relative distance from its bound above which a value is reported with the bound: more than the first step."""
+"""Relative distance from its bound above which a value is reported together with the bound.
+
+Derived: more than the first step beyond the bound that is tried.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class Parameter:
         scale: returns the factor from a value to the unit of ``words``.
         fits: returns whether the parameter can be changed in a problem.
         unit: returns the factor from a value to SI units; 1 except for values that are fractions.
-        whole: reference for the size of a change; the given value if None.
-        bound: value that must at least be reached, as far as is known; None if the findings provide this bound.
+        whole: reference for the relative size of a change; the given value if None.
+        bound: value that must at least be reached, as far as is known; None if findings provide the bound.
         tried: values to be tried in turn, the least change first; None for steps beyond the bound.
         paths_stay: whether a path found for one value also connects start and goal for other values.
     """
@@ -61,7 +64,7 @@ class Parameter:
     paths_stay: bool = True
 
     def rounded(self, problem: Problem, value: float) -> float:
-        """Return a value rounded in its reported unit to the easier side, so that it is reported as solved."""
+        """Return a value rounded in its reported unit to the easier side, so that what is reported is solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
             return 0.0
@@ -72,11 +75,11 @@ class Parameter:
         return float(count / 10.0**digits / self.scale(problem))
 
     def requirement(self, problem: Problem, value: float) -> str:
-        """Return the text that the value must be at least, or at most, a given value."""
+        """Return text saying that the value must be at least, or at most, a given value."""
         return self.words(problem, value).replace("?", "≥" if self.easier > 0 else "≤", 1)
 
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
-        """Return the relaxation to report for a problem that was solved with a value.
+        """Return the relaxation to report for a problem that was solved with a changed value.
 
         Args:
             problem: the original problem.
@@ -95,7 +98,7 @@ class Parameter:
 
 
 def _with_radius(problem: Problem, radius: float) -> Problem:
-    """Return the problem with another radius of the arm.
+    """Return a problem with another radius of the arm.
 
     A mount whose length equals the radius changes with the radius; inertias of solid cylinders are recomputed.
     """
@@ -105,7 +108,7 @@ def _with_radius(problem: Problem, radius: float) -> Problem:
 
 
 def _as_cylinders(old: Arm, new: Arm) -> Arm:
-    """Return the new arm with inertias of solid cylinders if the old arm has such inertias."""
+    """Return the new arm, with inertias of solid cylinders if those of the old arm are such."""
     given = (old.inertia_axial, old.inertia_transverse)
     if new.radius <= 0.0 or not all(map(np.allclose, given, _cylinder_inertia(old))):
         return new
@@ -136,7 +139,7 @@ def _with_mass(problem: Problem, share: float) -> Problem:
 
 
 def _uniform(values: FloatArray | None) -> float:
-    """Return the common value of an array; 1 if values differ or are missing, so that factors are reported."""
+    """Return the common value of an array; 1 if values differ or there are none, so that factors are reported."""
     return 1.0 if values is None or np.ptp(values) else float(values[0])
 
 
@@ -158,7 +161,7 @@ def _per_file_unit(problem: Problem) -> float:
 
 
 def _no_curves(problem: Problem) -> bool:
-    """Return whether neither start nor goal is a curve; a curve's length would have to change with the arm's."""
+    """Return whether neither start nor goal is a curve, whose length would have to change with the arm's."""
     return not any(getattr(end, "curve", None) for end in (problem.start, problem.goal))
 
 
@@ -235,12 +238,12 @@ MASS = Parameter(
     lambda p: _uniform(p.arm.masses),
 )
 PARAMETERS = (RADIUS, CLEARANCE, FEED_RANGE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
-"""All parameters, in the order in which they are tried if nothing else decides."""
+"""All parameters that may be relaxed, in the order in which they are tried if nothing else decides."""
 
 
 @dataclass(frozen=True)
 class WholeChange:
-    """A change that is made completely or not at all, such as omitting an obstacle or widening the workspace.
+    """A change of a problem that is made completely or not at all, such as omitting an obstacle.
 
     Attributes:
         words: description to report.
@@ -248,8 +251,8 @@ class WholeChange:
         value: name of the obstacle or value concerned, or None.
         changed: returns the problem with the change.
         term: name of a user-defined constraint or cost that is dropped as well; usually empty.
-        part: returns a parameter for a smaller change, given the problem and the configuration, shape (c,), in which
-            the changed problem's plan ends; None if no smaller change is known.
+        part: returns a parameter for a smaller change, given the problem and the final configuration, shape (c,), of
+            the plan for the changed problem; None if no smaller change is known.
     """
 
     words: str
@@ -260,12 +263,12 @@ class WholeChange:
     part: Callable[[Any, FloatArray], Parameter | None] = lambda *_: None
 
     def relaxation(self) -> Relaxation:
-        """Return the relaxation to report if the problem was solved with the change."""
+        """Return the relaxation to report if the problem was solved with this change."""
         return Relaxation(self.words, self.key, self.value)
 
 
 def without_obstacle(name: str) -> WholeChange:
-    """Return the change that removes one obstacle."""
+    """Return the change that removes the obstacle with a given name."""
     return WholeChange(
         f"obstacle '{name}' removed",
         "workspace.obstacles",
@@ -275,14 +278,14 @@ def without_obstacle(name: str) -> WholeChange:
 
 
 def without_term(name: str, kind: str) -> WholeChange:
-    """Return the change that drops one user-defined constraint or cost."""
+    """Return the change that drops the user-defined constraint or cost with a given name."""
     return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
 
 
 def larger_bounds(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
     """Return the change that widens the workspace's bounds to contain the start and the goals.
 
-    Return None unless all findings are contacts with the sides of a box-shaped workspace.
+    The result is None unless all findings are contacts with the sides of a box-shaped workspace.
 
     Args:
         problem: the problem.

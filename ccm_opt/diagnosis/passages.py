@@ -1,7 +1,7 @@
-"""Ways for the axis of an arm in the plane, and passages that are too narrow for it.
+"""Paths for the axis of an arm in the plane, and passages that are too narrow for the arm.
 
-A shortest way among polygons is a polyline whose inner vertices are reflex corners of free space (Lozano-Pérez and
-Wesley, 1979). A completed search over these corners therefore proves that there is no shorter way.
+A shortest path among polygons is a polyline whose inner vertices are reflex corners of free space (Lozano-Pérez and
+Wesley, 1979). A completed search over these corners therefore proves that there is no shorter path.
 """
 
 import heapq
@@ -26,34 +26,34 @@ from ccm_opt.scene.narrow_gates import nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 
 _FINENESS = 1e-3
-"""Relative accuracy of the widest inflation. Taste."""
+"""Relative accuracy of the largest inflation of obstacles that leaves an axis path open. Taste."""
 _ARC_SIDES = 12
 """Number of sides per quarter circle; inscribed arcs lose 0.2 % of their radius. Taste."""
 _MOST_REMOVED = 16
 """Number of obstacles that are removed one at a time, nearest to the narrow passage first. Taste."""
 _BEYOND = 1.01
-"""Inflation that closes the narrowest passage of the widest way, as a multiple of the inflation that just passes.
+"""Inflation of obstacles that closes the narrowest passage, as a multiple of the largest inflation that leaves it open.
 
-Taste: ten times the fineness.
+Taste: ten times the relative accuracy of that inflation.
 """
 _MOST_CORNERS = 2000
-"""Largest number of corners of free space for which the shortest way is proved. Taste."""
+"""Largest number of corners of free space for which the shortest axis path is proved. Taste."""
 
 
 def shortest_way(
     space: shapely.Polygon, start: FloatArray, goal: FloatArray, longest: float, most_corners: int
 ) -> float | None:
-    """Return the length of the shortest way through free space [m], capped at ``longest``.
+    """Return the length of the shortest path through planar free space [m], capped at ``longest``.
 
     Args:
         space: connected piece of free space, with its holes.
-        start: start of the way, shape (2,) [m].
-        goal: end of the way, shape (2,) [m].
-        longest: greatest length of ways that are searched for [m].
+        start: start of the path, shape (2,) [m].
+        goal: end of the path, shape (2,) [m].
+        longest: greatest length of paths that are searched for [m].
         most_corners: maximum number of corners to search.
 
     Returns:
-        The length; None if more than ``most_corners`` corners may lie on a way.
+        The length; None if more than ``most_corners`` corners may lie on a path.
     """
     # Free space is slightly widened, so that rounding may open ways but never closes one.
     wide = mitred(space, ROUNDING)
@@ -92,7 +92,7 @@ def shortest_way(
 
 
 def _reflex_corners(polygon: shapely.Polygon) -> FloatArray:
-    """Return the corners, shape (m, 2) [m], where the free interior of a polygon with holes has an angle above π."""
+    """Return the corners of a polygon with holes whose interior angle exceeds π, shape (m, 2) [m]."""
     oriented = shapely.geometry.polygon.orient(polygon)
     found = [np.zeros((0, 2))]
     for ring in (oriented.exterior, *oriented.interiors):
@@ -106,11 +106,11 @@ def _reflex_corners(polygon: shapely.Polygon) -> FloatArray:
 
 @dataclass(frozen=True)
 class WideSpace(FreeSpace):
-    """Free space of the arm's axis, with discs for the mount at the base and for the goal's tolerance added.
+    """Free space of the arm's axis, enlarged by discs for the mount at the base and for the goal's tolerance.
 
     Attributes:
         base: base of the arm, shape (2,) [m].
-        mount: length of the arm from the base that may touch obstacles [m].
+        mount: length of the part of the arm, from the base, that may touch obstacles [m].
         goal: goal position of the tip, shape (2,) [m].
         tolerance: tolerance of the goal's position [m].
     """
@@ -122,7 +122,7 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
-        """Polygons that together contain the whole exact free space."""
+        """Polygons that together contain the exact free space."""
         # Inscribed arcs make obstacles slightly smaller than they are; discs around the ends are circumscribed.
         room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=_ARC_SIDES)
         grown = [
@@ -131,8 +131,8 @@ class WideSpace(FreeSpace):
         ]
         free = shapely.difference(room, shapely.union_all(grown))
         # The mount may be inside a wall, and the tip anywhere within its tolerance. Both discs are added whole, even
-        # where they leave the room. Any point of the tolerance is then joined with its centre by a straight way, and a
-        # way that ends too far from the centre also ends too far from every such point.
+        # where they leave the room. Any point of the tolerance is then joined with its centre by a straight line, and a
+        # path that ends too far from the centre also ends too far from every such point.
         whole = shapely.union_all([free, _disc(self.base, self.mount), _disc(self.goal, self.tolerance)])
         polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]
         space = shapely.MultiPolygon([part for part in polygons if part.area > 1e-12])
@@ -141,14 +141,14 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def components_of_ends(self) -> tuple[shapely.Polygon, shapely.Polygon]:
-        """The connected pieces of free space that contain the base and the goal, or are nearest to them."""
+        """Connected components of free space that contain, or are nearest to, the base and the goal."""
         parts = shapely.get_parts(self.polygons)
         nearest = [int(np.argmin(shapely.distance(parts, shapely.Point(end)))) for end in (self.base, self.goal)]
         return parts[nearest[0]], parts[nearest[1]]
 
     @property
     def connected(self) -> bool:
-        """Whether base and goal lie in the same connected component of free space."""
+        """Whether base and goal lie in one connected component of free space."""
         if self.polygons.is_empty:
             return False
         start, end = self.components_of_ends
@@ -156,16 +156,16 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def shortest(self) -> float:
-        """Length of a short way from the base to the goal's tolerance [m]; infinite if none was found."""
+        """Length of a short axis path from the base to the tolerance of the goal [m]; infinite if none was found."""
         if not self.connected:
             return np.inf
         found = self.routes(self.base, self.goal, 1)
         return max(found[0].length - self.tolerance, 0.0) if found else np.inf
 
     def shortest_proved(self, longest: float, most_corners: int) -> float | None:
-        """Return the proved length of the shortest way to the goal's tolerance, at most ``longest`` [m].
+        """Return the proved length of the shortest axis path to the tolerance of the goal, at most ``longest`` [m].
 
-        None is returned if there are more than ``most_corners`` corners to search.
+        The result is None if there are more than ``most_corners`` corners to search.
         """
         if not self.connected:
             return longest
@@ -175,7 +175,7 @@ class WideSpace(FreeSpace):
 
 
 def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
-    """Return a polygon that contains a disc."""
+    """Return a polygon that contains a disc with a given centre (2,) and radius [m]."""
     # A disc needs a positive radius to have an outline.
     wide = max(radius, SHORTEST) / np.cos(np.pi / (4 * _ARC_SIDES))
     disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=_ARC_SIDES)
@@ -183,7 +183,7 @@ def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
 
 
 def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
-    """Yield a ``PassageWays`` per tip goal, for ways from the base or from the hole of the guide tube."""
+    """Yield a ``PassageWays`` per tip goal: the axis paths to it from the base, or from the hole of the guide tube."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is not None:
@@ -191,10 +191,11 @@ def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
 
 
 def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
-    """Return the problem of a fully fed arm's part beyond the hole, with a fixed base at the hole and one tip goal.
+    """Return a problem for the part of a fully fed arm beyond its guide tube, with a fixed base and one tip goal.
 
-    The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is outside passes through the
-    hole, and the arm reaches beyond it only as far as the range of its feed allows.
+    The fixed base is at the hole, the end of the tube. The tube holds the arm straight up to the hole, so the axis of
+    an arm whose tip is outside passes through the hole, and the arm reaches beyond it only as far as the range of its
+    feed allows.
 
     Args:
         problem: a problem of an arm with a feed axis.
@@ -225,10 +226,10 @@ def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
 
 @dataclass(frozen=True)
 class PassageWays(Ways):
-    """Ways in the plane from the base, or from the hole of the guide tube, to the tolerance of a goal.
+    """Axis paths in the plane from the base, or from the hole of the guide tube, to the tolerance of a goal.
 
     Attributes:
-        fixed: the problem; for a fed arm, that of its part beyond the hole.
+        fixed: the problem; for a fed arm, that of the part of the arm beyond the hole.
     """
 
     shortest_is_proved = True
@@ -237,7 +238,7 @@ class PassageWays(Ways):
 
     @property
     def arm(self) -> Arm:
-        """The arm, or for a fed arm the part that reaches beyond the hole."""
+        """The arm; for a fed arm, the part that reaches beyond the hole of the guide tube."""
         return self.fixed.arm
 
     @cached_property
@@ -247,57 +248,57 @@ class PassageWays(Ways):
 
     @property
     def room(self) -> float:
-        """Distance that the axis must keep from walls [m]."""
+        """Distance that the arm's axis must keep from walls [m]."""
         return self.problem.arm.radius + self.problem.workspace.clearance
 
     @cached_property
     def space(self) -> WideSpace:
-        """Free space with the arm's own width, in the unchanged workspace."""
+        """Free space for an axis with the arm's own radius and clearance, in the unchanged workspace."""
         return self.at(self.room)
 
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
-        """Return the free space for another inflation of the walls, or in another workspace."""
+        """Return the free space for another inflation of the walls [m], or in another workspace."""
         arm = self.arm
-        # Touching is allowed, so a passage exactly as wide as the arm is open.
+        # Touching is allowed, so a passage exactly as wide as the arm is open to it.
         kept = max(inflation - touching_overlap(arm), SHORTEST)
         ends = (self.place.goal.position, self.place.tolerances.position)
         return WideSpace(workspace or self.problem.workspace, kept, arm.base, arm.mount_length, *ends)
 
     @property
     def closed(self) -> bool:
-        """Whether it is proved that no way is wide and short enough."""
+        """Whether it is proved that no axis path is wide and short enough for the arm."""
         return not self.space.connected or self.least > self.arm.length + touching_overlap(self.arm)
 
     @property
     def closed_to_short_arms(self) -> bool:
-        """Whether ways may be closed only because the arm is too short."""
+        """Whether axis paths may be closed only because the arm is too short."""
         return self.space.connected
 
     @cached_property
     def shortest(self) -> FloatArray | None:
-        """Corners of a taut way that is wide enough, shape (m, 2) [m]; None if there is no such way."""
+        """Corners of a locally shortest axis path that is wide enough, shape (m, 2) [m]; None if there is none."""
         found = self.space.routes(self.arm.base, self.place.goal.position, 1) if self.space.connected else ()
         return found[0].taut if found else None
 
     @cached_property
     def least(self) -> float:
-        """Length of the shortest way to the goal's tolerance [m] if provably longer than the arm; 0 otherwise."""
+        """Length of the shortest axis path, to the edge of the tolerance, if proved longer than the arm [m]; else 0."""
         found = self.space.shortest
         if not self.arm.length < found < np.inf:
             return 0.0
         return self.space.shortest_proved(found, _MOST_CORNERS) or 0.0
 
     def all_longer_than(self, length: float) -> bool:
-        """Return whether it is proved that every way that is wide enough is longer than a length [m]."""
+        """Return whether it is proved that every wide enough axis path is longer than a length [m]."""
         found = self.space.shortest
         proved = self.space.shortest_proved(found, _MOST_CORNERS) if length < found < np.inf else None
         return proved is not None and proved > length
 
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from walls that the widest way keeps, at most `room` [m].
+        """Return an upper bound on the distance from walls that any axis path keeps, at most `room` [m].
 
         Args:
-            known: distance from walls that the widest known way keeps [m].
+            known: distance from walls that the widest known axis path keeps [m].
         """
         # Near the hole of a guide tube, the arm may be closer to walls.
         if self.problem.arm.base_axes or self.space.connected:
@@ -305,7 +306,7 @@ class PassageWays(Ways):
         return max(self._largest(self.room, lambda inflation: self.at(inflation).connected), known)
 
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way; distances from walls are only distinguished up to `most` [m]."""
+        """Return the axis path farthest from walls, where distances beyond `most` [m] count as equal."""
         of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
         within = self._largest(of_any, self._short_enough) if of_any else 0.0
         place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
@@ -317,12 +318,12 @@ class PassageWays(Ways):
         return self.at(inflation).shortest <= self.arm.length
 
     def _largest(self, high: float, holds: Callable[[float], bool]) -> float:
-        """Return the largest inflation up to ``high`` that satisfies a monotone condition, 0 if none does [m]."""
+        """Return the largest inflation up to ``high`` that satisfies a monotone condition [m]; 0 if none does."""
         if holds(high):
             return high
         if not holds(SHORTEST):
             return 0.0
-        # A way that is open to an arm is open to every thinner one, so bisection finds the largest inflation.
+        # A path that is open to an arm is open to every thinner one, so bisection finds the largest inflation.
         low = SHORTEST
         while high - low > _FINENESS * high:
             middle = 0.5 * (low + high)
@@ -333,10 +334,7 @@ class PassageWays(Ways):
         return low
 
     def _missing_link(self, space: WideSpace) -> FloatArray:
-        """Return the midpoint of the shortest gap between the components of free space that contain base and goal.
-
-        The midpoint has shape (2,) [m].
-        """
+        """Return the midpoint of the shortest gap between the components at base and goal, shape (2,) [m]."""
         if space.polygons.is_empty:
             return np.asarray(0.5 * (self.arm.base + self.place.goal.position))
         return np.asarray(shapely.get_coordinates(shapely.shortest_line(*space.components_of_ends)).mean(axis=0))
@@ -349,7 +347,7 @@ class PassageWays(Ways):
         return (first,) if inside else (first, *others)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return the obstacles whose removal alone opens a way, the nearest to a position (2,) first."""
+        """Return the obstacles whose removal alone opens an axis path, the nearest to a position (2,) first."""
         del closed
         workspace = self.problem.workspace
         gaps = [shapely.distance(each.core, shapely.Point(place)) - each.rounding for each in workspace.obstacles]
@@ -357,12 +355,12 @@ class PassageWays(Ways):
         return tuple(
             name
             for name in near
-            # An obstacle counts as opening a way only if there was time to find out.
+            # An obstacle counts as opening a path only if there was time to find out.
             if not self.until.passed() and self.at(self.room, workspace.without(name)).shortest <= self.arm.length
         )
 
     def length_remedies(self) -> dict[str, float]:
-        """Return, by key, the parameter values that would suffice if all ways are too long for the arm [m]."""
+        """Return, by key, the parameter values with which a too short arm would be long enough [m]."""
         asked = self.problem.arm
         lacking = self.least - self.arm.length
         bounds = {"arm.link_length": (asked.length + lacking) / asked.links}

@@ -1,4 +1,4 @@
-"""Upper bound on the gap of any motion, from its start, its goals, and the passages on every way."""
+"""Upper bound on the gap of any motion for a problem, from start, goals, and the passages of all axis paths."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,10 +17,13 @@ from ccm_opt.problem.solution import ClearanceRecord, PossibleGap
 def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
     """Return an upper bound on the least gap of every motion that ends exactly at its goals.
 
-    The gap of a motion is at most the gap at its start, at a whole-arm goal, and, for a tip goal, that of the
-    tip or the last link there. At the end, the arm reaches from base to goal, so the gap is also at most that of
-    the widest way between the two. This covers ways of every homotopy class and arms with links short enough to follow
-    a way exactly, so no motion may attain the bound.
+    The gap of a motion is at most the gap at its start, at a whole-arm goal, and, for a tip goal, that of the tip or
+    the
+    last link there. At the end, the arm reaches from base to goal, so the gap is also at most that of the widest path
+    for
+    the arm's axis between the two. Paths of every homotopy class count, and arms with links short enough to follow a
+    path
+    exactly, so no motion may attain the bound.
 
     Args:
         problem: the problem.
@@ -28,8 +31,8 @@ def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
             above which gaps are not measured.
 
     Returns:
-        The bound, capped at the preferred clearance if there is one, and its cause; None if all prescribed poses
-        are farther from all obstacles than the record measures.
+        The bound, capped at the preferred clearance if there is one, and its cause; None if all prescribed poses are
+        farther from all obstacles than the record measures.
     """
     bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
     bounds += [PossibleGap(gap, "goal") for gap in _goal_gaps(problem, room)]
@@ -42,7 +45,7 @@ def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
     workspace: Any = problem.workspace
     grown: Any = replace(problem, workspace=replace(workspace, clearance=workspace.clearance + asked))
     for ways in tip_ways(grown, Deadline.never()):
-        # The plan's own axis is a way for an arm that needs no gap.
+        # In the plan's final pose, the arm's axis is a path that keeps radius plus clearance.
         kept = max(ways.room - asked, 0.0)
         widest = max(ways.bound(kept) - kept, 0.0)
         if widest < least.value:
@@ -51,9 +54,10 @@ def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
 
 
 def _goal_gaps(problem: Problem, room: ClearanceRecord) -> Iterator[float]:
-    """Yield the gap at every goal [m].
+    """Yield the gap at every goal of a problem [m].
 
-    The gap is measured for the whole arm; for a tip goal, for the last link if there is a direction, else for the tip.
+    The gap is that of the whole arm; for a tip goal, that of the last link if there is a direction, else that of the
+    tip.
     """
     gaps = gaps_of(problem.workspace)
     kept = problem.arm.radius + problem.workspace.clearance

@@ -1,4 +1,4 @@
-"""Order of findings, the errors made from them, and words for their parts."""
+"""Order in which findings are reported, the errors raised with findings, and text for their parts."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ REPAIRED_KINDS = {
     "limits.torque": ("torque",),
     "arm.link_mass": ("torque",),
 }
-"""Kinds of findings that relaxing a parameter may resolve, by the parameter's key."""
+"""Kinds of findings that relaxing a parameter may remove, by the key of the parameter."""
 
 
 def ranked(
@@ -40,7 +40,7 @@ def ranked(
     relaxations: tuple[Relaxation, ...] = (),
     most: int = _FINDINGS,
 ) -> tuple[Finding, ...]:
-    """Return findings in order of importance: proved ones, then those resolved by the smallest change, then the others.
+    """Return findings by importance: proved ones, then those removed by the smallest change, then the others.
 
     Args:
         findings: findings in any order.
@@ -62,20 +62,20 @@ def ranked(
 
 
 def refuse(findings: tuple[Finding, ...]) -> None:
-    """Raise an error if any finding is proved, with the first finding as the reason.
+    """Raise an error with the first finding as the reason, if any finding proves that there is no plan.
 
     Args:
         findings: ranked findings of the necessary checks.
 
     Raises:
-        UnreachableGoal: some finding is proved; carries all findings.
+        UnreachableGoal: a finding is proved; the error carries all findings.
     """
     if any(finding.proved for finding in findings):
         raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
 
 
 def closed_off(problem: Problem) -> UnreachableGoal:
-    """Return the error that no way to the goal is wide and short enough, without the obstacles that close the ways."""
+    """Return the error that no axis path is wide and short enough, without naming the obstructing obstacles."""
     length = "the arm reaches" if problem.arm.base_axes else f"its length of {long_length(problem.arm.length)}"
     reason = (
         f"no way to the goal is wide enough for the arm, with {diameter_words(problem)}, and no longer than {length}"
@@ -84,7 +84,7 @@ def closed_off(problem: Problem) -> UnreachableGoal:
 
 
 def diameter_words(problem: Problem) -> str:
-    """Return the diameter that has to fit through a gap, with its clearance, as text."""
+    """Return text for the diameter, with clearance, that has to fit through a gap."""
     words = f"diameter {short_length(2.0 * problem.arm.radius)}"
     clearance = problem.workspace.clearance
     if not clearance:
@@ -94,7 +94,7 @@ def diameter_words(problem: Problem) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Return the text of an angle [rad] in degrees."""
+    """Return text for an angle [rad] in degrees."""
     return f"{np.rad2deg(angle):.1f}°"
 
 
@@ -104,6 +104,6 @@ def point(place: FloatArray) -> tuple[float, ...]:
 
 
 def listed(names: tuple[str, ...]) -> str:
-    """Return the quoted names of walls as one phrase: 'a', 'b' and 'c'."""
+    """Return the quoted names of walls as one phrase, such as "'a', 'b' and 'c'"."""
     quoted = [f"'{name}'" for name in names]
     return " and ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(quoted) > 1 else "".join(quoted)

@@ -1,4 +1,4 @@
-"""Checks whether an arm can reach its goals by length and joint limits alone, regardless of obstacles."""
+"""Checks of whether length and joint limits alone let an arm reach its goals, regardless of obstacles."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DIRECTIONS = 1000
-"""Number of directions over the sphere along which the shortfall of an arm is evaluated. Taste: 6° apart."""
+"""Number of directions over the sphere along which the arm's shortfall is evaluated. Taste: 6° apart."""
 _REFINEMENTS = 8
-"""Number of refinements around the worst direction, each at half the spacing. Taste: to a tenth of a degree."""
+"""Number of refinements around the direction of greatest shortfall, each at half the spacing. Taste: to 0.1°."""
 _DIRECTIONS_NEAR = 50
-"""Number of directions per refinement. Taste."""
+"""Number of directions evaluated per refinement. Taste."""
 
 
 def within_reach(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding for every tip goal that is farther from all positions of the base than the arm is long."""
+    """Yield a finding per tip goal that is farther from all positions of the base than the arm is long."""
     arm = problem.arm
     for place in tip_places(problem):
         goal = place.goal.position
@@ -48,7 +48,7 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
 
 
 def nearest_base(arm: Arm, place: FloatArray) -> FloatArray:
-    """Return the position of the base that is nearest to a point (d,), shape (d,) [m]."""
+    """Return the position of the base on its axis that is nearest to a point (d,), shape (d,) [m]."""
     low, high = arm.base_range
     along = float(np.clip((place - arm.base) @ arm.direction, low, high))
     return np.asarray(arm.base + along * arm.direction)
@@ -73,7 +73,7 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
 
 
 def within_joint_limits(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding for every required pose in which a bend is beyond its limit."""
+    """Yield a finding per required pose in which a bend is beyond its limit."""
     arm = problem.arm
     limits = arm.bend_limits
     a_joint = arm.coordinates.bends_a_joint
@@ -98,7 +98,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
 
 
 def supple_enough(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding for every tip goal that the joint limits put out of reach."""
+    """Yield a finding per tip goal that the joint limits put out of reach."""
     arm = problem.arm
     for place in tip_places(problem):
         turned = list(_turned_far_enough(arm, place))
@@ -111,11 +111,13 @@ def supple_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def most_turn(arm: Arm, limit: float) -> float:
-    """Return the largest angle [rad] between consecutive links if each bend of a joint has a given limit [rad].
+    """Return the largest angle between consecutive links if each bend of their joint has a given limit [rad].
 
-    With two bends, the next link points along (cos a cos b, sin a cos b, −sin b) in the frame of the preceding one, so
-    the angle is arccos (cos a cos b). For limits up to a right angle, it is largest with both bends at the limit;
-    beyond, with one of them zero.
+    With two bends a and b, the next link points along (cos a cos b, sin a cos b, −sin b) in the frame of the preceding
+    link,
+    so the angle is arccos (cos a cos b). For limits up to a right angle, it is largest with both bends at the limit;
+    beyond,
+    with one of them zero.
     """
     if arm.coordinates.bends_a_joint > 1 and limit <= 0.5 * np.pi:
         return float(np.arccos(np.cos(limit) ** 2))
@@ -123,7 +125,7 @@ def most_turn(arm: Arm, limit: float) -> float:
 
 
 def least_limit(arm: Arm, turn: float) -> float:
-    """Return the least limit of each bend with which a joint can turn by an angle [rad]."""
+    """Return the least limit of each bend with which a joint can turn by an angle [rad]; inverts ``most_turn``."""
     if arm.coordinates.bends_a_joint > 1 and turn <= 0.5 * np.pi:
         return float(np.arccos(np.sqrt(np.cos(turn))))
     return turn
@@ -133,8 +135,8 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     """Yield a finding if the goal, or its direction, requires more turning than all joints together allow.
 
     The directions of the links form a chain on the unit sphere whose steps are the joint angles, and the direction from
-    base to tip is a positive combination of them. A chain shorter than π lies within half its length of its middle, in
-    a convex cap, so the direction from base to tip is no farther than the chain's length from either end.
+    base to tip is a positive combination of these directions. A chain shorter than π lies within half its length of its
+    midpoint, in a convex cap, so the direction from base to tip is no farther than the chain's length from either end.
     """
     towards = place.goal.position - arm.base
     distance = float(np.linalg.norm(towards))
@@ -156,7 +158,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def angle_between(one: FloatArray, other: FloatArray) -> float:
-    """Return the angle between two directions of any length [rad]."""
+    """Return the angle between two vectors of any length [rad]."""
     one = one / np.linalg.norm(one)
     other = other / np.linalg.norm(other)
     return 2.0 * float(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
@@ -192,7 +194,7 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
 
 
 def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """Yield a finding if the goal is nearer to the base than the tightest planar arc can bring the tip.
+    """Yield a finding if the goal is nearer to the base than the tip can come with all bends at their limits.
 
     The bound is Schur's theorem for polygons.
     """
@@ -218,8 +220,8 @@ def least_chord(links: int, length: float, bend: float) -> float:
     """Return the least distance from base to tip of a chain of equal links with limited bends [m].
 
     Of all chains of equal links with bends of at most ``bend``, the regular arc has the shortest chord, as long as arc
-    and chord together are convex, n bend ≤ 2π (Cauchy's arm lemma; Schur's theorem for curves). Its length is
-    l sin(n bend / 2) / sin(bend / 2).
+    and chord together are convex, n bend ≤ 2π (Cauchy's arm lemma; Schur's theorem for curves). The length of this
+    chord is l sin(n bend / 2) / sin(bend / 2).
 
     Args:
         links: number of links n.
@@ -233,7 +235,7 @@ def least_chord(links: int, length: float, bend: float) -> float:
 
 @dataclass(frozen=True)
 class TurnCaps:
-    """Cones, around the base's and the goal's directions, of the directions that links can have.
+    """Bounds on an arm's extent from cones, around the base's and the goal's directions, of link directions.
 
     Attributes:
         arm: the arm.
@@ -246,9 +248,9 @@ class TurnCaps:
     def farthest(self, ways: FloatArray) -> FloatArray:
         """Return upper bounds on the arm's extent from base to tip along directions (k, d), shape (k,) [m].
 
-        The direction of link i differs from the base's by at most the turns of the joints up to it, and from the tip's
-        by at most those of the joints beyond it. Along w it thus extends by at most l times the cosine of the angle by
-        which w is outside these two cones, the larger of the two.
+        The direction of link i differs from the base's by at most the angles of the joints up to link i, and from the
+        tip's by at most those of the joints beyond. It thus lies in two cones, and along w the link of length l extends
+        by at most l cos β, where β is the larger of the angles by which w is outside the cones.
         """
         arm = self.arm
         turn = most_turn(arm, arm.joint_limit)
@@ -260,14 +262,14 @@ class TurnCaps:
         return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
 
     def missing(self, ways: FloatArray) -> FloatArray:
-        """Return the arm's shortfall from the goal along directions, for the best base position, shape (k,) [m]."""
+        """Return the arm's shortfall from the goal along directions (k, d), for the best base position, (k,) [m]."""
         arm = self.arm
         ends = arm.base + np.outer(arm.base_range, arm.direction)
         needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
         return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
 
     def worst(self) -> tuple[float, FloatArray]:
-        """Return the arm's greatest shortfall found over all directions [m], and the direction (d,) where it occurs."""
+        """Return the greatest shortfall found over all directions [m], and the direction (d,) in which it occurs."""
         dimension = self.arm.dimension
         ways = spread_directions(_DIRECTIONS, dimension)
         best = ways[int(np.argmax(self.missing(ways)))]
@@ -287,12 +289,12 @@ def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def spread_directions(count: int, dimension: int) -> FloatArray:
-    """Return unit vectors of shape (k, d), spread evenly over the sphere or, with equal spacing, over the circle.
+    """Return unit vectors spread evenly over the circle or the sphere, shape (k, d).
 
-    On the sphere, they lie on a golden-ratio spiral.
+    On the circle they have equal angles; on the sphere they lie on a golden-ratio spiral.
 
     Args:
-        count: number of directions on the sphere.
+        count: number of directions on the sphere; on the circle, fewer have a similar spacing.
         dimension: 2 for the circle, 3 for the sphere.
     """
     if dimension == 2:
@@ -306,7 +308,7 @@ def spread_directions(count: int, dimension: int) -> FloatArray:
 
 
 def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """Yield a finding if the goal lies outside the convex hull of the tip positions that the joint limits allow."""
+    """Yield a finding if the goal lies outside the convex hull of the tip positions that joint limits allow."""
     missing, way = TurnCaps(arm, place).worst()
     if missing <= touching_overlap(arm):
         return
@@ -325,7 +327,7 @@ def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def _limits_that_reach(arm: Arm, place: TipPlace, way: FloatArray) -> dict[str, float]:
-    """Return, by key, the least value of each arm parameter with which the arm reaches far enough along a direction.
+    """Return, by key, the least value of each arm parameter with which the arm reaches the goal along a direction (d,).
 
     Parameters that cannot remove the shortfall alone are left out.
     """

@@ -1,4 +1,4 @@
-"""Search for the least change of a problem with which it can be solved."""
+"""Search for the least change of a problem without a plan with which the problem can be solved."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,35 +25,38 @@ from ccm_opt.diagnosis.parameters import (
 from ccm_opt.problem import Problem
 
 _STEPS = (0.045, 0.1, 0.2, 0.4)
-"""Steps beyond its bound at which a parameter is tried, as shares of the bound, until a trial succeeds. Taste."""
+"""Steps beyond its bound at which a parameter is tried, as fractions of the bound, until one succeeds. Taste."""
 _CLOSE = 0.048
 """Relative width of the bracket between failed and successful values at which bisection ends.
 
 Derived: slightly more than the first step relative to the value there, so a success at the first step is accepted.
 """
 _LEAST_TIME = 0.05
-"""Least remaining time with which a trial is started [s]. Taste."""
+"""Least remaining time for which a trial is started [s]. Taste."""
 _ENOUGH = 4
-"""Number of reported relaxations. Taste."""
+"""Number of successful changes after which the search ends. Taste."""
 
 _GUESSED_STEPS = (0.1, 0.25, 0.5)
-"""Steps from the given value, used if no bound is known. Taste."""
+"""Steps from the given value at which a parameter without a known bound is tried, as fractions. Taste."""
 _TRY_SHARE = 0.5
-"""Share of the remaining time that one trial may use. Taste."""
+"""Fraction of the remaining time that one trial may use. Taste."""
 _MOST_DROPPED = 3
-"""Number of user-defined constraints and costs that are dropped, each in its own trial. Taste."""
+"""Largest number of user-defined constraints and costs that are dropped, each in its own trial. Taste."""
 _MOST_OMITTED = 2
-"""Number of obstacles that are removed, each in its own trial. Taste."""
+"""Largest number of obstacles that are removed, each in its own trial. Taste."""
 
 Solve: TypeAlias = Callable[..., object]
 """Function that plans, times and verifies a problem, optionally without a user-defined term of a given name.
 
-It raises if there is no plan; its result is opaque to this module.
+The function raises an error if there is no plan; its result is opaque to this module.
 """
 CERTAIN = frozenset(("torque", "contact", "joint limit"))
-"""Kinds of findings measured on a pose or path; if not proved, other poses within tolerance may be free of them."""
+"""Kinds of findings measured on a single pose or motion.
+
+If such a finding is not proved, other poses within the tolerances may be free of it.
+"""
 HoldAgain: TypeAlias = Callable[[Any, object], object]
-"""Function that times and verifies the plan of one problem as a plan for another, or raises."""
+"""Function that times and verifies the plan of one problem as a plan for another, or raises an error."""
 
 
 def _never_holds(problem: Problem, plan: object) -> object:
@@ -62,16 +65,16 @@ def _never_holds(problem: Problem, plan: object) -> object:
 
 @dataclass(frozen=True)
 class Trials:
-    """Solves changed problems, each within a fraction of the remaining time.
+    """Trials in which changed problems are solved, each within a fraction of the remaining time.
 
     Attributes:
         solve: solves a problem, optionally without one of the terms; raises an error if there is no plan.
         until: deadline of all trials.
         terms: kind and name of each user-defined constraint and cost, the most likely obstruction first.
         hold_again: verifies whether the plan of one problem also solves another.
-        begun: CPU time of this process at which the time for reasons and changes starts [s].
-        tell: receives the description of every change before the trial, the time spent so far, and the time limit [s].
-        ended: returns the configuration in which a plan ends, shape (c,).
+        begun: CPU time of this process at which the time for causes and changes starts [s].
+        tell: receives the description of every change before its trial, the time spent so far, and the time limit [s].
+        ended: returns the final configuration of a plan, shape (c,).
         settings: time limits.
         plans: plans of the successful trials, in order.
         failed: description of the last failed change, by the change's key, or by its description if it has no key.
@@ -96,7 +99,7 @@ class Trials:
     def succeeds(
         self, problem: Problem, words: str, dropped: str = "", *, key: str = "", hurried: bool = False
     ) -> bool:
-        """Return whether a changed problem is solved within its part of the time.
+        """Return whether a changed problem is solved within the time limit of one trial.
 
         Args:
             problem: the changed problem.
@@ -107,7 +110,7 @@ class Trials:
         """
         settings = self.settings
         longest = settings.longest_further_try if hurried else settings.longest_try
-        # Only a share of the remaining time, so that several changes can be tried.
+        # Only a fraction of the remaining time, so that several changes can be tried.
         limit = min(_TRY_SHARE * self.until.left, longest)
         if limit < _LEAST_TIME:
             return False
@@ -122,7 +125,7 @@ class Trials:
         return True
 
     def holds(self, problem: Problem) -> bool:
-        """Return whether the last plan also solves this problem, without planning again."""
+        """Return whether the plan of the last successful trial also solves a problem, without planning again."""
         try:
             self.hold_again(problem, self.plans[-1])
         except (NoPlanFound, VerificationError, ProblemError):
@@ -131,18 +134,18 @@ class Trials:
 
 
 def _in_haste(problem: Problem, limit: float) -> Problem:
-    """Return the problem with a time limit [s] and without options that only improve motions."""
+    """Return a problem with a time limit [s] and without options that only improve motions."""
     # An arm that is barely strong enough may need the optimised motion.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
-    """Yield changes that each make the problem solvable by themselves, the most promising first.
+    """Yield changes each of which alone makes a problem solvable, the most promising first.
 
     Args:
         problem: the problem without a plan.
-        findings: the known obstructions; proved ones, or else those measured on a pose or path, must all be resolved.
+        findings: known obstructions; proved ones, or else those measured on a pose or motion, must all be removed.
         trials: solves changed problems.
     """
     certain = binding(findings)
@@ -166,7 +169,7 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
 
 
 def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *, hurried: bool) -> Relaxation | None:
-    """Return a change that solves the problem, or a smaller part that suffices; None if the change does not help."""
+    """Return a change that solves a problem, or a smaller part that suffices; None if the change does not help."""
     if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
@@ -177,7 +180,7 @@ def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *
 
 
 def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the findings that any change must resolve: proved ones, or else those measured on a pose or path."""
+    """Return the findings that any change must remove: proved ones, or else those measured on a pose or motion."""
     proved = tuple(finding for finding in findings if finding.proved)
     return proved or tuple(finding for finding in findings if finding.kind in CERTAIN)
 
@@ -188,7 +191,7 @@ def candidates(
     until: Deadline,
     most_omitted: int = _MOST_OMITTED,
 ) -> Iterator[Parameter | WholeChange]:
-    """Yield changes that may resolve all binding findings, or else all likely ones, the most promising first.
+    """Yield changes that may remove all binding findings, or else all likely ones, the most promising first.
 
     Args:
         problem: the problem without a plan.
@@ -218,14 +221,14 @@ def candidates(
 
 
 def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
-    """Return the obstacles whose removal may resolve all proved, or else all likely, findings; never the boundary."""
+    """Return obstacles whose removal may resolve all proved findings, or else likely ones; never the boundary."""
     names = [name for finding in proved or findings for name in finding.obstacles if name not in WORKSPACE_NAMES]
     restoration = [name for name in names if all(name in finding.obstacles for finding in proved)]
     return list(dict.fromkeys(restoration))
 
 
 def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float | None:
-    """Return the value that a parameter must reach to resolve all findings; None if the findings give no bound."""
+    """Return the value that a parameter must reach to remove all findings; None if the findings give no bound."""
     bounds = [finding.bounds[parameter.key] for finding in findings if parameter.key in finding.bounds]
     if not bounds:
         return None
@@ -241,14 +244,14 @@ def least_change(
     hurried: bool = False,
     solved: bool = False,
 ) -> Relaxation | None:
-    """Return the least of the stepwise changes of a parameter that solves the problem; None if none is found.
+    """Return the least change of a parameter, among stepwise larger ones, that solves a problem; None if none is found.
 
     Args:
         parameter: the parameter to change.
         problem: the problem without a plan.
         bound: the value that the parameter must at least reach, or None if unknown.
         trials: solves changed problems.
-        hurried: whether another helpful change is already known, so that patience applies.
+        hurried: whether another helpful change is already known, so that the time limit for further changes applies.
         solved: whether the last plan of the trials may also solve the problems that are tried.
     """
     settings = trials.settings
@@ -280,7 +283,7 @@ def _closed_in(
         failed: values without a plan, the easiest last; the first is the bound, which was not tried.
         worked: the value for which the last plan of the trials was found.
         trials: solves changed problems.
-        hurried: whether another helpful change is already known, so that patience applies.
+        hurried: whether another helpful change is already known, so that the time limit for further changes applies.
     """
     settings = trials.settings
     worst = failed[-1]

@@ -1,10 +1,10 @@
-"""Search for a way from base to goal that keeps a distance from obstacles and is no longer than the arm.
+"""Search for a path from base to goal that keeps a distance from obstacles and is no longer than the arm.
 
-Cubes fill the room. A cube is *open* if some point of it may keep the required distance and may lie on a way that is
-short enough, and *free* if all its points keep the distance. If no chain of touching open cubes leads from the base to
-the goal, there is no way, since every way passes through open cubes only. If a chain of free cubes does, there is a way
-that is wide enough. Otherwise the undecided cubes on the shortest chains are split, until either is known or there are
-too many cubes.
+Cubes fill the room. A cube is *open* if a point of the cube may keep the required distance and may lie on a path that
+is short enough, and *free* if all its points keep the distance. If no chain of touching open cubes leads from the base
+to the goal, there is no path, since every path passes through open cubes only. If a chain of free cubes does, there is
+a path that is wide enough. Otherwise the undecided cubes on the shortest chains are split, until either is known or
+there are too many cubes.
 """
 
 from dataclasses import dataclass, field
@@ -22,23 +22,26 @@ from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.workspace import Workspace
 
 FINEST = 0.04
-"""Least size of split cubes, as a share of the required distance. Taste: the distance is then known to a twentieth."""
+"""Least size of split cubes, as a fraction of the required distance.
+
+Taste: the distance from surfaces is then known to a twentieth.
+"""
 _MOST_CELLS = 300_000
 """Number of cubes at which a search is given up. Taste: 0.1 GB and several seconds."""
 _SPREAD = 1
-"""Number of undecided cubes beyond the minimum up to which the cubes of a chain are split. Taste."""
+"""Excess of undecided cubes over the least number up to which the cubes of a chain are split. Taste."""
 
 _MOST_ROUNDS = 60
 """Number of rounds of splitting at which a search is given up. Taste."""
 _MOST_INSIDES = 100
-"""Number of groups of cubes per round that are tested for being inside bodies. Taste."""
+"""Largest number of connected groups of cubes per round that are tested for being inside bodies. Taste."""
 
 Answer: TypeAlias = Literal["closed", "open", "not known"]
 
 
 @dataclass(frozen=True)
 class WayEnds:
-    """Start and end of the ways that are searched for.
+    """Start and end of the axis paths that are searched for.
 
     Attributes:
         start: first position of the base, shape (3,) [m].
@@ -59,15 +62,15 @@ class WayEnds:
 
 @dataclass(eq=False)
 class WaySearch:
-    """Searches for ways through cubes of free space by splitting cubes until the answer is known.
+    """Search for axis paths through cubes of free space, in which cubes are split until the answer is known.
 
     Attributes:
         workspace: the scene.
-        ends: ends of the ways.
+        ends: ends of the paths.
         box: lower and upper corner of the searched region, shape (2, 3) [m].
-        cells: the current cubes.
+        cells: the current n cubes.
         until: deadline after which the answers are "not known".
-        sides: whether each cube is inside a closed body: 1 yes, −1 no, 0 not tested.
+        sides: whether each cube is inside a closed body: 1 yes, −1 no, 0 not tested; shape (n,).
     """
 
     workspace: Workspace
@@ -82,13 +85,15 @@ class WaySearch:
 
     # ------------------------------------------------------------ what is asked
     def answer(self, room: float, length: float, more: int | None = None) -> Answer:
-        """Return whether there is a way that keeps a distance from all surfaces and is no longer than a length.
+        """Return whether there is a path that keeps a distance from all surfaces and is no longer than a length.
 
-        The answer "open" means that a way that keeps the distance is known; that way may be longer.
+        The answer "closed" is proved for both conditions. "open" means that a path that keeps the distance is known,
+        which may
+        be longer.
 
         Args:
             room: distance from all surfaces [m].
-            length: length of the way [m].
+            length: length of the path [m].
             more: maximum number of cubes to add; None for up to the overall maximum.
         """
         finest = FINEST * room
@@ -106,17 +111,19 @@ class WaySearch:
         return "not known"
 
     def widest(self, most: float, length: float) -> float:
-        """Return an upper bound on the distance from surfaces of short enough ways, from the widest chain of cubes [m].
+        """Return an upper bound on the distance from surfaces of short enough paths [m].
+
+        The bound is that of the widest chain of cubes.
 
         Args:
             most: value at which distances are capped [m].
-            length: maximum length of the ways [m].
+            length: maximum length of the paths [m].
         """
         greatest = np.minimum(self.cells.greatest, most)
         return self._best_chain(greatest, length)[0]
 
     def narrowest(self, length: float) -> FloatArray:
-        """Return the narrowest point of the chain whose cube centres are farthest from surfaces, shape (3,) [m]."""
+        """Return the narrowest point of the chain of cubes whose centres are farthest from surfaces, shape (3,) [m]."""
         chain = self._best_chain(self.cells.gap, length)[1]
         if not len(chain):
             return 0.5 * (self.ends.start + self.ends.goal)
@@ -126,7 +133,10 @@ class WaySearch:
 
     # ------------------------------------------------------------ how it is found
     def _state(self, room: float, length: float) -> "_State":
-        """Classify the cubes for a distance and a length, after testing whether reached cubes are inside bodies."""
+        """Return the open and free cubes for a required distance and a path length, both in metres.
+
+        Reached cubes are tested for being inside bodies first.
+        """
         start, goal = self.end_cubes()
         within = self._within(length)
         while True:
@@ -138,7 +148,7 @@ class WaySearch:
                 return state
 
     def _within(self, length: float) -> BoolArray:
-        """Return a mask, shape (n,), of the cubes in the box through which a path of at most a length may pass."""
+        """Return a mask of the cubes in the box through which a path of at most a given length may pass, shape (n,)."""
         ends = self.ends
         cells = self.cells
         through = cells.distances_from(ends.start, ends.end) + cells.distances_from(ends.goal, ends.goal)
@@ -147,7 +157,7 @@ class WaySearch:
         return np.asarray(inside & (through - 2.0 * cells.half_diagonals <= length + ends.tolerance))
 
     def end_cubes(self) -> tuple[BoolArray, BoolArray]:
-        """Return masks of the cubes at which ways may begin, and at which they may end, each of shape (n,)."""
+        """Return masks of the cubes in which axis paths may begin, and in which they may end, each of shape (n,)."""
         cells = self.cells
         ends = self.ends
         start = cells.distances_from(ends.start, ends.end) <= cells.half_diagonals + ends.mount
@@ -184,9 +194,14 @@ class WaySearch:
         self.sides = self.sides[origins]
 
     def _best_chain(self, room: FloatArray, length: float) -> tuple[float, IntArray]:
-        """Return the widest chain from base to goal: least distance from surfaces [m], and its cubes in order.
+        """Return the width of the widest chain of cubes from base to goal [m], and the indices of its cubes.
 
-        The chain lies in the maximum spanning tree of the pairs, weighted by their distances.
+        The width is the least distance from surfaces along the chain. The chain lies in the maximum spanning tree of
+        the touching pairs, weighted by their distances from surfaces.
+
+        Args:
+            room: distance of each cube from the surfaces, shape (n,) [m].
+            length: maximum length of paths through the cubes [m].
         """
         start, goal = self.end_cubes()
         usable = self._within(length) & (self.sides < 1) | start
@@ -215,11 +230,11 @@ class WaySearch:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Classification of the cubes for one required distance and one length.
+    """Open and free cubes for one required distance from surfaces and one path length.
 
     Attributes:
         pairs: indices of open cubes that touch, shape (m, 2).
-        open: mask of cubes with points that may lie on a way, shape (n,).
+        open: mask of cubes with points that may lie on a path, shape (n,).
         free: mask of open cubes all of whose points keep the distance, shape (n,).
         start: mask of open cubes at the base, shape (n,).
         goal: mask of open cubes at the goal, shape (n,).
@@ -241,7 +256,7 @@ class _State:
 
     @cached_property
     def _free_groups(self) -> IntArray:
-        """Label of the connected group of free cubes to which each cube belongs; those at the base count as free."""
+        """Label of the group of connected free cubes of each cube, shape (n,); cubes at the base count as free."""
         passable = self.free | self.start
         return groups(self.pairs[passable[self.pairs].all(axis=1)], len(self.open))
 
@@ -256,10 +271,10 @@ class _State:
         return bool(np.isin(self._free_groups[self.goal & self.free], self._free_groups[self.start]).any())
 
     def to_split(self, large: BoolArray, spread: int) -> BoolArray:
-        """Return a mask of the undecided cubes (open but not free) on chains with the fewest such cubes, shape (n,).
+        """Return a mask of the undecided (open but not free) cubes on chains with the fewest such cubes, shape (n,).
 
         Args:
-            large: mask of the cubes that may be split.
+            large: mask of the cubes that may be split, shape (n,).
             spread: number of undecided cubes that a chain may have beyond the fewest.
         """
         chain = self._steps(self.start) + self._steps(self.goal)
@@ -270,7 +285,7 @@ class _State:
         return np.asarray(unsure & (chain <= np.min(chain[unsure]) + spread))
 
     def _steps(self, sources: BoolArray) -> FloatArray:
-        """Return the number of steps of the shortest chain from source cubes to each cube; ∞ if there is none.
+        """Return the number of steps of the shortest chain from source cubes to each cube, (n,); ∞ without a chain.
 
         Each undecided cube counts as one step; a group of connected free cubes counts as one step together.
         """
@@ -288,13 +303,13 @@ class _State:
 
 
 def groups(pairs: IntArray, count: int) -> IntArray:
-    """Return the label of the connected group to which each of `count` cubes belongs, shape (n,)."""
+    """Return the label of the connected group to which each of `count` cubes belongs, given touching pairs (m, 2)."""
     graph = sparse.coo_matrix((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1])
 
 
 def _depths(graph: sparse.csr_matrix, root: int) -> FloatArray:
-    """Return the number of steps from a root to every node of a graph; ∞ for nodes without a path to the root."""
+    """Return the number of steps from a root to every node of a graph, shape (nodes,); ∞ for unreached nodes."""
     order, before = csgraph.breadth_first_order(graph, root, directed=False)
     place = np.empty(graph.shape[0], dtype=np.intp)
     place[order] = np.arange(len(order))

@@ -1,4 +1,7 @@
-"""Ways for the arm's axis to a goal: whether one is wide and short enough, and if not, what obstructs it."""
+"""Paths for the arm's axis to a goal: whether one is wide and short enough, and if not, what obstructs it.
+
+Such a path (*way*) is a necessary condition for a plan: at the goal, the axis itself is one.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -22,31 +25,31 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DETOUR = 1e-3
-"""Excess length over the straight line, as a share of it, below which the problem is one of reach alone. Taste."""
+"""Relative excess of a path over the straight line below which reach alone is the cause. Taste."""
 _NARROW = 1.5
 """Passages narrower than this number of diameters are reported as tight, though not proved too narrow. Taste."""
 _SHORT = 1.08
-"""Arms shorter than this multiple of the way are reported as barely long enough. Taste."""
+"""Arms shorter than this multiple of the shortest axis path are reported as barely long enough. Taste."""
 _STIFF = 1.25
-"""Turns with less clearance than this multiple of the tightest bend's are reported as tight. Taste."""
+"""Turns that admit an arc of less than this multiple of the tightest radius are reported as tight. Taste."""
 _LEAST_TURN = 0.3490658503988659
-"""Turns of a way below this angle are not reported [rad]. Taste: 20°."""
+"""Turns of an axis path below this angle are not reported [rad]. Taste: 20°."""
 _SPANNED = 0.99
-"""Ratio of two widths below which the narrower way is reported in addition to the wider. Taste."""
+"""Ratio of two widths below which the narrower axis path is reported in addition to the wider. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class WidestWay:
-    """Bounds on the widest way that is no longer than the arm.
+    """Bounds on the width of the widest axis path that is no longer than the arm.
 
     Attributes:
-        most: upper bound on the distance of the way from obstacles [m]; 0 if there is no way for any width.
-        exact: whether a way is known that keeps almost the distance ``most``.
-        closed: whether there is no way of any useful width, however long.
+        most: upper bound on the distance of the path from obstacles [m]; 0 if there is no path for any width.
+        exact: whether a path is known that keeps almost the distance ``most``.
+        closed: whether there is no path of any useful width, however long.
         place: position of the narrowest passage, shape (d,) [m].
         walls: names of the obstacles nearest to ``place``, the nearest first.
-        unbounded_excess: distance kept by the widest way of any length, if known [m].
-        way: corners of a short way among the widest known, shape (m, d) [m]; None if none was found.
+        unbounded_excess: distance from obstacles kept by the widest path of any length, if known [m].
+        way: corners of a short path among the widest known, shape (m, d) [m]; None if none was found.
     """
 
     most: float
@@ -60,14 +63,14 @@ class WidestWay:
 
 @dataclass(frozen=True, eq=False)
 class Ways(ABC):
-    """Ways of an arm's axis from its base, or from the positions to which the base is fed, to a tip goal's tolerance.
+    """Paths of an arm's axis from its base, or from all fed base positions, to the tolerance of a tip goal.
 
     Attributes:
         problem: the problem.
         place: the goal.
         until: deadline of the search.
-        shortest_is_proved: whether ``shortest`` is proved to be the shortest way that is wide enough.
-        fed_from: text that says where the ways of a fed arm begin.
+        shortest_is_proved: whether ``shortest`` is proved to be the shortest path that is wide enough.
+        fed_from: text for where the paths of a fed arm begin.
     """
 
     shortest_is_proved: ClassVar[bool]
@@ -78,13 +81,13 @@ class Ways(ABC):
 
     @property
     def begin(self) -> str:
-        """Text that says where the ways begin; empty if at the base."""
+        """Text for where the axis paths begin; empty if at the base."""
         return "" if self.problem.arm.feed is None else f" from {self.fed_from}"
 
     @property
     @abstractmethod
     def arm(self) -> Arm:
-        """The arm that must be long enough; for a fed arm, possibly only the part that reaches beyond the hole."""
+        """Arm that must be long enough; for a fed arm, possibly only the part beyond the hole of the guide tube."""
 
     @property
     @abstractmethod
@@ -99,50 +102,50 @@ class Ways(ABC):
     @property
     @abstractmethod
     def closed(self) -> bool:
-        """Whether it is proved that no way is wide and short enough."""
+        """Whether it is proved that no axis path is wide and short enough for the arm."""
 
     @property
     @abstractmethod
     def closed_to_short_arms(self) -> bool:
-        """Whether ways may be closed only because the arm is too short."""
+        """Whether axis paths may be closed only because the arm is too short."""
 
     @property
     @abstractmethod
     def shortest(self) -> FloatArray | None:
-        """Corners of a short way that is wide enough but may be too long, shape (m, d) [m]; None if none is known."""
+        """Corners of a short axis path, wide enough but maybe too long, shape (m, d) [m]; None if none is known."""
 
     @property
     @abstractmethod
     def least(self) -> float:
-        """Length of the shortest way that is wide enough, to the edge of the goal's tolerance [m]; 0 if unknown."""
+        """Length of the shortest axis path that is wide enough, to the edge of the tolerance [m]; 0 if unknown."""
 
     @abstractmethod
     def all_longer_than(self, length: float) -> bool:
-        """Return whether it is proved that every way that is wide enough is longer than a length [m]."""
+        """Return whether it is proved that every wide enough axis path is longer than a length [m]."""
 
     @abstractmethod
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way; distances from obstacles are only distinguished up to `most` [m]."""
+        """Return the axis path farthest from obstacles, where distances beyond `most` [m] count as equal."""
 
     @abstractmethod
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from obstacles that the widest way keeps, at most `room` [m].
+        """Return an upper bound on the distance from obstacles that any axis path keeps, at most `room` [m].
 
         Args:
-            known: distance from obstacles that the widest known way keeps [m].
+            known: distance from obstacles that the widest known axis path keeps [m].
         """
 
     @abstractmethod
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return the obstacles whose removal alone opens a way, the most relevant first.
+        """Return the obstacles whose removal alone opens an axis path, the most relevant first.
 
         Args:
-            place: where the way is closed or has to turn, shape (d,) [m].
-            closed: whether there is no way of any useful width, so that other positions may be equally relevant.
+            place: position where the path is closed or has to turn, shape (d,) [m].
+            closed: whether there is no path of any useful width, so that other positions may be equally relevant.
         """
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return the position where a way would lead through an obstacle that closes the way, shape (d,) [m].
+        """Return the position where an axis path would lead through an obstacle that closes all paths, shape (d,) [m].
 
         Args:
             name: name of the obstacle.
@@ -153,11 +156,11 @@ class Ways(ABC):
 
     @abstractmethod
     def length_remedies(self) -> dict[str, float]:
-        """Return, by key, the parameter values that would suffice if all ways are too long for the arm [SI units]."""
+        """Return, by key, the parameter values with which a too short arm would be long enough [SI units]."""
 
 
 def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
-    """Yield the ways to every tip goal of a problem, which can be searched until a deadline."""
+    """Yield, per tip goal of a problem, the paths of the arm's axis to that goal, searchable until a deadline."""
     # Imported on demand: only one of the two is ever needed, and most problems need neither.
     if problem.dimension == 2:
         from ccm_opt.diagnosis.passages import passages  # noqa: PLC0415
@@ -170,13 +173,13 @@ def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding]:
-    """Yield a finding for every goal of the tip without a way that is wide and short enough."""
+    """Yield a finding per tip goal to which no axis path is wide and short enough for the arm."""
     for ways in _closed_ways(problem, until):
         yield _too_long(ways) if ways.shortest is not None and ways.least > ways.arm.length else _too_thick(ways)
 
 
 def any_way_closed(problem: Problem, until: Deadline) -> bool:
-    """Return whether any tip goal has no way that is wide and short enough, without determining the cause."""
+    """Return whether any tip goal has no axis path that is wide and short enough, without finding the cause."""
     return next(_closed_ways(problem, until), None) is not None
 
 
@@ -193,23 +196,23 @@ def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def _is_detour(ways: Ways) -> bool:
-    """Return whether the shortest way is known and is not straight, so that lack of reach alone is not the cause."""
+    """Return whether the shortest axis path is known and not straight, so that more than reach alone is lacking."""
     straight = float(np.linalg.norm(ways.place.goal.position - ways.arm.base)) - ways.place.tolerances.position
     return ways.shortest_is_proved and ways.least > (1.0 + _DETOUR) * straight
 
 
 def way_length(way: FloatArray) -> float:
-    """Return the length of a way [m]."""
+    """Return the length of a polyline given by its corners (m, d) [m]."""
     return float(leg_lengths(way).sum())
 
 
 def way_corners(way: FloatArray | None) -> tuple[tuple[float, ...], ...]:
-    """Convert the corners of a way to the form that findings store."""
+    """Convert the corners of an axis path to the form that findings store."""
     return () if way is None else tuple(point(place) for place in way)
 
 
 def _too_long(ways: Ways) -> Finding:
-    """Return the finding that all ways wide enough are longer than the arm, or than the arm's part beyond the hole."""
+    """Return the finding that all wide enough axis paths are longer than the arm, or than its part beyond the hole."""
     arm = ways.arm
     way = ways.shortest
     assert way is not None  # noqa: S101 - said by who asks
@@ -238,7 +241,7 @@ def _too_long(ways: Ways) -> Finding:
 
 
 def _farthest_off(way: FloatArray) -> FloatArray:
-    """Return the corner of a way that is farthest from the straight line between its ends, shape (d,) [m]."""
+    """Return the corner of a polyline that is farthest from the straight line between its ends, shape (d,) [m]."""
     along = way[-1] - way[0]
     along = along / max(float(np.linalg.norm(along)), 1e-300)
     off = way - way[0]
@@ -247,7 +250,7 @@ def _farthest_off(way: FloatArray) -> FloatArray:
 
 
 def _too_thick(ways: Ways) -> Finding:
-    """Return the finding that no way is wide enough, with the widest way if there is any."""
+    """Return the finding that no axis path is wide enough, with the widest path if there is any."""
     widest = ways.widest(ways.room)
     opened = ways.opening(widest.place, closed=widest.closed)
     arm = ways.problem.arm
@@ -296,12 +299,12 @@ def _too_thick(ways: Ways) -> Finding:
 
 
 def between(walls: tuple[str, ...]) -> str:
-    """Return text for the place of a passage: between several obstacles, or in the hole of a single one."""
+    """Return text for the location of a passage: between several obstacles, or in the hole of a single one."""
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
 
 
 def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """Return likely obstructions that are not proved, the tightest first."""
+    """Return likely but unproved obstructions on axis paths, the tightest first."""
     found: list[Finding] = []
     for ways in tip_ways(problem, until):
         found += _narrow(ways)
@@ -311,7 +314,7 @@ def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
 
 
 def _narrow(ways: Ways) -> Iterator[Finding]:
-    """Yield a finding if the widest way is hardly wider than the arm's diameter plus clearance."""
+    """Yield a finding if the widest axis path is hardly wider than the arm's diameter plus clearance."""
     if ways.room <= 0.0:
         return
     widest = ways.widest(_NARROW * ways.room)
@@ -335,9 +338,9 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
 
 
 def _short(ways: Ways) -> Iterator[Finding]:
-    """Yield a finding if the arm is proved to be hardly longer than every way that is wide enough.
+    """Yield a finding if the arm is proved to be hardly longer than every wide enough axis path.
 
-    The length of a way that was merely found is no evidence, since a shorter way may exist.
+    The length of a path that was merely found is no evidence, since a shorter path may exist.
     """
     length = ways.arm.length / _SHORT
     if ways.all_longer_than(length):
@@ -353,14 +356,14 @@ def _short(ways: Ways) -> Iterator[Finding]:
 
 
 def _stiff(ways: Ways) -> Iterator[Finding]:
-    """Yield a finding for each turn of the short way that the arm, at its tightest bend, can hardly follow.
+    """Yield a finding for each turn of a short axis path that the arm, at its tightest bend, can hardly follow.
 
     A turn by α around an inner corner with clearance h on the outside admits an arc of radius
     h cos(α/2) / (1 − cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
     """
     arm = ways.problem.arm
     way = ways.shortest
-    # In space the way may lead round another side than the arm could take, and a longer one than it can follow.
+    # In space the path found may be longer than the arm and lead round another side than one that the arm can follow.
     if way is None or (way_length(way) > ways.arm.length and not ways.shortest_is_proved):
         return
     # Angles near half a turn are capped, since tangent and cosine degenerate there.
@@ -394,13 +397,14 @@ def _stiff(ways: Ways) -> Iterator[Finding]:
 
 
 def simplified(way: FloatArray, tolerance: float) -> FloatArray:
-    """Remove the corners of a way that lie near the straight lines between the others, shape (k, d) [m].
+    """Return a polyline without the corners that lie near the straight lines between the others, shape (k, d) [m].
 
-    A way pulled around an obstacle has many corners with small turns, which are merged into one. Source: D. Douglas
-    and T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
+    A path shortened around an obstacle has many corners with small turns, which are merged into one. Source: D. Douglas
+    and
+    T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
 
     Args:
-        way: corners of the way, shape (m, d) [m].
+        way: corners of the polyline, shape (m, d) [m].
         tolerance: largest distance of removed corners from the straight lines [m].
     """
     if len(way) < 3:

@@ -130,7 +130,7 @@ def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
 
 
 def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
-    """Return the gap that a pair must keep [m]: the required gap less the contact tolerance, raised so that axes never touch.
+    """Return the required gap less the contact tolerance, raised so that axes never touch [m].
 
     Args:
         limit: required gap [m].

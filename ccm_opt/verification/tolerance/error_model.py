@@ -1,13 +1,13 @@
-"""Models of errors of joints, links, base and walls, and bounds on the displacements that they cause.
+"""Models of geometric errors of joints, links, base and walls, and bounds on the displacements that such errors cause.
 
 Errors are applied joint by joint from the base: the part of the arm beyond a joint is rotated about it as a whole, in
-its error-free shape. A point P thus moves by at most Σ ψ_i |P − P_i| over the joints i before it, where ψ_i is the
-rotation of joint i. In the plane, ψ is the error δ of the bend. In space, a joint whose two bends are off by at most δ
-rotates by ψ = 2 acos(cos² ½ δ) ≤ √2 δ about some axis, since its two axes are perpendicular. The sum is convex in P, so
-its maximum over a link is at one of the link's ends.
+its error-free shape. A point P thus moves by at most Σ ψ_i |P − P_i| over the joints i between base and P, where ψ_i is
+the rotation of joint i. In the plane, ψ is the error δ of the bend. In space, a joint whose two bends are off by at
+most δ rotates by ψ = 2 acos(cos² ½ δ) ≤ √2 δ about some axis, since its two axes are perpendicular. The sum is convex
+in P, so its maximum over a link is at one of the link's ends.
 
 Along a single direction n, a point moves less. A product of rotations differs from the identity plus their sum by at
-most half the square of the sum of their angles, so with the link vectors t_k, which joints up to k rotate,
+most half the square of the sum of their angles, so with the link vectors t_k, each rotated by the joints up to k,
 
     n · (P' − P)  ≤  Σ ψ_i |n × (P − P_i)|  +  ½ Σ_k |t_k| (Σ_{i ≤ k} ψ_i)².
 
@@ -32,7 +32,7 @@ ErrorName = Literal["joints", "base heading", "link lengths", "base position", "
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """Largest errors of each part of the arm when the error under study is one unit.
+    """Magnitudes of the errors of each part of the arm, per unit of the error under study.
 
     Attributes:
         name: kind of the error.
@@ -41,7 +41,7 @@ class ErrorModel:
         stretch: error of the length of every link [m per unit].
         shift: displacement of the whole arm relative to the walls, in any direction [m per unit].
         feed: displacement of the base along its feed axis [m per unit].
-        with_itself: whether distances within the arm change.
+        with_itself: whether distances between parts of the arm change.
     """
 
     name: ErrorName
@@ -59,7 +59,7 @@ class ErrorModel:
 
 
 def joint_errors(arm: Arm) -> ErrorModel:
-    """Return the model in which every joint is off by one unit, and a fed base by one unit times a link's length."""
+    """Return the error model of the joints: one unit per joint, and one unit times a link's length for the feed."""
     turns = np.append(0.0, np.ones(arm.links))
     feed = arm.link_length * len(arm.base_axes)
     return ErrorModel("joints", "rad", turns, feed=feed)
@@ -69,8 +69,10 @@ def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
     """Return the models of all geometric errors, by name.
 
     The models cover errors of the joints; of the lengths of the links, each independently; of the base heading; of the
-    base position in any direction; and of the walls, each nearer to the arm by the error, which gives the certified
-    least gap.
+    base
+    position in any direction; and of the walls, each nearer to the arm by the error. The tolerated error of the walls
+    is the
+    certified least gap.
     """
     still = np.zeros(arm.links + 1)
     models = (
@@ -88,14 +90,14 @@ class ToleranceSettings:
     """Settings of the search for the largest errors that a motion tolerates.
 
     Attributes:
-        precision: relative amount by which the certified error may stay below the least error that violates the bound
-            at any pose. Taste.
+        precision: relative difference allowed between the certified error and the least error found to cause contact at
+            a pose. Taste.
         least: errors below this count as none [rad, m]. Derived: far below the verifier's resolution.
-        largest_turn: largest total rotation of the tip by angular errors that is studied [rad]. Taste: the bounds are
+        largest_turn: largest total rotation of the tip by angular errors that is examined [rad]. Taste: the bounds are
             tight up to about 0.2 rad, and an arm with larger errors follows no plan.
-        largest_length: largest error of lengths that is studied, as a fraction of the arm's length. Taste.
+        largest_length: largest error of lengths that is examined, as a fraction of the arm's length. Taste.
         time_share: fraction of the remaining time that planning for error tolerance may take. Taste.
-        least_time: time that the search for error tolerance always gets [s]. Taste.
+        least_time: least time granted to the search for error tolerance [s]. Taste.
     """
 
     precision: float = 2e-3
@@ -111,34 +113,34 @@ DEFAULT_TOLERANCE = ToleranceSettings()
 
 
 def largest_error(arm: Arm, model: ErrorModel, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> float:
-    """Return the largest error that is studied for a model [unit]."""
+    """Return the largest error that is examined for an error model, in the unit of the model."""
     turned = float(np.sum(model.turns))
     return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
 
 
 NAME = "survived joint error"
-"""Name of the check."""
+"""Name of the check of the joint error that a motion tolerates."""
 
 
 def check_of(asked: float, survived: SurvivedError) -> Check:
-    """Return the check of a known tolerated error against the required one [rad]."""
-    # Errors above the largest studied one are not certified, so a problem that requires more is rejected.
+    """Return a check that a tolerated joint error is at least the required one [rad]."""
+    # Errors above the largest examined one are not certified, so a problem that requires more is rejected.
     passed = survived.size >= asked
     return Check(NAME, survived.size, asked, "rad", survived.where, passed=passed)
 
 
 _TURNS = {1: 1.0, 2: float(np.sqrt(2.0))}
-"""Bound on the rotation of a joint if all its bends have errors of one unit, by the number of its bends."""
+"""Bound on the rotation of a joint whose bends all have an error of one unit, by the number of bends per joint."""
 _MOST_NUMBERS = 2_000_000
 """Largest size of an array of distances between joints; larger sets of poses are processed in batches."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """For each pair, the joints between the moving body and the body that is taken to be fixed.
+    """For each of P pairs, the joints between the moving body and the body that is taken to be fixed.
 
     Attributes:
-        stretch: indices of the stretches of time, shape (P,).
+        stretch: indices of the time intervals, shape (P,).
         first: indices of the first joints in between, shape (P,).
         last: indices of the last joints in between, shape (P,).
         fixed: whether the fixed body is the world, so that the base may have an error, too.
@@ -152,11 +154,11 @@ class Chains:
 
 @dataclass(frozen=True, eq=False)
 class Reaches:
-    """Bounds on how far errors move points along directions, each array of shape (P, e).
+    """Bounds on the distances by which an error moves e points per pair along a direction, each of shape (P, e).
 
     Attributes:
-        middle: coefficient of the error at mid-stretch [m per unit].
-        during: coefficient of the error throughout the stretch [m per unit].
+        middle: coefficient of the error at mid-interval [m per unit].
+        during: coefficient of the error throughout the time interval [m per unit].
         bow: coefficient of the square of the error [m per unit²].
     """
 
@@ -166,14 +168,14 @@ class Reaches:
 
 
 def survived(gap: FloatArray, lever: FloatArray, bow: FloatArray | float = 0.0) -> FloatArray:
-    """Return the error e that solves lever · e + bow · e² = gap [unit]; negative for a negative gap."""
+    """Return the error e for which lever · e + bow · e² = gap, in the error's unit; negative for a negative gap."""
     root = np.sqrt(lever**2 + 4.0 * bow * np.maximum(gap, 0.0))
     return np.asarray(2.0 * gap / np.maximum(lever + root, np.finfo(np.float64).tiny ** 0.5))
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorLevers:
-    """Displacements per unit of error (levers) in stretches of time.
+    """Bounds on displacements per unit of a geometric error (levers), for poses or time intervals.
 
     Attributes:
         arm: the arm.
@@ -186,13 +188,15 @@ class ErrorLevers:
     inside: float
 
     def of_pairs(self, poses: FloatArray, travels: FloatArray, pairs: Pairs, *, of_links: bool) -> FloatArray:
-        """Return bounds on links' motion relative to the scene or to links nearer the base, shape (P,) [m per unit].
+        """Return bounds on the displacement of links relative to the scene or to other links, shape (P,) [m per unit].
 
         Args:
-            poses: positions of all joints and the tip, base first, shape (S, links + 1, d) [m].
-            travels: bounds on their distances from these positions, shape (S, links + 1) [m]; zero for single poses.
-            pairs: pairs whose stretches are indices of poses.
-            of_links: whether the pairs are pairs of links, of which the second moves relative to the first.
+            poses: positions of joints, base first, and tip in S poses, shape (S, links + 1, d) [m].
+            travels: bounds on the distances of joints and tip from these positions, shape (S, links + 1) [m]; 0 for
+                poses.
+            pairs: P pairs with indices of poses instead of time intervals.
+            of_links: whether the pairs are pairs of links, of which the second, farther from the base, moves relative
+                to the first.
         """
         levers = np.empty(len(pairs))
         for begin, which in self._parts(len(poses), pairs):
@@ -211,7 +215,7 @@ class ErrorLevers:
 
     @property
     def greatest(self) -> float:
-        """Bound on the lever of any pose of the arm [m per unit]."""
+        """Bound on the displacement of any point of the arm, in any pose, per unit of the error [m per unit]."""
         arm = self.arm
         model = self.model
         turned = arm.link_length * float(np.sum(self._turns * np.arange(arm.links, 0, -1)))
@@ -231,7 +235,11 @@ class ErrorLevers:
         ]
 
     def _sums(self, poses: FloatArray, travels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return Σ ψ_i |P_p − P_i| over joints i < m that may have errors (S, p, m), and |P_p − base| (S, p) [m]."""
+        """Return sums Σ ψ_i |P_p − P_i| of lever arms, and distances |P_p − base|.
+
+        The sums, shape (S, p, m) [m per unit], are over the joints i < m that may have errors; distances have shape (S,
+        p) [m].
+        """
         arm = self.arm
         apart = np.linalg.norm(poses[:, :, None] - poses[:, None, :-1], axis=3)
         apart += travels[:, :, None] + travels[:, None, :-1]
@@ -262,17 +270,18 @@ class ErrorLevers:
         *,
         outwards: bool,
     ) -> Reaches:
-        """Return bounds on how far errors move points along directions.
+        """Return bounds on the distances by which errors move points along directions, for P pairs of bodies.
 
         Args:
-            poses: positions of all joints and the tip, as for ``of_pairs``.
-            travels: bounds on their travel, as for ``of_pairs``.
+            poses: positions of joints and tip, as for ``of_pairs``.
+            travels: bounds on the travel of joints and tip, as for ``of_pairs``.
             chains: the joints between the points and the body that is taken to be fixed.
-            points: points at mid-stretch, shape (P, e, d) [m].
-            moved: bounds on the distances of the points from these positions during the stretch, shape (P,) [m].
+            points: e points per pair at mid-interval, shape (P, e, d) [m].
+            moved: bounds on the distances of the points from these positions during the time interval, shape (P,) [m].
             normals: directions as unit vectors, shape (P, d).
             outwards: whether the points belong to the last links; if not, the last links are taken to be fixed, and the
-                points belong to the scene or to the first links.
+                points
+                belong to the scene or to the first links.
         """
         arm, model = self.arm, self.model
         pose = poses[chains.stretch]
@@ -317,11 +326,11 @@ def _off(vectors: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: float = 0.0) -> FloatArray:
-    """Return bounds on how far joint errors move each link of a pose, shape (links,) [m].
+    """Return bounds on the distances by which joint errors displace the links of a pose, shape (links,) [m].
 
     Args:
         arm: the arm.
-        points: positions of all joints and the tip, base first, shape (links + 1, d) [m].
+        points: positions of joints, base first, and tip, shape (links + 1, d) [m].
         size: error of every bend [rad].
         inside: depth in the guide tube beyond which a joint has no error, as for ``ErrorLevers`` [m].
     """

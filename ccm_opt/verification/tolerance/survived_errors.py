@@ -1,8 +1,9 @@
-"""The largest errors that a plan tolerates without contact, certified at all times.
+"""The largest geometric errors that a plan tolerates without contact, certified at all times.
 
-The proof is that for gaps, with every gap converted to the largest error that leaves it open. The error that all pairs
-are proved to tolerate at all times is certified. The least tolerated error found at a known place and time shows that
-this bound could not certify more.
+The proof is that for gaps (``stretch_proof``), with every gap converted to the largest error that leaves the gap open.
+The error that all pairs of bodies are proved to tolerate at all times is certified. The least tolerated error found at
+a
+known place and time shows that no larger error could be certified with these bounds.
 """
 
 from collections.abc import Callable
@@ -34,17 +35,17 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts, is_empty, link_axes
 
 _AT_ONCE = 4096
-"""Number of pairs per batch in the computation of levers along directions. Taste: about 10 MB."""
+"""Number of pairs per batch when displacements along directions are bounded. Taste: about 10 MB."""
 _STEP = 1e-6
 """Change of a bend for finite differences of gaps [rad]."""
 _PLACES = 65
-"""Number of points along a link among which the nearest to the other body is searched for."""
+"""Number of points along a link among which the point nearest to another body is searched for."""
 
 
 def survived_errors(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
-    """Return the largest tolerated error of every kind, one kind at a time, with arguments as in ``survived_error``."""
+    """Return the largest tolerated error of every kind, one kind at a time; arguments as for ``survived_error``."""
     return tuple(survived_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
 
 
@@ -55,18 +56,19 @@ def survived_error(
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
     most: float = np.inf,
 ) -> SurvivedError:
-    """Return the largest error of one kind with which every motion stays clear, certified at all times.
+    """Return the largest error of one kind that causes no contact, certified for all times of a motion.
 
-    Every motion within the error of the planned one at all times keeps the clearance from every wall, beyond the mount,
-    and, if the arm must avoid itself, a distance of two radii between the axes of distant links. Joints that a guide
-    tube holds straight have no error.
+    Every motion that differs from the planned one by at most this error at all times keeps the clearance from every
+    wall, beyond the mount, and, if the arm must avoid itself, a distance of two radii between the axes of links far
+    apart along the arm. Joints that a guide tube holds straight have no error.
 
     Args:
         problem: the problem, with the arm, its scene and the clearance.
-        trajectory: the plan, linear between its samples, which keeps the clearance.
+        trajectory: the planned motion, linear between its samples, which keeps the clearance.
         model: the error model.
         settings: settings of the search.
-        most: largest error that is studied [unit]; a larger tolerated error is reported as this value.
+        most: largest error that is examined, in the unit of the model; a larger tolerated error is reported as this
+            value.
     """
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     finely = replace(
@@ -80,7 +82,7 @@ def survived_error(
     proofs = _proofs(motion, problem.workspace, levers)
     largest = min(most, largest_error(problem.arm, model, settings))
     kept = largest * levers.greatest
-    # Values that are not refined below this starting value are at least the largest error studied.
+    # Values that are not refined below this starting value are at least the largest error examined.
     nearest = Nearest(kept / (1.0 - settings.precision))
     limiting: _SurfacesWithErrors | _LinksWithErrors | None = None
     for proof in proofs:
@@ -97,12 +99,14 @@ def survived_error(
 
 
 class _SurfacesWithErrors(WallProof):
-    """Proves the largest errors that the gaps to surfaces tolerate, each multiplied by the greatest lever.
+    """A proof of the largest errors that the gaps to surfaces tolerate.
+
+    Each error is multiplied by the greatest displacement per unit of error, so that it is a length like a gap.
 
     Args:
         motion: motion of the arm.
         workspace: the scene.
-        levers: levers of the errors.
+        levers: displacements per unit of error.
     """
 
     def __init__(self, motion: ChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
@@ -115,13 +119,13 @@ class _SurfacesWithErrors(WallProof):
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return bounds on the errors that the gaps of links to surfaces tolerate."""
+        """Return bounds on the errors that the gaps of links to surfaces tolerate; see ``WallProof.measure``."""
         return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the errors tolerated along the shortest lines: throughout stretches and at mid-stretch, each (P,)."""
+        """Return the errors tolerated along shortest lines, throughout intervals and at mid-interval, each (P,)."""
         del travel
         k, link = pairs.stretch, pairs.link
         ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
@@ -138,9 +142,9 @@ class _SurfacesWithErrors(WallProof):
     def _travel_along(
         self, stretches: TimeStretches, travels: FloatArray, pairs: Pairs, normals: FloatArray
     ) -> FloatArray:
-        """Return bounds on how far the ends of links travel along directions (P, d), shape (P,) [m].
+        """Return bounds on the travel of link ends along directions (P, d) from mid-interval, shape (P,) [m].
 
-        Within an interval, only the components of the ends' chords along the directions count.
+        Within a step between samples, only the components of the displacements along the directions count.
         """
         k = pairs.stretch
         within = ((stretches.high - stretches.low) <= 1.0)[k]
@@ -153,16 +157,18 @@ class _SurfacesWithErrors(WallProof):
         return gone
 
     def where(self, near: Nearest) -> tuple[str, FloatArray]:
-        """Return the name of the obstacle that limits the error, and its edge or triangle."""
+        """Return the name of the obstacle that limits the tolerated error, and its nearest edge or triangle."""
         return repr(self.surfaces.name_of(near.other)), self.surfaces.edge_parts(np.array([near.other]))[0]
 
 
 class _LinksWithErrors(LinkProof):
-    """Proves the largest errors that the gaps between links tolerate, each multiplied by the greatest lever.
+    """A proof of the largest errors that the gaps between links tolerate.
+
+    Each error is multiplied by the greatest displacement per unit of error, so that it is a length like a gap.
 
     Args:
         motion: motion of the arm.
-        levers: levers of the errors.
+        levers: displacements per unit of error.
     """
 
     def __init__(self, motion: ChainMotion, levers: ErrorLevers) -> None:
@@ -175,15 +181,15 @@ class _LinksWithErrors(LinkProof):
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return bounds on the errors that the gaps between links tolerate."""
+        """Return bounds on the errors that the gaps between links tolerate; see ``LinkProof.measure``."""
         return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the errors tolerated along the shortest lines: throughout stretches and at mid-stretch, each (P,).
+        """Return the errors tolerated along shortest lines, throughout intervals and at mid-interval, each (P,).
 
-        `travel` is the loss of gap by motion, shape (P,) [m].
+        `travel` is the loss of gap by the motion of the links, shape (P,) [m].
         """
         k, i, j = pairs.stretch, pairs.link, pairs.other
         first = np.stack((poses[k, i], poses[k, i + 1]), axis=1)
@@ -201,7 +207,7 @@ class _LinksWithErrors(LinkProof):
 
     @staticmethod
     def where(near: Nearest) -> tuple[str, None]:
-        """Return the name of the link that limits the error, and no edge or triangle, since a link has none."""
+        """Return the name of the link that limits the tolerated error, and None in place of an edge or triangle."""
         return f"link {near.other + 1}", None
 
 
@@ -213,15 +219,15 @@ def _in_errors(
     pairs: Pairs,
     cutoff: FloatArray | float,
 ) -> Measured:
-    """Return bounds on tolerated errors, from levers alone or, where these do not suffice, along the shortest lines.
+    """Return bounds on tolerated errors, from greatest displacements or, where too rough, along shortest lines.
 
     Args:
         proof: the proof that uses the bounds.
         measure: function that bounds the gaps themselves, as for ``prove_stretches``.
-        stretches: stretches of time.
-        poses: poses at mid-stretch.
-        pairs: pairs in the stretches.
-        cutoff: tolerated error, times the greatest lever, above which no tight bound is needed.
+        stretches: time intervals.
+        poses: positions of joints and tip at mid-interval, shape (S, links + 1, d) [m].
+        pairs: pairs of bodies in the intervals.
+        cutoff: tolerated error, times the greatest displacement per unit, above which bounds may be rough [m].
     """
     travels = proof.motion.travels(stretches)
     during, middle = (
@@ -266,15 +272,16 @@ def _survived_between(
 
     Args:
         ends: ends of the segments, shape (P, 2, d) [m].
-        parts: corners of the other bodies, shape (P, e, d) [m].
+        parts: e corners of the other bodies, shape (P, e, d) [m].
         normals: normals of the planes as unit vectors, shape (P, d).
         taken: part of the distance that is not available for errors, shape (P,) [m].
-        lost: largest loss of gap between mid-stretch and any other time of the stretch, shape (P,) [m].
-        of_ends: bounds on how far errors move the ends.
-        of_parts: bounds on how far errors move the corners.
+        lost: bounds on the loss of gap between mid-interval and any other time of the interval, shape (P,) [m].
+        of_ends: bounds on the distances by which errors move the ends.
+        of_parts: bounds on the distances by which errors move the corners.
 
     Returns:
-        Errors tolerated throughout the stretches, and at mid-stretch, each of shape (P,) [unit].
+        Errors tolerated throughout the time intervals, and at mid-interval, each of shape (P,), in the unit of the
+        error.
     """
     # Projections are relative to a corner, so that points far from the origin lose no digits.
     origin = parts[:, :1]
@@ -307,14 +314,14 @@ def _proofs(
 def _named(
     model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
 ) -> SurvivedError:
-    """Return a tolerated error with the place that limits the error: a link and an edge or triangle, or two links."""
+    """Return a tolerated error with the bodies that limit the error: a link and an edge or triangle, or two links."""
     motion = proof.motion
     link, other = near.link, near.other
     name, part = proof.where(near)
     q = np.array([np.interp(near.time, motion.time, column) for column in motion.positions.T])
 
     def away(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return distances of segments from the surface or the other link in poses (N, links + 1, d), shape (N,)."""
+        """Return the distances of segments from the surface or the other link in poses (N, links + 1, d), (N,) [m]."""
         if part is None:
             return segment_distances(start, end, points[:, other], points[:, other + 1])
         return CheckedSurfaces.between(start, end, np.broadcast_to(part, (len(start), *part.shape)))[1]
@@ -342,12 +349,12 @@ def _named(
 
 
 def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray]) -> tuple[float, ...]:
-    """Return the signs of the bend errors that reduce the gap fastest; 0 for bends that do not matter.
+    """Return the signs of the bend errors that reduce a gap fastest, shape (bends,); 0 for bends that do not matter.
 
     Args:
         arm: the arm.
         q: the configuration, shape (c,) [rad, m].
-        gap: function that returns the distances in configurations (N, c), shape (N,) [m].
+        gap: function that returns the gaps in configurations (N, c), shape (N,) [m].
     """
     bends = arm.coordinates.joints
     distances = gap(np.vstack((q, q + _STEP * np.eye(bends, len(q)))))
