@@ -197,6 +197,20 @@ def test_everything_left_out_has_a_reason(tmp_path: Path, body: str, what: str, 
     assert reason in reasons(scene)[what]
 
 
+@pytest.mark.parametrize(("thickness", "told"), [(0.0, True), (5.9, True), (6.1, False)])
+def test_strokes_wider_than_walls_are_reported(tmp_path: Path, thickness: float, told: bool) -> None:
+    """The width that the transform gives the widest line counts; closed shapes and unseen strokes do not."""
+    path = tmp_path / "a.svg"
+    path.write_text(
+        f'<svg {HEAD}><g style="stroke: black; stroke-width: 2" transform="scale(3)">'
+        '<line id="wall" x2="9"/><path d="M0 1H9" stroke-width="1"/><path d="M0 2H9" style="stroke: none"/>'
+        '<rect y="5" width="1" height="1" style="stroke-width: 9"/></g></svg>'
+    )
+    found = reasons(import_scene(path, ImportOptions(wall_thickness=thickness)))
+    assert any(what.startswith("stroke width of 'wall'") and "up to 6," in why for what, why in found.items()) == told
+    assert len(found) == told
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [

@@ -207,6 +207,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
             walls = options.closed == "walls"
             shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance)
             obstacles = _of_each(shapes, lambda shape: obstacles_of(shape, growth, options.wall_thickness))
+            found = replace(found, left_out=(*found.left_out, *_unread_strokes(shapes, options.wall_thickness)))
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
     vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
@@ -251,7 +252,12 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
 
     def moved(shape: Shape) -> list[Shape]:
         rings = tuple(options.scale * np.asarray(ring, dtype=np.float64) + options.offset for ring in shape.rings)
-        placed = replace(shape, rings=rings, half_width=options.scale * shape.half_width)
+        placed = replace(
+            shape,
+            rings=rings,
+            half_width=options.scale * shape.half_width,
+            stroke_width=options.scale * shape.stroke_width,
+        )
         parts = divided(placed, IMPORT.largest_coordinate)
         if not parts:
             left_out.append(LeftOut(f"'{shape.name}'", "it has zero size"))
@@ -265,6 +271,23 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
             + (f"left out: {listed}" if listed else "draw outlines, circles or lines")
         )
     return replace(found, shapes=tuple(shapes), left_out=tuple(left_out))
+
+
+def _unread_strokes(shapes: Iterable[Shape], wall_thickness: float) -> Iterator[LeftOut]:
+    """Yield a report on lines drawn with a stroke wider than the walls as which they are read; at most one.
+
+    Stroke widths are often those of a pen, so that they are reported rather than read.
+    """
+    lines = [shape for shape in shapes if shape.drawn == "line"]
+    wide = [line for line in lines if line.stroke_width > max(wall_thickness, 2.0 * line.half_width)]
+    if wide:
+        widest = max(wide, key=lambda line: line.stroke_width)
+        several = f" and {len(wide) - 1} more" if len(wide) > 1 else ""
+        yield LeftOut(
+            f"stroke width of '{widest.name}'{several}",
+            f"up to {widest.stroke_width:.3g}, read as walls {wall_thickness:.3g} thick; raise "
+            "workspace.wall_thickness if the strokes show the thickness of walls",
+        )
 
 
 def _summary(

@@ -82,6 +82,7 @@ class Shape:
         half_width: distance by which the shape extends beyond its rings: half the line width, or the radius of a
             circle.
         layer: layer on which the shape is drawn; empty where the drawing has none.
+        stroke_width: width of the stroke that draws the shape; 0 where it has none. Not part of the shape.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Shape:
     curved: bool = False
     half_width: float = 0.0
     layer: str = ""
+    stroke_width: float = 0.0
 
     @property
     def is_circle(self) -> bool:

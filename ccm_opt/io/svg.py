@@ -3,8 +3,8 @@
 Coordinates are in user units of the outermost ``svg`` element; a physical size of that element is only reported. The
 y axis of SVG points down and is negated, so that the picture keeps its orientation. Anything not drawn as a shape is
 left out and reported: unused definitions, text, images, clip paths, masks, markers, patterns, and hidden elements.
-Strokes are ignored: a closed outline is solid, an open one is a line of zero width. Unfilled outlines within others
-are holes.
+A closed outline is solid, an open one is a line of zero width: widths of strokes are only reported. Unfilled outlines
+within others are holes.
 """
 
 import math
@@ -265,6 +265,7 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
     # Curves are flattened before they are transformed, so the distance shrinks by as much as the transform stretches.
     stretch = float(np.linalg.norm(matrix[:, :2], ord=2))
     allowed = distance / max(stretch, 1e-300)
+    stroke = stretch * place.stroke_width if place.stroked else 0.0
     rings: list[FloatArray] = []
     lines: list[Shape] = []
     for subpath in subpaths:
@@ -273,13 +274,15 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
         if closed:
             rings.append(placed)
         else:
-            lines.append(Shape(place.name, (placed,), "line", curved=subpath.curved, layer=place.layer))
+            drawn = Shape(place.name, (placed,), "line", curved=subpath.curved, layer=place.layer, stroke_width=stroke)
+            lines.append(drawn)
     if not rings:
         return lines
     # SVG's default is nonzero.
     rule: FillRule = "evenodd" if place.fill_rule == "evenodd" else "nonzero"
     curved = any(subpath.curved for subpath in subpaths)
-    return [Shape(place.name, tuple(rings), _drawn(place), rule, curved, layer=place.layer), *lines]
+    outlines = Shape(place.name, tuple(rings), _drawn(place), rule, curved, layer=place.layer, stroke_width=stroke)
+    return [outlines, *lines]
 
 
 def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Shape | None:

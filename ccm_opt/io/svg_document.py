@@ -98,8 +98,10 @@ class _Builder:
             raise ProblemError("its entities expand to too much text; save it as plain SVG")
 
 
-PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
-"""Style properties that matter; of fills only whether there is one, and strokes not at all."""
+PROPERTIES = frozenset(
+    ("clip-path", "display", "fill", "fill-rule", "mask", "stroke", "stroke-width", "transform", "visibility")
+)
+"""Style properties that matter; of fills and strokes only whether there is one."""
 _SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
 _PART = re.compile(r"[.#][\w-]+")
 

@@ -77,6 +77,8 @@ class Place:
         fill_rule: fill rule of nested rings.
         visible: whether it is visible, by the property ``visibility``.
         painted: whether it is filled.
+        stroked: whether its outline is drawn.
+        stroke_width: width of the drawn outline, in the element's user units.
         used: name of the outermost named ``use`` that draws it; empty where there is none.
         single: whether the element itself is used, rather than a group that contains it.
         depth: number of groups and uses around it.
@@ -91,6 +93,8 @@ class Place:
     fill_rule: str = "nonzero"
     visible: bool = True
     painted: bool = True
+    stroked: bool = False
+    stroke_width: float = 1.0
     used: str = ""
     single: bool = False
     depth: int = 0
@@ -209,6 +213,7 @@ class Picture:
             layer = layer or own_name(node)
         visibility = style.get("visibility", "inherit")
         fill = style.get("fill", "inherit")
+        stroke = style.get("stroke", "inherit")
         return replace(
             place,
             matrix=matrix,
@@ -217,7 +222,16 @@ class Picture:
             fill_rule=style.get("fill-rule", place.fill_rule),
             visible=place.visible if visibility == "inherit" else visibility == "visible",
             painted=place.painted if fill == "inherit" else fill != "none",
+            stroked=place.stroked if stroke == "inherit" else stroke != "none",
+            stroke_width=self._stroke_width(style.get("stroke-width", "inherit"), place.stroke_width),
         )
+
+    def _stroke_width(self, text: str, inherited: float) -> float:
+        """Return a width of strokes in user units; the inherited one where the text states none that can be read."""
+        try:
+            return inherited if text == "inherit" else length_of(text, self.view, across=None)
+        except ProblemError:
+            return inherited
 
     def _inner_view(self, place: Place) -> FloatArray:
         """Return the transform from the coordinates in a nested picture or symbol to those around it, shape (3, 3)."""
