@@ -21,6 +21,11 @@ TIME_TO_BUILD = 10.0
 """Time that building an expression may take [s]; for arms of 100 links it takes milliseconds."""
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 """Operations whose result is true or false."""
+_SYMBOLS_USED_AS_NUMBERS = ("truth value of a CasADi", "interpreted as an integer", "to numeric matrix not supported")
+"""Parts of the errors of CasADi and Python where a symbol stands in place of a number."""
+_USE_CASADI = (
+    "quantities are symbols: use ca.if_else for if, ca.fmax and ca.fmin for max and min, ca.sin for math.sin, and so on"
+)
 
 
 def _is_comparison(entry: Any) -> bool:
@@ -30,7 +35,12 @@ def _is_comparison(entry: Any) -> bool:
 
 def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
     """Return the term's expression as a dense column, after checking it."""
-    made = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
+    try:
+        made = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
+    except ProblemError as error:
+        if any(said in str(error) for said in _SYMBOLS_USED_AS_NUMBERS):
+            raise ProblemError(f"{kind} '{term.name}': a quantity is used as a number; {_USE_CASADI}") from error
+        raise
     try:
         column = ca.vec(ca.SX(made))
     except (NotImplementedError, RuntimeError, TypeError) as error:
@@ -48,7 +58,11 @@ def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -
     if column.numel() == 0:
         raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
     # Without allow_free CasADi would refuse the foreign symbols too, but with an error that does not name the term.
-    free = ca.Function("check", list(quantities.timed_symbols), [column], {"allow_free": True}).get_free()
+    program = ca.Function("check", list(quantities.timed_symbols), [column], {"allow_free": True})
+    constants = [k for k in range(program.n_instructions()) if program.instruction_id(k) == ca.OP_CONST]
+    if any(np.isnan(program.instruction_constant(k)) for k in constants):  # CasADi's answer to math.sin and float
+        raise ProblemError(f"{kind} '{term.name}': a quantity became NaN, not a number; {_USE_CASADI}")
+    free = program.get_free()
     if free:
         names = ", ".join(str(symbol) for symbol in free[:4])
         raise ProblemError(
