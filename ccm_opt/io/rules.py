@@ -345,7 +345,14 @@ def check_base(
             told = f"{where} is {file_length(depth)} inside '{workspace.obstacles[k].name}'"
             issues.add(("arm", "base"), f"{told}; {_way_out(workspace, k, drawing)}")
     if outside > rounding:
-        issues.add(("arm", "base"), f"{where} is {file_length(outside)} outside the {room}; move the base inside")
+        advice = "move the base inside"
+        if drawing is not None:
+            low, high = np.reshape(drawing.box, (2, 2))
+            advice += (
+                f", or {drawing.file} by workspace.offset: it lies from {_place(low, unit)} to {_place(high, unit)}"
+            )
+            advice += f" {unit}"
+        issues.add(("arm", "base"), f"{where} is {file_length(outside)} outside the {room}; {advice}")
 
 
 def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None) -> str:
