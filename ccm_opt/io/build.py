@@ -1,4 +1,4 @@
-"""Construction of a problem from the checked tables of its file, with the defaults filled in."""
+"""Construction of a planning problem from the validated tables of a problem file, with defaults filled in."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,29 +44,29 @@ from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshB
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _FOLDED_SHARE = 0.95
-"""Share of the joint limit that a folded arm uses, so that its joints can still move both ways. Taste."""
+"""Fraction of the joint limit that a folded arm uses, so that its joints can still move both ways. Taste."""
 _GAP_IN_DIAMETERS = 1.1
-"""Least distance between the axes of distant links of a folded arm, in link diameters (two radii)."""
+"""Minimum distance between the axes of distant links of a folded arm, in link diameters (two radii)."""
 _LEAST_GAP_IN_LINKS = 0.1
-"""The same least distance in link lengths, for arms of zero radius."""
+"""Minimum distance between the axes of distant links of a folded arm, in link lengths, for arms of zero radius."""
 
 
 def folded_bends(arm: Arm) -> FloatArray:
-    """Return the bends of the most compact serpentine: equal rows joined by half turns, alternately left and right.
+    """Return the joint angles of the most compact serpentine of an arm, shape (n links,) [rad].
 
-    A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Among all (m, row length) whose
-    bends stay within a fraction of the joint limit and whose distant links are far enough apart, the one with the
-    smallest diagonal of its bounding box is chosen. The first row lies along the base heading, and the first turn is to
-    the left.
+    A serpentine consists of equal straight rows joined by half turns, alternately to the left and to the right; the
+    first row lies along the base heading. A half turn of m joints bends each by π / m and sets the rows l cot(π / 2m)
+    apart, with l the link length. Among all m and row lengths that respect the joint limit and keep distant links
+    apart, the serpentine with the shortest diagonal of its bounding box is chosen.
 
     Args:
-        arm: the arm.
+        arm: a planar arm.
 
     Returns:
-        Joint bends, shape (links,) [rad].
+        Bend angles of the joints, shape (n,) [rad].
 
     Raises:
-        ProblemError: no serpentine fits the joint limit and the radius.
+        ProblemError: no serpentine respects the joint limit and the radius.
     """
     gap = max(_GAP_IN_DIAMETERS * 2.0 * arm.radius, _LEAST_GAP_IN_LINKS * arm.link_length)
     candidates = sorted(_serpentines(arm, _FOLDED_SHARE), key=lambda bends: _diagonal(arm, bends))
@@ -80,7 +80,15 @@ def folded_bends(arm: Arm) -> FloatArray:
 
 
 def self_distance(arm: Arm, bends: FloatArray) -> float:
-    """Return the least distance between the axes of ``Arm.distant_pairs`` of links [m]; inf where there is none."""
+    """Return the minimum distance between the axes of any two links that are checked for self-collision [m].
+
+    Args:
+        arm: a planar arm; its ``distant_pairs`` are the pairs of links that are compared.
+        bends: bend angles of the joints, shape (n links,) [rad].
+
+    Returns:
+        The distance; infinite where the arm has no such pair.
+    """
     points = arm.joint_positions(arm.headings(bends))
     axes = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
     first, second = arm.distant_pairs
@@ -88,7 +96,15 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
 
 
 def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
-    """Yield the bends of candidate serpentines, for all numbers of joints per half turn and straight joints per row."""
+    """Yield the joint angles of candidate serpentines, for every number of joints per half turn and per straight row.
+
+    Args:
+        arm: a planar arm of n links.
+        limit_share: fraction of the joint limit that half turns may use.
+
+    Yields:
+        Bend angles of the joints, shape (n,) [rad].
+    """
     sharpest = limit_share * arm.joint_limit
     fewest = max(2, math.ceil(min(math.pi / sharpest, arm.links)))
     # Rows of a thick arm must be two radii apart, which takes half turns of about π r / l joints.
@@ -102,9 +118,12 @@ def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
 
 
 def _serpentine(links: int, turn: int, row: int) -> FloatArray:
-    """Return the bends of rows of ``row`` straight joints and half turns of ``turn`` joints, shape (links,) [rad].
+    """Return the joint angles of straight rows joined by half turns, alternately left and right, shape (n,) [rad].
 
-    The half turns go left and right alternately.
+    Args:
+        links: number n of links.
+        turn: number of joints per half turn.
+        row: number of straight joints between two half turns.
     """
     left = np.concatenate((np.zeros(row), np.full(turn, math.pi / turn)))
     period = np.concatenate((left, -left))
@@ -117,10 +136,10 @@ def _diagonal(arm: Arm, bends: FloatArray) -> float:
 
 
 def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
-    """Build the problem from tables that have passed all checks.
+    """Return the planning problem that the validated tables of a problem file describe.
 
     Args:
-        tables: tables by name, see ``table_reading``.
+        tables: tables by name, which have passed all checks of ``table_reading``.
         source: text of the problem file.
     """
     arm = build_arm(tables["arm"])
@@ -159,13 +178,13 @@ def build_workspace(
     obstacles: Sequence[tuple[int, ObstacleTable | SpaceObstacleTable]],
     meshes: Mapping[int, MeshBody] | None = None,
 ) -> Workspace:
-    """Build the workspace with its obstacles.
+    """Return the workspace, planar or in space, that the tables of a problem file describe.
 
     Args:
         table: the table ``[workspace]``.
-        obstacles: tables of the obstacles with their indices in the file, from 0; one without a name is called
+        obstacles: index in the file, from 0, and table of each obstacle; an obstacle without a name is called
             ``obstacle`` and its number from 1.
-        meshes: bodies of the obstacles that are meshes, by index.
+        meshes: solids of the obstacles that are meshes, by index in the file.
     """
     named = [(number, item.name or f"obstacle {number + 1}", item) for number, item in obstacles]
     if isinstance(table, SpaceWorkspaceTable):
@@ -181,12 +200,12 @@ def build_workspace(
 
 
 def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
-    """Return the boundary of a workspace in the plane."""
+    """Return the boundary of a planar workspace as a polygon [m]."""
     return _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
 
 
 def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
-    """Build an obstacle in the plane from its table, which has exactly one kind of shape."""
+    """Return a planar obstacle from its table, which has exactly one kind of shape."""
     if table.circle is not None:
         return Obstacle(name, PlaneShape(shapely.Point(table.circle.center), table.circle.radius))
     if table.wall is not None:
@@ -202,7 +221,7 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
 
 
 def _body(table: SpaceObstacleTable) -> Body:
-    """Build the body of an obstacle other than a mesh from its table, which has exactly one kind of shape."""
+    """Return an obstacle in space other than a mesh as a solid, from its table, which has exactly one kind of shape."""
     placement = build_placement(table.pose)
     if table.sphere is not None:
         return SphereBody(placement.points(np.array(table.sphere.center)), table.sphere.radius)
@@ -215,7 +234,7 @@ def _body(table: SpaceObstacleTable) -> Body:
 
 
 def build_placement(table: PlacementTable | None) -> RigidPlacement:
-    """Return the placement of a body, position and rotation; the identity where the obstacle has no such table."""
+    """Return the position and rotation of a solid from its table ``pose``; the identity where there is none."""
     if table is None:
         return RigidPlacement()
     position = np.array(table.position)
@@ -225,7 +244,7 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
 
 
 def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
-    """Build the arm; its links have the inertia of solid cylinders unless the table gives other values."""
+    """Return the arm that the table ``[arm]`` describes; by default links have the inertia of solid cylinders."""
     in_space = isinstance(table, SpaceArmTable)
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
     if table.inertia is not None:
@@ -257,7 +276,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return the component of a vector perpendicular to a unit vector, normalised, shape (3,)."""
+    """Return the component of a vector perpendicular to a unit vector, normalised to unit length, shape (3,)."""
     rest = up - (up @ direction) * direction
     # A second projection removes what rounding left of the parallel component.
     rest = rest - (rest @ direction) * direction
@@ -265,7 +284,12 @@ def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def build_limits(table: LimitsTable, links: int) -> Limits:
-    """Build the limits of an arm, with joint limits expanded to one value for each of its 3 * ``links`` revolutes."""
+    """Return the limits that the table ``[limits]`` describes, joint limits expanded to one value per revolute joint.
+
+    Args:
+        table: the validated table.
+        links: number n of links; each ball joint consists of three revolutes, so that there are 3 n.
+    """
     limits = table.values
     points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
     points += [(point.at, point.velocity, point.acceleration) for point in limits.pop("points")]
@@ -276,10 +300,15 @@ def build_limits(table: LimitsTable, links: int) -> Limits:
 
 
 def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName) -> JointPose:
-    """Build a pose of the whole arm from its table, which defines the pose in exactly one way.
+    """Return a pose of the whole arm from its table, which gives joint angles, the name of a pose, or curve segments.
+
+    Args:
+        table: the validated table ``[start]`` or ``[goal]``.
+        arm: the arm.
+        mapping: method that fits the joints to a curve of segments.
 
     Raises:
-        ProblemError: the arm cannot be folded, or cannot be laid along the curve.
+        ProblemError: the arm cannot be folded, or its joints cannot follow the curve.
     """
     feed = pose_feed(table, arm)
     if arm.dimension == 3:
@@ -299,12 +328,12 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
 
 
 def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
-    """Return the feed of a pose [m]; the lower end of the feed axis where the table gives no feed."""
+    """Return the feed (position of the base on its feed axis) of a pose [m]; by default the lower end of the axis."""
     return arm.base_range[0] if table.feed is None else table.feed
 
 
 def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> Goal:
-    """Return a goal for the tip or for the whole arm."""
+    """Return a goal for the tip or for the whole arm from the table ``[goal]``."""
     if table.position is None:
         return build_pose(table, arm, mapping)
     direction = None if table.direction is None else np.array(table.direction)
@@ -313,22 +342,27 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
 
 
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
-    """Return the tolerances of a goal."""
+    """Return the position and angle tolerances of the table ``[goal]``."""
     return Tolerances(table.position_tolerance, table.heading_tolerance_deg or table.direction_tolerance_deg)
 
 
 def build_options(table: PlannerTable) -> PlannerOptions:
-    """Return the planner options of the table ``[planner]``."""
+    """Return the planner options that the table ``[planner]`` describes."""
     return PlannerOptions(**table.values | {"weights": Weights(**table.weights.values)})
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:
-    """Return one value per link, shape (links,), given one value for all links or a list of values."""
+    """Return one value per link, shape (links,), from a single value for all links or a list of values."""
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (links,)).copy()
 
 
 def each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
-    """Return one value per revolute, shape (3 * links,), given one for all, one per ball joint, or one per revolute."""
+    """Return one value per revolute joint, shape (3 n,), for an arm of n ball joints of three revolutes each.
+
+    Args:
+        value: one value for all, a list with one per ball joint, or a list with one per revolute.
+        links: number n of links, each with a ball joint.
+    """
     values = np.asarray(value, dtype=np.float64)
     if values.shape == (links,):
         return np.repeat(values, 3)

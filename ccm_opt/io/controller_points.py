@@ -1,10 +1,10 @@
-"""Choice of the samples of a plan that are sent to a controller, such that its interpolation keeps every limit.
+"""Trajectory points for a joint trajectory controller, chosen from the samples of a plan.
 
-A controller joins points with positions and velocities by cubics, whose accelerations may exceed those of the plan
-where these jump between two points. So points are chosen one after the other, each as far from the previous point as
-possible while the cubic between them keeps the limits and stays near the plan. Where not even neighbouring samples
-allow this, the motion is slowed down slightly. A plan of limited jerk has continuous accelerations, so its
-points are joined by quintics.
+A controller interpolates points that have positions and velocities by cubics, whose accelerations may exceed those of
+the plan where the plan's accelerations jump. Points are therefore chosen one after the other, each as far from the
+previous one as possible while the cubic between the two keeps all limits and stays near the plan. Where not even
+neighbouring samples allow this, the motion is slowed down slightly. A plan of limited jerk has continuous
+accelerations, so its points also have accelerations and are interpolated by quintics.
 """
 
 import itertools
@@ -34,33 +34,33 @@ from ccm_opt.verification.wall_clearance import check_walls
 logger = logging.getLogger(__name__)
 
 _USED = 0.999
-"""Share of the limits that curves may use at the samples; the rest is a reserve for the time between them. Taste."""
+"""Fraction of the limits that interpolating polynomials may use at samples; the rest is a reserve between. Taste."""
 _DEVIATION = 1e-5
-"""Approximate largest deviation from the plan, as a share of the arm's length. Taste: below the repeatability of
+"""Approximate maximum deviation from the plan, as a fraction of the arm's length. Taste: below the repeatability of
 drives."""
 _FARTHEST = 50
-"""Largest number of samples from one point to the next. Taste: files are small, and choosing takes as long as
+"""Maximum number of samples from one point to the next. Taste: files are small, and choosing takes as long as
 verifying."""
 _STILL = 1e-9
-"""Deviation allowed for a coordinate that rests in the plan, as in a guide tube or a pause [rad, m]."""
+"""Allowed deviation of a coordinate that rests in the plan, as in a guide tube or during a pause [rad, m]."""
 _SLOWER = 1.002
-"""Factor by which the motion is slowed down beyond what the samples need. Taste."""
+"""Factor by which the motion is slowed down beyond the factor that the samples need. Taste."""
 _FACTOR_STEPS = 1e4
-"""Time factors are multiples of one over this number, so that a reader can recover them exactly."""
+"""Reciprocal of the step of time factors, which are rounded so that a reader can recover them exactly."""
 _ATTEMPTS = 12
-"""Largest number of attempts at a choice, each closer to the plan or slower, until the checks hold. Taste."""
+"""Maximum number of attempts to choose points, each closer to the plan or slower, until the checks pass. Taste."""
 
 
 @dataclass(frozen=True)
 class ControllerPoints:
-    """The points of a plan that are sent to a controller.
+    """The P samples of a plan that are sent to a controller as trajectory points.
 
     Attributes:
-        samples: indices of the samples of the plan that are points, shape (P,).
-        factor: factor by which the points' motion is slower than the plan.
-        trajectory: the points, at times of whole nanoseconds.
-        joints: the points as the drives see them.
-        smooth: whether the message includes accelerations, so that points are joined by quintics.
+        samples: indices of the points among the samples of the plan, shape (P,).
+        factor: factor, at least 1, by which the motion of the points is slower than the plan.
+        trajectory: the points in the arm's coordinates, at times of whole nanoseconds.
+        joints: the points as states of all revolute joints, with efforts.
+        smooth: whether points have accelerations, so that a controller interpolates them by quintics.
     """
 
     samples: IntArray
@@ -71,18 +71,18 @@ class ControllerPoints:
 
     @property
     def message(self) -> Message:
-        """The message to the controller."""
+        """Times, positions, velocities and, with quintics, accelerations that the controller receives."""
         motion = self.trajectory
         accelerations = motion.accelerations if self.smooth else None
         return Message(motion.time, motion.positions, motion.velocities, accelerations, motion.coordinates)
 
 
 def spared(problem: Problem, checks: Iterable[Check]) -> float:
-    """Return the largest deviation from a plan, of any point of the arm, that cannot violate a required gap [m].
+    """Return the maximum deviation of any point of the arm from a plan that cannot violate a required clearance [m].
 
     Args:
         problem: the problem.
-        checks: checks of the plan, whose least gaps may be reported too large by the report resolution.
+        checks: verifier's checks of the plan; their minimum clearances may be too large by the report resolution.
     """
     share = {"wall clearance": 1.0, "self-collision": 0.5}  # two links may both deviate
     resolution = DEFAULT_VERIFICATION.for_problem(problem).report_resolution
@@ -93,7 +93,14 @@ def spared(problem: Problem, checks: Iterable[Check]) -> float:
 def slowed(
     problem: Problem, plan: JointTrajectory, joints: JointStates, factor: float
 ) -> tuple[JointTrajectory, JointStates]:
-    """Return a plan slowed down by a factor, with its efforts computed again."""
+    """Return a plan slowed down by a constant factor, with joint torques and feed force computed again.
+
+    Args:
+        problem: the problem, which gives arm and gravity.
+        plan: the planned motion.
+        joints: states of all revolute joints over the motion.
+        factor: ratio of the new to the old duration, at least 1.
+    """
     if factor == 1.0:
         return plan, joints
     velocities, accelerations = plan.velocities / factor, plan.accelerations / factor**2
@@ -112,15 +119,15 @@ def slowed(
 def message_checks(
     problem: Problem, plan: JointTrajectory, message: Message, samples: IntArray, factor: float, spare: float
 ) -> tuple[Check, Check]:
-    """Return the checks of a controller's interpolation of a message: limits, and deviation from the plan.
+    """Return the checks that a controller's interpolation of points keeps the limits and stays near the plan.
 
     Args:
         problem: the problem.
         plan: the planned motion.
-        message: the points.
+        message: the P trajectory points.
         samples: indices of the points among the samples of the plan, shape (P,).
-        factor: factor by which the message is slower than the plan.
-        spare: allowed deviation from the plan [m].
+        factor: factor by which the motion of the points is slower than the plan.
+        spare: allowed deviation of any point of the arm from the plan [m].
     """
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     stops = np.searchsorted(samples, plan.stops).tolist()
@@ -130,12 +137,12 @@ def message_checks(
 
 
 def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
-    """Check that links which deviate from a plan keep their gaps, to twice the contact tolerance; return the checks.
+    """Return the checks that deviating links keep their clearances within twice the contact tolerance.
 
     Args:
         problem: the problem.
-        plan: the planned motion, of T samples.
-        deviation: bound on the deviation of each link between two samples, shape (T − 1, links) [m].
+        plan: the planned motion of n links, with T samples.
+        deviation: upper bound on the deviation of each link between two samples, shape (T − 1, n) [m].
     """
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     # The plan may fall short of a gap by one tolerance, and the message may deviate by another.
@@ -148,13 +155,13 @@ def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatAr
 def controller_points(
     problem: Problem, plan: JointTrajectory, joints: JointStates, checks: Iterable[Check]
 ) -> ControllerPoints:
-    """Choose the samples of a plan for a controller and return them; warn where no choice passes the checks.
+    """Return trajectory points for a controller, chosen from a plan's samples; warn where no choice passes the checks.
 
     Args:
         problem: the problem.
         plan: the planned motion.
-        joints: the planned motion as the drives see it.
-        checks: checks of the plan, which hold its least gaps.
+        joints: states of all revolute joints over the motion.
+        checks: verifier's checks of the plan, which hold its minimum clearances.
     """
     spare = spared(problem, checks)
     tolerance = _DEVIATION * problem.arm.length
@@ -189,15 +196,15 @@ def points_at(
     smooth: bool,
     time: FloatArray | None = None,
 ) -> ControllerPoints:
-    """Return points for a controller at given samples of a plan that is already slowed down.
+    """Return trajectory points at given samples of a plan that is already slowed down.
 
     Args:
         slower: the slowed plan.
-        joints: the slowed plan as the drives see it.
-        samples: indices of the samples, shape (P,).
+        joints: states of all revolute joints over the slowed plan.
+        samples: indices of the P samples, shape (P,).
         factor: factor by which the plan is slowed down.
-        smooth: whether the message includes accelerations.
-        time: times of the points [s], shape (P,); None for the samples' times rounded to whole nanoseconds.
+        smooth: whether the points have accelerations.
+        time: times of the points, shape (P,) [s]; None for the times of the samples, rounded to whole nanoseconds.
     """
     time = np.round(slower.time[samples], 9) if time is None else time
     # Positions are extrapolated to the rounded times, so that short steps get no spurious accelerations.
@@ -222,13 +229,13 @@ def points_at(
 
 @dataclass(frozen=True)
 class _Choice:
-    """The greedy choice of the points of a plan.
+    """Greedy choice of trajectory points from the T samples of a plan.
 
     Attributes:
         problem: the problem.
-        plan: the planned motion, perhaps slowed down.
-        tolerance: allowed deviation of a curve from the path of the plan, approximately [m].
-        smooth: whether curves are quintics instead of cubics.
+        plan: the planned motion, possibly slowed down.
+        tolerance: allowed deviation of interpolating polynomials from the path of the plan, approximate [m].
+        smooth: whether the interpolating polynomials are quintics instead of cubics.
     """
 
     problem: Problem
@@ -237,7 +244,7 @@ class _Choice:
     smooth: bool
 
     def samples(self) -> IntArray:
-        """Return the indices of the samples chosen, shape (P,); neighbouring samples where no longer curve fits."""
+        """Return the indices of the chosen samples, shape (P,); neighbours where no longer polynomial fits."""
         chosen = [0]
         for end in self._corners[1:]:
             while chosen[-1] < end:
@@ -245,7 +252,10 @@ class _Choice:
         return np.array(chosen, dtype=np.intp)
 
     def _farthest(self, first: int, end: int) -> int:
-        """Return about the farthest sample to which a curve fits, found by bisection; at least the next sample."""
+        """Return about the farthest sample to which a polynomial from sample ``first`` keeps limits and tolerance.
+
+        Found by bisection up to sample ``end``; at least the next sample.
+        """
         good = first + 1
         bad = tried = min(first + _FARTHEST, end)
         if self.used(first, tried) <= 1.0:
@@ -257,14 +267,14 @@ class _Choice:
 
     @cached_property
     def _corners(self) -> IntArray:
-        """Samples that must be points, namely the ends, the stops, and those where the arm halts or sets off."""
+        """Indices of samples that must be points, namely ends, stops, and samples where the arm halts or sets off."""
         still = np.all(self._rests, axis=1)
         changes = 1 + np.flatnonzero(still[1:] != still[:-1])
         return np.unique(np.concatenate(([0, len(self.plan.time) - 1], self.plan.stops, changes))).astype(np.intp)
 
     @cached_property
     def _rests(self) -> FloatArray:
-        """Whether each coordinate rests between neighbouring samples, shape (T − 1, c)."""
+        """Whether each of the c coordinates rests between neighbouring samples, shape (T − 1, c)."""
         return np.asarray(np.abs(np.diff(self.plan.positions, axis=0)) <= 1e-3 * _STILL)
 
     @cached_property
@@ -273,11 +283,11 @@ class _Choice:
         return [(point_of(arm, limit.at), limit.velocity, limit.acceleration) for limit in self.problem.limits.points]
 
     def used(self, first: int, last: int) -> float:
-        """Return the largest fraction of any limit, or of the tolerance, that the curve between two samples uses.
+        """Return the maximum fraction of any limit, or of the tolerance, that the polynomial between two samples uses.
 
-        The curve is evaluated at the samples from ``first`` to ``last``. For accelerations the square root of the
-        fraction is taken, for jerks the cube root, so that slowing the motion down by the result makes it keep its
-        limits.
+        The polynomial is evaluated at all samples from ``first`` to ``last``. For accelerations the square root of the
+        fraction is taken, for jerks the cube root, so that the limits hold once the motion is slowed down by the
+        result.
         """
         plan, span = self.plan, slice(first, last + 1)
         h = plan.time[last] - plan.time[first]
@@ -320,10 +330,10 @@ class _Choice:
 
 
 def _unit_curve(orders: int) -> FloatArray:
-    """Return the matrix from end conditions to the coefficients of a polynomial on [0, 1], shape (2 n, 2 n).
+    """Return the matrix that maps end conditions to the coefficients of a polynomial on [0, 1], shape (2 n, 2 n).
 
-    The end conditions are the value and derivatives at 0, then those at 1, with n = ``orders`` conditions at each end.
-    The coefficients are in increasing powers.
+    The end conditions are value and derivatives at 0, then at 1, with n = ``orders`` conditions at each end. The
+    coefficients are in order of increasing power.
     """
     rows = np.eye(2 * orders)
     for order in range(orders):
@@ -333,25 +343,25 @@ def _unit_curve(orders: int) -> FloatArray:
 
 
 _UNIT_CURVES = {orders: _unit_curve(orders) for orders in (2, 3)}
-"""These matrices for cubics and quintics, by the number of conditions at each end."""
+"""Matrices from end conditions to polynomial coefficients for cubics (2) and quintics (3 conditions at each end)."""
 
 
 QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 _WHOLE = re.compile(r" (-?\d+)(?![\d.])")
-"""A number without a decimal point, up to any exponent, after a blank."""
+"""An integer without decimal point, followed by any exponent, after a blank."""
 
 
 def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effort: bool = False) -> tuple[str, str]:
-    """Return the points for a controller as CSV and as YAML; SI units, radians.
+    """Return trajectory points for a controller as CSV text and as a ROS message in YAML; SI units, radians.
 
-    Both contain the same numbers, to twelve digits. Every number has a decimal point: the fields of ROS messages accept
-    floats only, and YAML reads ``1e-05`` as a text.
+    Both contain equal numbers of twelve digits. Every number has a decimal point: fields of ROS messages accept floats
+    only, and YAML reads ``1e-05`` as a text.
 
     Args:
         points: the points.
-        bends_only: whether the revolutes that turn out of the plane, or about the link, are left out.
+        bends_only: whether revolute joints that never bend the arm are left out.
         effort: whether the message includes efforts, which controllers from ROS 2 Humble on refuse.
 
     Returns:
@@ -369,12 +379,12 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
 
 
 def number_rows(table: FloatArray) -> list[str]:
-    """Return the text of each row of a table: numbers in the format ``%.12g``, joined by commas.
+    """Return the text of each row of a table of numbers, in the format ``%.12g`` and joined by commas.
 
-    Every number has a decimal point, whole numbers included. In columns that contain only zeros, no zero has a sign.
+    Every number has a decimal point. In columns that contain only zeros, no zero has a sign.
 
     Args:
-        table: the numbers, shape (rows, n).
+        table: numbers, shape (rows, columns).
     """
     # Most columns are revolutes that a planar motion does not move; they need no formatting.
     moving = np.any(table != 0.0, axis=0)
@@ -386,9 +396,9 @@ def number_rows(table: FloatArray) -> list[str]:
 
 
 def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
-    """Return the names of the joints, and tables of their positions, velocities, accelerations and efforts.
+    """Return the names of the m joints, and tables of their positions, velocities, accelerations and efforts.
 
-    The tables have shape (T, joints); a feed axis is the first joint.
+    Each table has shape (T, m) for T samples [rad, m, s, N]; a feed axis is the first joint.
     """
     tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
     base = [
@@ -402,7 +412,7 @@ def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple
 
 
 def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates:
-    """Return the states of only those revolutes that bend the arm.
+    """Return the states of only those revolute joints that bend the arm.
 
     In the plane these are the second revolute of every ball joint, in space the first and the second.
     """

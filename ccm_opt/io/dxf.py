@@ -1,8 +1,9 @@
-"""Reading of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks.
+"""Reader of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks.
 
-Only the model space counts, seen along z, without layers that are off or frozen. Open pieces of a layer are joined
-where their ends meet; a closed chain is an outline. Annotations and construction lines are left out and reported, even
-broken ones; anything else unreadable is refused by name, since a missing obstacle is worse than a refused file.
+Only the model space is read, projected along z, without layers that are off or frozen. Open polylines of a layer are
+joined where their ends meet; a closed chain is an outline. Annotations and construction lines are left out and
+reported, even damaged ones; any other unreadable entity is refused by name, since a missing obstacle is worse than a
+refused file.
 """
 
 import io
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 _MOST_DXF_BYTES = 8 * 2**20
-"""Largest size of a DXF file. Measured: the parser reads 1.5 MB per second."""
+"""Maximum size of a DXF file [bytes]. Measured: the parser reads 1.5 MB per second."""
 
 IGNORED = frozenset(
     (
@@ -54,7 +55,7 @@ IGNORED = frozenset(
         "XLINE",
     )
 )
-"""Types of annotations, pictures and construction lines, which are left out."""
+"""DXF types of annotations, pictures and construction lines, which are not imported."""
 _IGNORED_BECAUSE = {
     "MTEXT": "text is not an obstacle",
     "POINT": "points have zero size",
@@ -77,26 +78,26 @@ _IN_SPACE = {
     "SURFACE": "a 3-D surface",
     "SWEPTSURFACE": "a 3-D surface",
 }
-"""Entities in space, which are refused, by type; POLYLINEs that are meshes are listed as POLYFACE and POLYMESH."""
+"""Descriptions of three-dimensional entities, which are refused, by DXF type (POLYLINE meshes: POLYFACE, POLYMESH)."""
 _PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VERTEX"))
-"""Structural records that are no entities by themselves."""
+"""DXF types of structural records, which are no entities."""
 _KIND = re.compile(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(\d*[A-Z][A-Z0-9_]*)[ \t]*\r?$")
-"""The type of an entity in the text of a file: what follows the group code 0."""
+"""Group code 0 in the text of a DXF file, followed by the type of an entity."""
 _ANNOTATIONS = re.compile(
     rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(?:M|MULTI|ARC_|LARGE_RADIAL_)?(?:TEXT|LEADER|DIMENSION|TOLERANCE)[ \t]*\r?\n"
     rb"(?:(?![ \t]*0[ \t]*\r?\n).*\n.*\n)*"
 )
-"""Annotations in the text of a file, each up to the next group code 0."""
+"""An annotation in the text of a DXF file, up to the next group code 0."""
 _BINARY = b"AutoCAD Binary DXF"
 _DEEPEST = 32
-"""Deepest nesting of blocks; deeper ones are taken to contain themselves."""
+"""Maximum nesting depth of blocks; deeper nesting suggests a block that contains itself."""
 _GAP = 1e-6
-"""Distance within which ends meet, relative to the extent of the layer's open pieces."""
+"""Maximum distance between ends that are joined, relative to the extent of the layer's open polylines."""
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """An entity with its layer, the name of its shape, and the number of blocks around it."""
+    """An entity of the drawing with its layer, the name for its shape, and the number of blocks around it."""
 
     entity: Entity
     layer: str
@@ -106,7 +107,7 @@ class _Placed:
 
 @dataclass
 class _Findings:
-    """Results collected while reading a drawing: shapes, open pieces by layer, and entities left out or refused."""
+    """Results collected while a DXF drawing is read: shapes, open polylines by layer, entities left out or refused."""
 
     shapes: list[Shape] = field(default_factory=list)
     open_pieces: dict[str, list[Piece]] = field(default_factory=dict)
@@ -116,22 +117,22 @@ class _Findings:
     points: int = 0
 
     def leave_out(self, item: _Placed, reason: str) -> None:
-        """Record that an entity is not imported as an obstacle."""
+        """Record an entity that is not imported as an obstacle, and the reason."""
         self.left_out.append(LeftOut(_title(item), reason))
 
 
 def read_dxf(content: bytes, distance: float) -> DrawingContent:
-    """Return the shapes of a DXF file.
+    """Return the shapes in the bytes of a DXF file.
 
-    A shape is named after its layer; on layer 0 after its block, or else by its type and handle.
+    A shape is named after its layer, on layer 0 after its block, and outside blocks after its type and handle.
 
     Args:
         content: content of the file, text or binary DXF.
-        distance: largest distance allowed between a curve and its polyline [drawing units].
+        distance: maximum distance between a curve and its polyline [drawing units].
 
     Raises:
-        ProblemError: the content is no DXF, holds entities that cannot be read, which are listed by name, or inserts
-            more than the bounds allow.
+        ProblemError: the content is no DXF, has unreadable entities, which are listed by name, or exceeds a limit of
+            ``ImportBounds``.
     """
     found = _Findings()
     drawing = _parsed(content, found)
@@ -170,7 +171,7 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
 
 
 def _unit(drawing: "Drawing") -> str:
-    """Return the unit stated in the header, for example ``mm``; empty where it states none."""
+    """Return the unit of length in the header of a DXF drawing, for example ``mm``; empty where none is stated."""
     from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
 
     return decode(drawing.units) or "" if drawing.units else ""
@@ -222,7 +223,12 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
 
 
 def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> None:
-    """Refuse a drawing if the parser returned fewer entities than the text of the file contains.
+    """Raise an error where the DXF parser returned fewer entities than the text of the file contains.
+
+    Args:
+        drawing: the parsed drawing.
+        content: bytes of the file.
+        empty: the parser's messages about empty polylines, which may be missing.
 
     Raises:
         ProblemError: entities were lost.
@@ -239,7 +245,15 @@ def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> No
 
 
 def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
-    """Yield the visible entities of the model space, with blocks and multilines taken apart."""
+    """Yield the visible entities of the model space, with block references and multilines replaced by their parts.
+
+    Args:
+        drawing: the parsed drawing.
+        found: receives invisible entities as left out, and refused block references.
+
+    Raises:
+        ProblemError: there are too many entities, or blocks are nested too deep.
+    """
     # Names of layers do not distinguish upper and lower case.
     reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
     reasons |= {layer.dxf.name.lower(): "frozen" for layer in drawing.layers if layer.is_frozen()}
@@ -276,7 +290,7 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
 
 
 def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
-    """Return the entities of a block reference; entities on layer 0 get the reference's layer."""
+    """Return the entities of a block reference, placed in the drawing; those on layer 0 take the reference's layer."""
     entity = inserted.entity
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
@@ -310,13 +324,22 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
 
 
 def _kind_and_handle(entity: Entity) -> str:
-    """Return the name of an entity outside blocks: its layer, or on layer 0 its type and handle."""
+    """Return the name for the shape of an entity outside blocks: its layer, or on layer 0 its type and handle."""
     layer = str(entity.dxf.get("layer", "0"))
     return f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip() if layer == "0" else layer
 
 
 def _add(item: _Placed, distance: float, found: _Findings) -> None:
-    """Add one entity to the findings, as a shape or as an open piece of its layer."""
+    """Add one entity to the results of reading a drawing, as a shape or as an open polyline of its layer.
+
+    Args:
+        item: the entity.
+        distance: maximum distance between a curve and its polyline [drawing units].
+        found: receives the shape or polyline, or the entity as left out.
+
+    Raises:
+        ProblemError: the entity cannot be read.
+    """
     entity = item.entity
     kind = entity.dxftype()
     if kind in IGNORED:
@@ -356,7 +379,7 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
 
 
 def _turn_upright(entity: Entity) -> None:
-    """Mirror an entity whose normal points along -z, and refuse an entity drawn in another plane than x-y.
+    """Mirror an entity whose normal points along -z, in place, so that its coordinates are those seen along z.
 
     Raises:
         ProblemError: the entity is not drawn in the x-y plane.
@@ -370,7 +393,7 @@ def _turn_upright(entity: Entity) -> None:
 
 
 def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:
-    """Return the shapes of a layer's open pieces after joining pieces whose ends meet."""
+    """Return the shapes of a layer's open polylines, joined where their ends meet."""
     points = np.concatenate([piece.points for piece in pieces])
     worst = float(np.abs(points).max())
     if not worst <= IMPORT.largest_coordinate:  # also where it is no number

@@ -1,7 +1,7 @@
-"""Writing of motions and reading of meshes in binary glTF (GLB).
+"""Writer of motions as animations, and reader of meshes, in binary glTF 2.0 (GLB).
 
-Before trimesh reads a file, this module inspects the file's JSON document: it counts the triangles of all nodes of the
-scene, and trimesh must return equally many. Cameras are removed, because trimesh drops the children of camera nodes.
+Before trimesh reads a file, the triangles of all nodes of the scene are counted in the file's JSON document, and
+trimesh must return equally many. Cameras are removed first, because trimesh drops the children of camera nodes.
 Materials are not read, so that no other file is opened.
 """
 
@@ -28,29 +28,29 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import capsule_surface
 
 _FILM_RATE = 30.0
-"""Keyframes of films a second [1/s]; between them players interpolate."""
+"""Rate of animation keyframes, between which players interpolate [1/s]."""
 
 _ROUND_SIDES = 16
-"""Sides of cylinders and half spheres. Taste."""
+"""Number of flat sides that approximate cylinders and half spheres. Taste."""
 _GLASS = 0.35
-"""Opacity of bodies in space, which would hide the arm otherwise. Taste."""
+"""Opacity of obstacles in space, which would otherwise hide the arm. Taste."""
 
 _FLOATS = 5126
 _WHOLE_NUMBERS = 5125
-"""Types of numbers, 32 bits each (table 3.6.2.2)."""
+"""Component types of glTF for 32-bit floats and unsigned integers (glTF 2.0, section 3.6.2.2)."""
 _ROTATION_FROM_Z_UP = (-0.7071067811865476, 0.0, 0.0, 0.7071067811865476)
-"""A quarter turn about x, as x, y, z, w: in glTF y points up, here z."""
+"""Quaternion x, y, z, w of the rotation about x from z-up coordinates to the y-up coordinates of glTF."""
 
 
 @dataclass(frozen=True)
 class MovingNode:
-    """A node of the scene: a mesh, either fixed or moving over time.
+    """A node of a glTF scene: one mesh, either fixed or animated.
 
     Attributes:
         name: name of the node, which viewers show.
-        mesh: number of the mesh, as returned by ``GlbWriter.add_mesh``.
-        places: positions of the mesh's origin over time, shape (T, 3) [m]; None for a node fixed at the origin.
-        turns: orientations over time as quaternions x, y, z, w, shape (T, 4); None for a fixed node.
+        mesh: index of the mesh, as returned by ``GlbWriter.add_mesh``.
+        places: positions of the mesh's origin at T keyframes, shape (T, 3) [m]; None for a node fixed at the origin.
+        turns: orientations at the keyframes as quaternions x, y, z, w, shape (T, 4); None for a fixed node.
     """
 
     name: str
@@ -61,7 +61,7 @@ class MovingNode:
 
 @dataclass
 class GlbWriter:
-    """Builder of a GLB file: collects materials and meshes, which ``written`` turns into the file."""
+    """Builder of a GLB file: ``add_material`` and ``add_mesh`` collect the content, ``written`` returns the file."""
 
     buffer: bytearray = field(default_factory=bytearray)
     views: list[dict[str, object]] = field(default_factory=list)
@@ -70,7 +70,7 @@ class GlbWriter:
     materials: list[dict[str, object]] = field(default_factory=list)
 
     def add_material(self, name: str, colour: tuple[float, float, float], opacity: float = 1.0) -> int:
-        """Add a matt material of one colour, transparent where its opacity is below 1.
+        """Add a matt material of one colour, transparent where its opacity is below 1, and return its index.
 
         Args:
             name: name of the material.
@@ -78,7 +78,7 @@ class GlbWriter:
             opacity: opacity, from 0 to 1.
 
         Returns:
-            The number of the material.
+            Index of the material, for ``add_mesh``.
         """
         surface = {"baseColorFactor": [*colour, opacity], "metallicFactor": 0.0, "roughnessFactor": 0.8}
         blend = {"alphaMode": "BLEND"} if opacity < 1.0 else {}
@@ -86,7 +86,13 @@ class GlbWriter:
         return len(self.materials) - 1
 
     def add_mesh(self, vertices: FloatArray, faces: IntArray, material: int) -> int:
-        """Add a mesh with separate vertices per triangle, so that viewers shade it flat, and return its number."""
+        """Add a triangle mesh and return its index; vertices are repeated per triangle, so that viewers shade it flat.
+
+        Args:
+            vertices: positions of the vertices, shape (v, 3) [m].
+            faces: vertex indices of the triangles, shape (m, 3).
+            material: index of the material.
+        """
         corners = vertices[faces].reshape(-1, 3)
         attributes = {"POSITION": self._accessor(corners.astype("<f4"), bounded=True)}
         indices = self._accessor(np.arange(len(corners), dtype="<u4"))
@@ -94,11 +100,11 @@ class GlbWriter:
         return len(self.meshes) - 1
 
     def written(self, nodes: Sequence[MovingNode], times: FloatArray) -> bytes:
-        """Return the content of the GLB file.
+        """Return the bytes of the GLB file with the given nodes and one animation.
 
         Args:
             nodes: nodes of the scene.
-            times: keyframe times of all moving nodes, shape (T,) [s].
+            times: times of the T keyframes, for all moving nodes, shape (T,) [s].
         """
         samplers: list[dict[str, object]] = []
         channels: list[dict[str, object]] = []
@@ -129,7 +135,12 @@ class GlbWriter:
         return header + b"".join(struct.pack("<I4s", len(content), kind) + content for kind, content in chunks)
 
     def _accessor(self, values: npt.NDArray[np.generic], *, bounded: bool = False) -> int:
-        """Append an array to the buffer and return the index of the accessor that describes it."""
+        """Append an array to the binary buffer and return the index of its glTF accessor.
+
+        Args:
+            values: numbers of 32 bits, shape (n,), (n, 3) or (n, 4).
+            bounded: whether the accessor states minimum and maximum, which glTF requires of positions and times.
+        """
         content = values.tobytes()  # of four bytes each, so that what follows is aligned
         self.views.append({"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(content)})
         self.buffer += content
@@ -153,11 +164,13 @@ TIP = (0.75, 0.1, 0.1)
 
 
 def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
-    """Return a planned motion as an animation in GLB, without the room's walls, which would hide the arm.
+    """Return a planned motion as the bytes of an animated GLB file.
+
+    The walls of the workspace bounds are left out, since they would hide the arm.
 
     Args:
         problem: the problem, which gives arm and obstacles.
-        trajectory: the motion, from which keyframes are taken at ``_FILM_RATE``, its two ends included.
+        trajectory: the motion, of which 30 keyframes per second are written, its two ends included.
     """
     arm = problem.arm
     writer = GlbWriter()
@@ -176,7 +189,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 
 
 def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
-    """Yield the name and surface mesh of each obstacle; the room's walls are left out."""
+    """Yield the name and the surface mesh (vertices [m], triangles) of each obstacle, without the workspace bounds."""
     scene = solid_scene(problem.workspace, problem.arm)
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
@@ -185,7 +198,12 @@ def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArr
 
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield the motion of each link: positions, shape (T, 3) [m], and quaternions x, y, z, w, shape (T, 4)."""
+    """Yield the motion of each link: T positions, shape (T, 3) [m], and quaternions x, y, z, w, shape (T, 4).
+
+    Args:
+        arm: the arm.
+        q: configurations at T times, one column per coordinate, shape (T, c) [rad, m].
+    """
     positions, turns = arm.embedded(arm.joint_positions_at(q)), arm.link_rotations(q)
     if arm.dimension == 2:
         flat, turns = turns, np.broadcast_to(np.eye(3), (*turns.shape[:2], 3, 3)).copy()
@@ -194,7 +212,11 @@ def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]
 
 
 def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the keyframe times of an animation [s], and the indices of the samples at these times."""
+    """Return the times of animation keyframes, shape (K,) [s], and the indices of the motion's samples at these times.
+
+    Args:
+        time: times of all samples of the motion, shape (T,) [s].
+    """
     count = max(2, int(np.ceil((time[-1] - time[0]) * _FILM_RATE)) + 1)
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
@@ -208,7 +230,7 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Convert rotations over time, (T, 3, 3), to quaternions x, y, z, w, (T, 4), without jumps of sign."""
+    """Return quaternions x, y, z, w, shape (T, 4), of rotations over time, shape (T, 3, 3), without jumps of sign."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - loaded only where a film is written
 
     found = Rotation.from_matrix(rotations).as_quat()
@@ -218,16 +240,16 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 
 _DEEPEST_NODES = 200
-"""Nodes below nodes in a GLB file. Taste: robots nest a few dozen deep."""
+"""Maximum nesting depth of nodes in a GLB file. Taste: robot models nest a few dozen deep."""
 
 _HEADER = struct.Struct("<4sII")
-"""A magic word, a version, the length of the file; the first chunk follows."""
+"""Header of a GLB file: magic word, version, and length of the file; the first chunk follows."""
 _CHUNK = struct.Struct("<I4s")
-"""The length of a chunk, and its kind."""
+"""Header of a chunk of a GLB file: its length and its type."""
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_mesh_quantization")
-"""How extensions begin that say nothing of where surfaces are, or nothing that is not looked at in another place."""
+"""Prefixes of glTF extensions that do not change the positions of surfaces, or whose effect is checked elsewhere."""
 _SHAPING = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "EXT_meshopt_compression")
-"""Extensions that hold surfaces or places, whether a file says that they are required or not."""
+"""Extensions of glTF that contain surfaces or positions, refused even where a file does not declare them required."""
 _MODES = (
     "a list of points",
     "a list of lines",
@@ -237,20 +259,20 @@ _MODES = (
     "a strip of triangles",
     "a fan of triangles",
 )
-"""What a primitive is, by its mode."""
+"""Descriptions of glTF primitives for messages, by mode."""
 _LARGEST_DOCUMENT = 2**25
-"""Bytes of text in front of the numbers; parsed it takes ten times the memory, and programs write some kilobytes."""
+"""Maximum size of the JSON document of a GLB file, which takes ten times the memory when parsed [bytes]."""
 _TRIANGLES = 4
 _STRIP = 5
 _LONGEST_REASON = 100
-"""Characters of what trimesh says that are shown."""
+"""Maximum length of an error message of trimesh that is shown [characters]."""
 
 
 def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
-    """Return the meshes of a GLB file's scene as one mesh, each node at its position in the scene.
+    """Return all meshes in the default scene of a GLB file as one mesh, each transformed by its nodes.
 
     Raises:
-        ProblemError: the file cannot be read, or contains something that is not supported.
+        ProblemError: the file cannot be read, exceeds a limit, or uses an unsupported feature.
     """
     import trimesh  # noqa: PLC0415 - takes a second to load
 
@@ -280,7 +302,11 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[Any, bytes]:
-    """Return the JSON document of a GLB file without its cameras, and the bytes of the following chunks."""
+    """Return the parsed JSON document of a GLB file, without its cameras, and the bytes of the following chunks.
+
+    Raises:
+        ProblemError: the content is no GLB of version 2, or is damaged.
+    """
     start = _HEADER.size + _CHUNK.size
     if len(content) < start or content[:4] != b"glTF":
         raise ProblemError("not readable as GLB: the file signature is missing")
@@ -308,7 +334,7 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
 
 
 def _tables(parent: Any, key: str) -> list[dict[str, Any]]:
-    """Return the JSON objects in the list ``parent[key]``, skipping other entries; empty where there is no list."""
+    """Return the JSON objects in the list ``parent[key]``, without other entries; empty where there is no such list."""
     found = parent.get(key) if isinstance(parent, dict) else None
     return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
 
@@ -317,8 +343,8 @@ class _Scene:
     """Counter of the triangles in the default scene of a GLB file.
 
     Args:
-        document: JSON document of the file; the methods may raise any exception for a broken document.
-        settings: bounds on mesh files.
+        document: parsed JSON document of the file; for a damaged document the methods may raise any exception.
+        settings: limits on mesh files.
     """
 
     def __init__(self, document: Any, settings: MeshSettings) -> None:
@@ -328,10 +354,10 @@ class _Scene:
         self._visits = 0
 
     def triangles(self) -> int:
-        """Return the number of triangles in all nodes of the scene.
+        """Return the number of triangles in all nodes of the default scene, counted at each use of a mesh.
 
         Raises:
-            ProblemError: the document contains something that is not supported, or exceeds a bound.
+            ProblemError: the document uses an unsupported feature, or exceeds a limit.
         """
         for what in self._refused():
             raise ProblemError(f"it has {what}, which is not supported; export it as plain triangles")
@@ -348,7 +374,12 @@ class _Scene:
         return count
 
     def _below(self, number: int, depth: int) -> int:
-        """Return the number of triangles in a node and all its descendants."""
+        """Return the number of triangles in a node and all its descendants.
+
+        Args:
+            number: index of the node.
+            depth: number of nodes above it.
+        """
         self._visits += 1
         if self._visits > self.settings.most_parts or depth > _DEEPEST_NODES:
             raise ProblemError("it has too many nodes, or they are nested too deeply or in a cycle")
@@ -363,7 +394,11 @@ class _Scene:
         return self._counts[number]
 
     def _of_primitive(self, primitive: dict[str, Any]) -> int:
-        """Return the number of triangles in a primitive."""
+        """Return the number of triangles in a glTF primitive.
+
+        Raises:
+            ProblemError: the primitive consists of anything but plain triangles or triangle strips.
+        """
         accessors = self.document["accessors"]
         mode = primitive.get("mode", _TRIANGLES)
         if mode not in {_TRIANGLES, _STRIP}:
@@ -384,7 +419,7 @@ class _Scene:
         return max(count - 2, 0) if mode == _STRIP else count // 3
 
     def _refused(self) -> Iterator[str]:
-        """Yield a phrase for each unsupported feature anywhere in the document, for messages."""
+        """Yield a phrase, for messages, about each unsupported feature anywhere in the document."""
         required = self.document.get("extensionsRequired")
         text = json.dumps(self.document)
         for name in (*(required if isinstance(required, list) else []), *_SHAPING):

@@ -1,6 +1,6 @@
-"""Collection of the defects of a problem file under their key paths, and their messages with line numbers.
+"""Defects of a problem file: collection by key path, messages for users, and the line numbers of keys.
 
-Line numbers come from a small scanner: the text is known to be valid TOML (``tomllib`` reads the values), so the
+Line numbers come from a small scanner. The text is known to be valid TOML, since ``tomllib`` reads the values, so the
 scanner only has to follow brackets and keys (TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
 """
 
@@ -36,7 +36,7 @@ def dotted(path: KeyPath) -> str:
 
 
 def lookup(data: object, path: KeyPath) -> object:
-    """Return the value at a key path, or None where there is none (TOML has no null, so None is never a value)."""
+    """Return the value at a key path in nested data, or None where there is none (TOML has no null value)."""
     for part in path:
         if isinstance(part, str) and isinstance(data, Mapping):
             data = data.get(part)
@@ -58,7 +58,7 @@ _TOKEN = re.compile(
 
 
 def locate_keys(text: str) -> dict[KeyPath, int]:
-    """Return the line numbers, from 1, of all tables, keys and array elements of a valid TOML text.
+    """Return the line numbers, from 1, of all tables, keys and array elements in a valid TOML text, by key path.
 
     Args:
         text: the TOML text.
@@ -70,7 +70,7 @@ def locate_keys(text: str) -> dict[KeyPath, int]:
 
 
 class _Token(NamedTuple):
-    """A token of a TOML text, with its line number."""
+    """A token of a TOML text: kind, text and line number from 1."""
 
     kind: str
     text: str
@@ -78,7 +78,7 @@ class _Token(NamedTuple):
 
 
 def _tokens(text: str) -> list[_Token]:
-    """Return all tokens of a text except blanks and comments, followed by an ``end`` token."""
+    """Return all tokens of a TOML text except blanks and comments, followed by an ``end`` token."""
     found = []
     line = 1
     for match in _TOKEN.finditer(text):
@@ -89,7 +89,7 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class _Scanner:
-    """A single pass over the tokens, which collects the line of every key path in ``lines``."""
+    """A single pass over the tokens of a TOML text that collects the line of every key path in ``lines``."""
 
     def __init__(self, text: str) -> None:
         self.tokens = _tokens(text)
@@ -100,7 +100,7 @@ class _Scanner:
 
     @property
     def token(self) -> _Token:
-        """The next token; at the end of the text, the ``end`` token again."""
+        """The next token of the text, or the ``end`` token once all others are consumed."""
         return self.tokens[min(self.at, len(self.tokens) - 1)]
 
     def run(self) -> dict[KeyPath, int]:
@@ -170,19 +170,19 @@ class _Scanner:
 
 Model = TypeVar("Model", bound=BaseModel)
 _SIMILAR = 0.7
-"""Least similarity of a misspelt key to a suggested one; at difflib's default, 0.6, the words often merely rhyme."""
+"""Minimum similarity of a misspelt key to a suggested one; at difflib's default of 0.6, words often merely rhyme."""
 _LONGEST_VALUE = 60
-"""Largest number of characters of a value shown in a message."""
+"""Maximum length of a value shown in a message [characters]."""
 
 
 @dataclass
 class Issues:
-    """The defects found so far, each with its key path and message."""
+    """The defects found so far in a problem file, each with its key path and message."""
 
     found: list[tuple[KeyPath, str]] = field(default_factory=list)
 
     def add(self, path: KeyPath, message: str) -> None:
-        """Record a defect."""
+        """Record a defect under the key path to which its message refers."""
         self.found.append((path, message))
 
     def at(self, path: KeyPath) -> bool:
@@ -192,11 +192,11 @@ class Issues:
     def located(
         self, lines: Mapping[KeyPath, int], setting_source: Callable[[KeyPath], str] = lambda _: ""
     ) -> list[FileIssue]:
-        """Return the defects with the lines of their keys, or with the overrides that cause them.
+        """Return the defects with the line of each key, or with the override that set the key.
 
         Args:
-            lines: line number by key path.
-            setting_source: returns the override behind a key path, or an empty text.
+            lines: line numbers, by key path.
+            setting_source: function of a key path that returns the override that set it, or an empty text.
         """
         located = []
         for path, message in self.found:
@@ -207,7 +207,7 @@ class Issues:
         return located
 
     def validate(self, model: type[Model], table: Mapping[str, object], path: KeyPath, scale: float) -> Model | None:
-        """Validate one table and record its defects.
+        """Return one table of a problem file validated against its schema, and record its defects.
 
         Args:
             model: schema of the table.
@@ -216,7 +216,7 @@ class Issues:
             scale: metres per unit of length of the file.
 
         Returns:
-            The validated table without unknown keys, or None when a value is unusable.
+            The validated table, without unknown keys; None where a value is invalid.
         """
         try:
             return model.model_validate(table, context={"scale": scale})
@@ -260,7 +260,7 @@ class Issues:
 
 
 def closest(word: str, known: Sequence[str]) -> str | None:
-    """Return the known word that ``word`` was probably meant to be, or None."""
+    """Return the valid key that a misspelt word probably means, or None where no key is similar."""
     matches = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR)
     ending = (key for key in known if key.endswith(f"_{word}"))
     return next(iter(matches), next(ending, None))
@@ -275,12 +275,12 @@ CONCEPTS = {
     "target": ("goal",),
     "obstacles": ("[[workspace.obstacles]]",),
 }
-"""Keys of a problem file for words that users may try instead."""
+"""Valid keys of a problem file, by words that users may try instead."""
 
 
 @cache
 def _key_locations() -> dict[str, tuple[str, ...]]:
-    """Return the dotted places at which each key is valid, by key."""
+    """Return the dotted paths at which each key of a planar problem file is valid, by key."""
     from ccm_opt.io import schema  # noqa: PLC0415 - its tables are read with this module
 
     tables: dict[str, type[BaseModel]] = {"": schema.RootTable, **schema.TABLES[False]}
@@ -297,20 +297,20 @@ def _key_locations() -> dict[str, tuple[str, ...]]:
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
-    """Return the message for an unknown key, with the key probably meant or the keys valid in this table."""
+    """Return the message for an unknown key, with the key probably meant or else all keys valid in this table."""
     if guess:
         return f"unknown key '{key}'; did you mean '{guess}'?"
     return f"unknown key '{key}'; valid keys here: {', '.join(known)}"
 
 
 def shown(value: object) -> str:
-    """Return the text of a value for a message, truncated when the text is long."""
+    """Return the text of a value for a message, truncated where it is long."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def described(value: object) -> str:
-    """Return the type of a value in words, with the value as text, for a message about a wrong type."""
+    """Return the type and the text of a value, for a message about a wrong type."""
     if isinstance(value, (date, time)):
         return f"the date or time {value}"
     if isinstance(value, str):
@@ -323,7 +323,12 @@ def described(value: object) -> str:
 
 
 def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
-    """Return pydantic's location of an error as a key path, without the names of unions and validators."""
+    """Return the key path of a validation error, from pydantic's location without names of unions and validators.
+
+    Args:
+        loc: location of the error as pydantic reports it.
+        table: the validated data.
+    """
     path: KeyPath = ()
     for k, part in enumerate(loc):
         # A missing key is not in the data, but it is the last part, and its table exists.
@@ -334,7 +339,7 @@ def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
 
 
 def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
-    """Return the keys of the nested table at ``path`` below the table of a model."""
+    """Return the valid keys of the nested table at ``path`` below a table with the given schema."""
     for part in path:
         if isinstance(part, str):
             model = table_models(model).get(part, model)
@@ -342,7 +347,7 @@ def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
 
 
 def table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
-    """Return the models of the nested tables of a model, by key."""
+    """Return the schemas of the nested tables of a table's schema, by key."""
     found: dict[str, type[BaseModel]] = {}
     for name, info in model.model_fields.items():
         pending = [info.annotation]  # a table may be nested in list[…] or a union with None
@@ -398,10 +403,10 @@ def _sentence(detail: ErrorDetails) -> str:
 
 @contextmanager
 def collected_warnings(name: str) -> Iterator[list[str]]:
-    """Collect the log warnings of a library during the block, so that they do not go to standard error.
+    """Return a list that receives a library's log warnings during a ``with`` block, instead of standard error.
 
     Args:
-        name: name of the library's logger.
+        name: name of the logger of the library.
     """
     told: list[str] = []
 

@@ -1,4 +1,4 @@
-"""Reading of problem files: overrides of keys, bounds on the size of input, and errors with line numbers."""
+"""Reading of problem files: overrides of keys, limits on the size of input, and errors with line numbers."""
 
 import re
 import sys
@@ -18,23 +18,23 @@ from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import Problem
 
 _PART = re.compile(r"\.?([A-Za-z0-9_-]+)|\[([^\]]+)\]")
-"""One step of a key path: a key of a table, or an entry of a list by its number from 0 or by its ``name``."""
+"""One step of a key path: a key of a table, or in brackets the number (from 0) or ``name`` of a list entry."""
 
 
 @dataclass(frozen=True)
 class ChangedText:
-    """The text of a problem file after overriding keys.
+    """The text of a problem file after some keys have been overridden.
 
     Attributes:
         text: the changed text.
-        settings: the overrides, ``key.path=value``, by the key path that each one sets.
+        settings: for each key path that was set, the override ``key.path=value`` as given.
     """
 
     text: str
     settings: Mapping[KeyPath, str]
 
     def setting_source(self, path: KeyPath) -> str:
-        """Return the override that sets a key path or a table above it; empty where the value is the file's own."""
+        """Return the override that set a key path, or a table above it; empty where the value comes from the file."""
         return next((self.settings[path[:k]] for k in range(len(path), 0, -1) if path[:k] in self.settings), "")
 
 
@@ -43,15 +43,15 @@ def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
 
     Args:
         text: text of the file, valid TOML.
-        settings: overrides ``key.path=value``, the value as in a problem file; anything that is not a TOML value is
-            taken as a text. Entries of lists are addressed by number from 0 or by name: ``goal[1].position=[1, 2]``,
+        settings: overrides ``key.path=value``, the value as in a problem file; a value that is not valid TOML is taken
+            as a text. List entries are addressed by number from 0 or by name: ``goal[1].position=[1, 2]``,
             ``workspace.obstacles[post].circle.radius=0.1``.
 
     Returns:
-        The changed text and the overrides; the values are not checked here but when the problem is read.
+        The changed text and the overrides; the values are checked only when the problem is read.
 
     Raises:
-        ProblemError: an override has another form, or its key path leads nowhere.
+        ProblemError: an override does not have this form, or its key path does not exist.
     """
     document: tomlkit.TOMLDocument = tomlkit.parse(text)
     changed: dict[KeyPath, str] = {}
@@ -65,7 +65,11 @@ def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
 
 
 def _parts(key: str, setting: str) -> tuple[str, ...]:
-    """Return the steps of a key path, as texts.
+    """Return the keys and list entries of a dotted key path such as ``goal[1].position``, as texts.
+
+    Args:
+        key: the key path.
+        setting: the whole override, for messages.
 
     Raises:
         ProblemError: ``key`` is not a key path.
@@ -76,7 +80,7 @@ def _parts(key: str, setting: str) -> tuple[str, ...]:
 
 
 def _value(text: str) -> object:
-    """Return a text parsed as a TOML value, or the text itself where it is not a TOML value."""
+    """Return the TOML value that a text denotes, or the text itself where it is not valid TOML."""
     try:
         return tomlkit.value(text)
     except (TOMLKitError, ValueError):
@@ -84,7 +88,13 @@ def _value(text: str) -> object:
 
 
 def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, setting: str) -> KeyPath:
-    """Set one value, adding tables that are missing on the way, and return its key path.
+    """Set one value in a TOML document, create missing tables above it, and return its key path.
+
+    Args:
+        document: the document, which is changed.
+        parts: keys and list entries of the path, as texts.
+        value: the value.
+        setting: the whole override, for messages.
 
     Raises:
         ProblemError: the key path leads through a value, or to a list entry that does not exist.
@@ -103,7 +113,13 @@ def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, 
 
 
 def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
-    """Return the next step of a path: a key of a table, or the number of a list's entry.
+    """Return the next step of a key path: a key of a table, or the index of a list entry.
+
+    Args:
+        here: table or list to which the path has led so far.
+        part: the next step as text: a key, or the number or name of a list entry.
+        path: key path so far, for messages.
+        setting: the whole override, for messages.
 
     Raises:
         ProblemError: there is no such entry, or the path leads through a value.
@@ -125,21 +141,21 @@ def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
 
 
 _WORDS = re.compile(r"[=,{}\[\]\n#]+")
-"""Characters that separate keys and values in TOML."""
+"""Runs of characters that separate keys and values in TOML."""
 
 
 @dataclass(frozen=True)
 class InputBounds:
-    """Bounds on the size of problem files, far above any real one; all of them are taste.
+    """Limits on the size of problem files, chosen far above that of real files.
 
     Attributes:
-        most_bytes: largest size of the file.
-        longest_key: largest number of dots in one word, such as those between the parts of a key: the parser's time
-            grows with its square.
-        deepest: deepest nesting of tables and lists; the schema needs six levels.
-        most_keys: largest number of keys in all tables together.
-        most_points: largest number of lists, such as the corners of outlines, in the whole file.
-        longest_list: largest number of entries in one list.
+        most_bytes: maximum size of the file [bytes].
+        longest_key: maximum number of dots in one word, such as a dotted key, since the parser's time grows with the
+            square of this number.
+        deepest: maximum nesting depth of tables and lists; the schema needs six levels.
+        most_keys: maximum number of keys in all tables together.
+        most_points: maximum number of lists, such as the corners of outlines, in the whole file.
+        longest_list: maximum number of entries in one list.
     """
 
     most_bytes: int = 4 * 2**20
@@ -151,11 +167,11 @@ class InputBounds:
 
 
 BOUNDS = InputBounds()
-"""Bounds applied to every problem file."""
+"""Limits applied to every problem file."""
 
 
 def text_defect(text: str) -> str:
-    """Return a sentence about a key with too many parts to parse in reasonable time; empty if there is no such key."""
+    """Return a sentence about a dotted key with too many parts to parse in reasonable time; empty if there is none."""
     # Words with consecutive dots are skipped: such an ellipsis occurs in prose and comments, never in a key.
     longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
     if longest < BOUNDS.longest_key:
@@ -164,12 +180,12 @@ def text_defect(text: str) -> str:
 
 
 def content_defect(data: Mapping[str, object]) -> str:
-    """Return a sentence about parsed data that are too large or too deeply nested; empty for acceptable data.
+    """Return a sentence that says how parsed data are too large or too deeply nested; empty for acceptable data.
 
-    The data are walked level by level, without recursion, so that no depth overflows the stack.
+    The data are traversed level by level, without recursion, so that no nesting depth overflows the stack.
 
     Args:
-        data: the parsed file.
+        data: the parsed TOML.
     """
     keys = 0
     points = 0
@@ -194,23 +210,23 @@ def content_defect(data: Mapping[str, object]) -> str:
 
 
 STANDARD_INPUT = "-"
-"""Path that stands for standard input."""
+"""Path that stands for standard input instead of a file."""
 
 
 def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> Problem:
-    """Read a problem from a TOML file.
+    """Return the planning problem described by a TOML file.
 
     Args:
-        path: the file, or ``-`` for standard input, in which relative paths start from the working directory.
+        path: path of the file; ``-`` reads standard input, with paths in it relative to the working directory.
         changes: overrides of keys of the file, each ``key.path=value``, see ``with_keys_set``.
-        allow_outside: whether ``workspace.file`` and meshes may lie outside the problem's folder.
+        allow_outside: whether ``workspace.file`` and mesh files may lie outside the folder of the file.
 
     Returns:
-        The problem, in SI units and radians; in space where the file says ``space = 3``.
+        The problem, in SI units and radians; three-dimensional where the file says ``space = 3``.
 
     Raises:
         ProblemFileError: the file has defects; the message lists each with its key path and line.
-        ProblemError: an override's key path leads nowhere.
+        ProblemError: the key path of an override does not exist.
     """
     expect(path, (str, Path), "the path of a problem file", "parse_problem reads the text of one")
     texts = isinstance(changes, Sequence) and not isinstance(changes, str) and all(isinstance(c, str) for c in changes)
@@ -231,16 +247,16 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
 def parse_problem(
     text: str, path_name: str = "problem", folder: Path | None = None, *, allow_outside: bool = False
 ) -> Problem:
-    """Read a problem from TOML text.
+    """Return the planning problem described by TOML text.
 
     Args:
         text: text of a problem file.
         path_name: name of the text in messages.
-        folder: folder from which the paths of ``workspace.file`` and meshes start; None refuses those keys.
-        allow_outside: whether ``workspace.file`` and meshes may lie outside ``folder``.
+        folder: folder to which ``workspace.file`` and mesh files are relative; None refuses these keys.
+        allow_outside: whether ``workspace.file`` and mesh files may lie outside ``folder``.
 
     Returns:
-        The problem, in SI units and radians; in space where the text says ``space = 3``.
+        The problem, in SI units and radians; three-dimensional where the text says ``space = 3``.
 
     Raises:
         ProblemFileError: the text has defects; the message lists each with its key path and line.
@@ -249,7 +265,7 @@ def parse_problem(
 
 
 def _read(changed: ChangedText, original: str, path_name: str, folder: Path | None, *, allow_outside: bool) -> Problem:
-    """Read a problem from a changed text, reporting defects with the lines of the original text.
+    """Return the problem described by a changed text, with defects reported at the lines of the original text.
 
     Raises:
         ProblemFileError: the file has defects; the message lists each with its key path, and its line or override.
@@ -263,15 +279,15 @@ def _read(changed: ChangedText, original: str, path_name: str, folder: Path | No
 
 
 def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem", folder: Path | None = None) -> Problem:
-    """Rebuild a problem from the data of a problem file, for example from the copy in ``solution.json``.
+    """Return the problem described by a parsed problem file, for example by the copy in ``solution.json``.
 
     Args:
         data: a problem file as parsed from TOML.
         path_name: name of the data in messages.
-        folder: folder from which the paths of meshes start; None refuses meshes.
+        folder: folder to which mesh files are relative; None refuses meshes.
 
     Returns:
-        The problem, in SI units and radians; its ``source`` is TOML text with the same data.
+        The problem, in SI units and radians; its ``source`` is TOML text with these data.
 
     Raises:
         ProblemFileError: the data have defects; the message lists each with its key path.
@@ -285,7 +301,7 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem",
 
 
 def _read_text(path: Path) -> str:
-    """Return the text of a file.
+    """Return the text of a problem file.
 
     Raises:
         ProblemFileError: the file cannot be read, is too large, is empty, or is not UTF-8.
@@ -307,10 +323,10 @@ def _read_text(path: Path) -> str:
 
 
 def _decoded(raw: bytes, path: str) -> str:
-    """Return the text of a file's bytes, which must be UTF-8.
+    """Return the bytes of a problem file decoded as UTF-8 text.
 
     Raises:
-        ProblemFileError: there are too many bytes, only blanks, or bytes that are not UTF-8.
+        ProblemFileError: the bytes are too many, only blanks, or not UTF-8.
     """
     if len(raw) > BOUNDS.most_bytes:
         too_large = f"the file has more than {BOUNDS.most_bytes} bytes, the most that is read"

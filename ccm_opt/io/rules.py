@@ -1,4 +1,4 @@
-"""Rules between the keys of a problem file, and checks of the positions of base, drawing and meshes."""
+"""Checks of the rules between keys of a problem file, and of the positions of the base, the drawing and the meshes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,11 +28,11 @@ KNOWN = frozenset(
     for name in ("workspace", "workspace.obstacles", "goal")
     for key in tables[name].model_fields
 )
-"""Keys of the tables with alternatives; none of these counts as a misspelling of another."""
+"""Keys of all tables with alternative keys; none of these counts as a misspelling of another."""
 
 
 def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mapping[str, type[Table]]) -> None:
-    """Report violations of the rules between keys: alternatives, keys that require others, names, feed and contact.
+    """Report violations of the rules between keys: alternatives, required companions, equal names, feed and contact.
 
     Args:
         data: the parsed problem file.
@@ -61,7 +61,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
-    """Return the key paths of the goals: of ``[goal]``, or of each ``[[goal]]`` in turn."""
+    """Return the key paths of all goals in a problem file, written as one ``[goal]`` or as several ``[[goal]]``."""
     goals = data.get("goal")
     return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
 
@@ -71,7 +71,7 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
 
 
 def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], issues: Issues) -> None:
-    """Report a table that has none or several of its alternative keys."""
+    """Report a table that has none, or more than one, of the keys of which exactly one is required."""
     given_table = lookup(data, path)
     if not isinstance(given_table, Mapping):
         return
@@ -87,7 +87,7 @@ def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], 
 
 
 def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
-    """Report obstacles with equal names, whether given or default, since messages identify obstacles by name."""
+    """Report obstacles that have equal names, given or default, since messages identify obstacles by name."""
     first: dict[object, int] = {}
     for k, entry in enumerate(obstacles):
         given = entry.get("name") if isinstance(entry, Mapping) else None
@@ -101,7 +101,7 @@ def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
 
 
 def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
-    """Report a contact tolerance too large to be just rounding, with which plans could pass through walls."""
+    """Report a contact tolerance so large that plans could pass through walls, rather than one that covers rounding."""
     path: KeyPath = ("verification", "contact_tolerance")
     tolerance, links, length = (lookup(data, place) for place in (path, ("arm", "links"), ("arm", "link_length")))
     if not isinstance(tolerance, (int, float)) or not isinstance(links, int) or not isinstance(length, (int, float)):
@@ -112,7 +112,7 @@ def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
-    """Report missing limits of a feed axis, and keys about the feed of an arm without one."""
+    """Report missing limits of a feed axis, or keys about the feed where the arm has no feed axis."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
     if lookup(data, ("arm", "feed")) is None:
@@ -130,19 +130,19 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
 
 
 _LENGTH_TOLERANCE = 1e-6
-"""Relative difference allowed between the total length of a pose's segments and the arm's. Taste: lengths are written
-with six digits or more."""
+"""Allowed relative difference between the total length of a pose's curve segments and the arm's length. Taste: lengths
+are written with six digits or more."""
 ANGLE_TOLERANCE = 1e-9
-"""Amount by which bends may exceed a limit [rad]. Derived: converting degrees to radians rounds."""
+"""Amount by which joint angles may exceed their limit [rad]. Derived: converting degrees to radians rounds."""
 LEAST_ACROSS = 1e-6
-"""Least component of ``up`` perpendicular to the direction; less is taken for a vector along the direction."""
+"""Minimum component of ``up`` perpendicular to the base direction; with less, the two count as parallel."""
 
 
 def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
-    """Report lists of the wrong length, and an ``up`` that lies along the base's direction.
+    """Report lists of the arm's table with a wrong number of entries, and an ``up`` parallel to the base direction.
 
     Returns:
-        Whether the arm can be built.
+        Whether the arm can be built from the table.
     """
     before = len(issues.found)
     _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
@@ -159,13 +159,13 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
-    """Report limits given as lists that have neither one value per ball joint nor one per revolute."""
+    """Report lists of joint limits that have neither one value per ball joint nor one per revolute joint."""
     for key in ("velocity", "acceleration", "jerk", "torque"):
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
 def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
-    """Report limited points that lie beyond the tip, have no limit, or are listed twice."""
+    """Report entries of ``limits.points`` that lie beyond the tip, limit nothing, or repeat a point."""
     length = arm.links * arm.link_length
     for k, point in enumerate(limits.points):
         path: KeyPath = ("limits", "points", k)
@@ -187,14 +187,14 @@ def check_pose(
     path: KeyPath,
     issues: Issues,
 ) -> None:
-    """Report a pose whose bends differ in number from the joints or exceed their limits, or whose segments do not fit.
+    """Report a pose whose joint angles have a wrong number or exceed their limits, or whose curve has a wrong length.
 
-    Segments must add up to the arm's length.
+    The lengths of a curve's segments must add up to the arm's length.
 
     Args:
         arm: the table ``[arm]``.
-        pose: the pose.
-        path: key path of the pose.
+        pose: the table ``[start]`` or ``[goal]``.
+        path: key path of that table.
         issues: receives the defects.
     """
     bends: Sequence[Any] = pose.joints_deg or []
@@ -228,27 +228,27 @@ def _one_each(
 
 
 _DEPTH_ROUNDING = 1e-9
-"""Depths below this share of the room's size are rounding. Derived: a thousandth of the contact tolerance of the
-verifier."""
+"""Depth inside an obstacle that is attributed to rounding, as a fraction of the workspace's size. Derived: a
+thousandth of the contact tolerance of the verifier."""
 _SLIPS = (1e-3, 1e3, 1.0 / 25.4, 25.4)
-"""Typical errors of scale: millimetres taken for metres or inches, or the other way round."""
+"""Ratios of typical errors of scale: millimetres confused with metres or with inches."""
 _TINY_SHARE = 0.01
-"""Least size of a rescaled drawing, as a share of the room's: a smaller one is no plausible correction."""
+"""Minimum size of a rescaled drawing, as a fraction of the workspace's size, for the new scale to be plausible."""
 
 
 def outside_message(
     file: str, box: FloatArray, origin: FloatArray, room: FloatArray, unit: LengthUnit, *, scale: float, keys: str
 ) -> str:
-    """Return the message that a drawing or mesh lies wholly outside the room, with values that move it inside.
+    """Return the message that a drawing or mesh lies entirely outside the workspace, with a correction.
 
     Args:
         file: name of the file.
-        box: least and greatest corner of the drawing or mesh, shape (2, d) [m].
+        box: lower and upper corner of the drawing's or mesh's bounding box, d = 2 or 3, shape (2, d) [m].
         origin: position of the drawing's or mesh's own origin, shape (d,) [m].
-        room: least and greatest corner of the room, shape (2, d) [m].
+        room: lower and upper corner of the workspace, shape (2, d) [m].
         unit: unit of length of the problem file.
         scale: length of one unit of the drawing or mesh, in ``unit``.
-        keys: names of the keys for scale and position, separated by a blank.
+        keys: key of the scale and key of the position, separated by a blank.
     """
     scale_key, place_key = keys.split()
     place = (origin + room.mean(axis=0) - box.mean(axis=0)) / METRES[unit]
@@ -276,7 +276,7 @@ def _place(point: FloatArray, unit: str) -> str:
 def check_drawing(
     drawing: ImportedDrawing, offset: FloatArray, scale: float, room: shapely.Polygon, unit: LengthUnit, issues: Issues
 ) -> None:
-    """Report a drawing that lies wholly outside the room, where it would silently have no effect.
+    """Report a drawing that lies entirely outside the workspace, where its obstacles would silently have no effect.
 
     Args:
         drawing: report on the imported drawing.
@@ -293,11 +293,11 @@ def check_drawing(
 
 
 def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthUnit, issues: Issues) -> None:
-    """Report meshes that lie wholly outside the room, where they would silently have no effect.
+    """Report meshes that lie entirely outside the workspace, where they would silently have no effect.
 
     Args:
-        meshes: meshes by the index of their obstacle in the file.
-        room: least and greatest corner of the room, shape (2, 3) [m].
+        meshes: meshes, by the index of the obstacle in the file.
+        room: lower and upper corner of the workspace, shape (2, 3) [m].
         unit: unit of length of the problem file.
         issues: receives the defects.
     """
@@ -316,14 +316,14 @@ def check_base(
     issues: Issues,
     drawing: ImportedDrawing | None = None,
 ) -> None:
-    """Report a base inside an obstacle or outside the room; a base that touches walls is allowed, as for the mount.
+    """Report an arm base that lies inside an obstacle or outside the workspace; a base that touches a wall is allowed.
 
     Args:
         workspace: the workspace.
-        base: position of the base at the start of the motion, shape (d,) [m].
+        base: position of the base at the start of the motion, shape (2,) or (3,) [m].
         arm_length: length of the arm [m].
         issues: receives the defects.
-        drawing: the drawing from which the last obstacles come, if there is one.
+        drawing: report on the drawing whose shapes are the last obstacles of the workspace; None without a drawing.
     """
     unit = said_unit()
     if workspace.dimension == 3:
@@ -356,12 +356,12 @@ def check_base(
 
 
 def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None) -> str:
-    """Return advice on how to get the base out of an obstacle.
+    """Return a phrase that advises the user how to get the arm's base out of an obstacle.
 
     Args:
         workspace: the workspace.
         number: index of the obstacle.
-        drawing: the drawing from which the last obstacles come, if there is one.
+        drawing: report on the drawing whose shapes are the last obstacles of the workspace; None without a drawing.
     """
     if workspace.dimension == 3:
         return " or ".join(ways_out(workspace, workspace.obstacles[number].name, "it"))
@@ -374,7 +374,7 @@ def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None)
 
 
 def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
-    """Return the depth of a point inside an obstacle in the plane [m]; for a point outside, minus the distance."""
+    """Return how deep a point lies inside a planar obstacle [m]; for a point outside, minus its distance."""
     place = shapely.Point(point)
     inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
     edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
@@ -384,7 +384,7 @@ def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
 
 
 def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:
-    """Return a warning if the size of a mesh, compared with the arm's, suggests a wrong scale; else None.
+    """Return a warning if the size of a mesh, compared with the arm's length, suggests a wrong scale; else None.
 
     Args:
         body: the mesh.

@@ -1,15 +1,15 @@
-"""Reading of meshes from STL, OBJ and PLY files.
+"""Readers of meshes in the formats STL, OBJ and PLY, written here because available libraries are unsuitable.
 
-STL: the available libraries silently lose triangles: of a truncated file numpy-stl returns the first ones and trimesh
-none; numpy-stl reads no text with a byte-order mark or foreign line ends, and trimesh fails on some names of solids. So
-the grammar is implemented here, and anything that does not follow it is refused with its position.
+STL: libraries silently lose triangles. From a truncated file numpy-stl returns the first ones and trimesh none;
+numpy-stl reads no text with a byte-order mark or foreign line ends, and trimesh fails on some names of solids. The
+grammar is therefore implemented here, and anything that does not follow it is refused with its position.
 
-OBJ: no available library reads it correctly: trimesh counts negative vertex numbers backwards from the end of the file
-instead of from the face, meshio does not support them, and both triangulate non-convex faces as fans. So the few kinds
-of lines that define a surface are read here, and other lines with content are reported.
+OBJ: trimesh counts negative vertex numbers backwards from the end of the file instead of from the face, meshio does
+not support them, and both triangulate non-convex faces as fans. The few kinds of lines that define a surface are
+therefore read here; lines with other geometry are reported or refused.
 
-PLY: the one complete library, plyfile, is under the GPL, which a package under BSD cannot impose on its users; trimesh
-and meshio refuse files whose vertices or faces have lists of different lengths.
+PLY: plyfile, the one complete library, is under the GPL, which a package under the BSD licence cannot impose on its
+users; trimesh and meshio refuse files whose vertices or faces have lists of different lengths.
 """
 
 import re
@@ -27,10 +27,10 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted, triangulate_faces
 
 _START = 84
-"""Bytes of a binary STL before its triangles: 80 of free text, and the number of triangles."""
+"""Size of the header of a binary STL file: 80 bytes of free text and the number of triangles [bytes]."""
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-"""Byte-order mark that some editors write at the start of a text."""
+"""UTF-8 byte-order mark that some editors write at the start of a text."""
 _FLAGS = re.IGNORECASE
 # The name of a solid is free text up to the end of its line; where all is one line, up to what follows it.
 _SOLID, _END = (re.compile(rb"\s*%s\b[^\r\n]*" % word, _FLAGS) for word in (b"solid", b"endsolid"))
@@ -45,10 +45,10 @@ _FACET = re.compile(
 
 
 def read_stl(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """Read all solids of an STL file.
+    """Return all solids of an STL file, text or binary, as one mesh in the unit of the file.
 
     Raises:
-        ProblemError: the file does not follow the format to its last byte.
+        ProblemError: the content does not follow the format up to its last byte.
     """
     text = content.removeprefix(_BYTE_ORDER_MARK).lstrip()
     # The free text of binary files may begin with ``solid`` too, but their number of triangles has a byte of zero.
@@ -126,13 +126,13 @@ _NOT_READ = {
     b"cdp": "patches of older versions",
     b"cdc": "curves of older versions",
 }
-"""Contents that are refused, since they would be missing from the obstacle, by the keyword of their line."""
+"""Descriptions of unsupported OBJ content, by the keyword of its line; refused, since surfaces would be missing."""
 _NO_SURFACE = {b"p": "point element", b"l": "line element", b"curv": "curve", b"curv2": "curve"}
-"""Contents that are reported and ignored, by the keyword of their line."""
+"""Names of OBJ content without surface, by the keyword of its line; ignored and reported."""
 
 
 def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """Return the mesh of all objects and groups of an OBJ file; materials, which are in other files, are not read.
+    """Return all objects and groups of an OBJ file as one mesh; materials, which are in other files, are not read.
 
     Raises:
         ProblemError: a line cannot be read.
@@ -170,7 +170,11 @@ def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 
 def _place(words: list[bytes]) -> list[float]:
-    """Return the three coordinates of a vertex line; a weight or colour after them is ignored."""
+    """Return the coordinates x, y, z in a vertex line of an OBJ file; a weight or colour after them is ignored.
+
+    Raises:
+        ValueError: the line has fewer than three numbers.
+    """
     try:
         x, y, z = map(float, words[1:4])
     except ValueError:
@@ -179,11 +183,14 @@ def _place(words: list[bytes]) -> list[float]:
 
 
 def _corners(words: list[bytes], vertices: int) -> list[int]:
-    """Return the vertex indices of a face line, from 0; indices of textures and normals after a slash are ignored.
+    """Return the vertex indices, from 0, in a face line of an OBJ file; texture and normal indices are ignored.
 
     Args:
         words: words of the line.
-        vertices: number of vertices before this line, from which negative numbers count backwards.
+        vertices: number of vertices before this line; negative vertex numbers count backwards from the last of these.
+
+    Raises:
+        ValueError: an entry is no vertex number, or refers to a vertex that does not exist.
     """
     try:
         named = [int(word.partition(b"/")[0]) for word in words[1:]]
@@ -216,12 +223,12 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _CORNERS = ("vertex_indices", "vertex_index")
-"""Names of the property with a face's corners."""
+"""Names that PLY files use for the list of a face's vertex indices."""
 
 
 @dataclass
 class _Element:
-    """An element declared in a PLY header: properties by name, each with its type and, for lists, the length's type."""
+    """An element declared in a PLY header: name, number of rows, and types of each property and its list length."""
 
     name: str
     count: int
@@ -230,17 +237,17 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The data of an element: values of each property, with lists concatenated, and the lengths of the lists, (n,)."""
+    """Data of a PLY element of n rows: values of each property, lists concatenated, and list lengths, shape (n,)."""
 
     values: dict[str, npt.NDArray[Any]]
     lengths: dict[str, IntArray]
 
 
 def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """Return the mesh of a PLY file; colours and other properties are ignored.
+    """Return the mesh in a PLY file, text or binary; colours and other properties are ignored.
 
     Raises:
-        ProblemError: the file cannot be read, or is cut short.
+        ProblemError: the content is no PLY, is truncated, or contains something unsupported.
     """
     try:
         elements, body = _opened(content)
@@ -255,7 +262,11 @@ def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[list[_Element], bytes]:
-    """Return the elements declared in the header, and the body as bytes, with numbers in text form converted."""
+    """Return the elements declared in a PLY header, and the body as bytes, with a text body converted to binary.
+
+    Raises:
+        ValueError: the header is missing or invalid.
+    """
     end = _PLY_END.search(content)
     if not content.startswith(b"ply") or end is None:
         raise ValueError("it has no header from 'ply' to 'end_header'")
@@ -269,7 +280,15 @@ def _opened(content: bytes) -> tuple[list[_Element], bytes]:
 
 
 def _announced(lines: list[list[str]], order: str) -> list[_Element]:
-    """Return the elements declared in a header; all numbers of the text format are read in double precision."""
+    """Return the elements declared in the lines of a PLY header.
+
+    Args:
+        lines: words of each line.
+        order: byte order of the body, "<" or ">"; empty for text, whose numbers are all read in double precision.
+
+    Raises:
+        ValueError: a declaration is invalid.
+    """
     elements: list[_Element] = []
     for words in lines:
         match words:
@@ -295,7 +314,7 @@ def _type(name: str, order: str) -> np.dtype[Any]:
 
 
 def _numbers(text: bytes) -> FloatArray:
-    """Return the numbers of a text, separated by blanks.
+    """Return the numbers in a text, which are separated by blanks, shape (n,).
 
     Raises:
         ValueError: the text contains anything else.
@@ -310,7 +329,12 @@ def _numbers(text: bytes) -> FloatArray:
 
 
 def _element(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """Return the data of an element, and the offset of the next.
+    """Return the data of one PLY element, and the offset in the body at which the next element begins.
+
+    Args:
+        element: declaration of the element.
+        body: body of the file in binary form.
+        start: offset of the element in the body [bytes].
 
     Raises:
         ValueError: the body ends too early.
@@ -330,7 +354,10 @@ def _too_short(element: _Element) -> ValueError:
 
 
 def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int] | None:
-    """Return an element as ``_element`` does, with all rows read at once; None where lists differ in length."""
+    """Return the data and end of a PLY element whose rows are all equally long; None where lists differ in length.
+
+    Arguments are those of ``_element``. All rows are read at once, which is much faster.
+    """
     fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
     counted: dict[str, int] = {}
     for number, (name, (kind, length)) in enumerate(element.properties.items()):
@@ -359,7 +386,7 @@ def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]
 
 
 def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """Return an element as ``_element`` does, with lists of different lengths, read row by row."""
+    """Return the data and end of a PLY element whose lists differ in length; arguments are those of ``_element``."""
     pieces: dict[str, list[bytes]] = {name: [] for name in element.properties}
     lengths: dict[str, list[int]] = {name: [] for name, (_, length) in element.properties.items() if length is not None}
     at = start
@@ -382,10 +409,10 @@ def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows,
 
 
 def _length(number: np.float64) -> int:
-    """Return the length of a list, refusing values that are no lengths, which the text format allows.
+    """Return the length of a PLY list as an integer; the text format allows invalid lengths, which are refused.
 
     Raises:
-        ValueError: the value is no whole number below 2³².
+        ValueError: the value is no non-negative integer below 2³².
     """
     value = float(number)
     if not 0.0 <= value < 2.0**32 or value != int(value):
@@ -394,14 +421,15 @@ def _length(number: np.float64) -> int:
 
 
 def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
-    """Return the mesh of the elements read.
+    """Return the mesh that the elements of a PLY file describe.
 
     Args:
         read: data of the elements, by name.
         behind: bytes after the last element, which must be empty.
 
     Raises:
-        ValueError: bytes follow, coordinates or corners are missing or invalid, or faces are in other elements.
+        ValueError: bytes follow the last element, coordinates or vertex indices are missing or invalid, or faces are in
+            unsupported elements.
     """
     if behind:
         raise ValueError("more data follow than its header announces")

@@ -1,7 +1,7 @@
-"""The document of an SVG: its elements, their styles, lengths and transforms.
+"""Parsing of SVG documents: element tree, style rules, lengths and transforms.
 
-The only style rules applied are those whose selector names the type, classes and id of a single element. A shape hidden
-by any other rule is imported, since a superfluous obstacle is better than a missing one.
+Only style rules with a simple selector (type, classes and id of one element) are applied. A shape hidden by any other
+rule is imported, since a superfluous obstacle is better than a missing one.
 """
 
 import math
@@ -19,25 +19,25 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 
 _LONGEST_ATTRIBUTE = 20_000
-"""Characters of a style, class or transform. Taste: a hundred times what programs write."""
+"""Maximum length of a style, class or transform attribute [characters]. Taste: a hundred times the usual length."""
 _MOST_STYLE_RULES = 300
-"""Rules of style sheets that decide whether and how shapes are filled. Taste: each is compared with every element."""
+"""Maximum number of style rules that affect shapes. Taste: each rule is compared with every element."""
 
 NAMESPACE = "http://www.w3.org/2000/svg"
 FOREIGN = ""
-"""Tag of elements that are not in the namespace of SVG: what editors keep for themselves."""
+"""Tag given to elements outside the SVG namespace, in which editors store their own data."""
 _SEPARATOR = " "
-"""Between namespace and name, as the parser reports them; a blank is in no namespace."""
+"""Separator that the parser puts between namespace and name; a namespace contains no blank."""
 
 
 def parsed_document(content: bytes) -> ET.Element:
-    """Return the outermost element of an SVG file, with tags stripped of their namespace.
+    """Return the root element of an SVG file, with the namespace removed from all tags.
 
     Args:
         content: content of the file.
 
     Raises:
-        ProblemError: the content is no XML, no SVG, or exceeds a bound.
+        ProblemError: the content is no XML, no SVG, or exceeds a limit of ``ImportBounds``.
     """
     builder = _Builder(content.count(b"&"))
     parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
@@ -62,10 +62,10 @@ def parsed_document(content: bytes) -> ET.Element:
 
 
 class _Builder:
-    """Parser target that builds the element tree and enforces the bounds.
+    """Parser target that builds the element tree of an SVG file and enforces limits on its size.
 
     Args:
-        references: number of places in the text that may refer to an entity.
+        references: upper bound on the number of entity references in the text.
     """
 
     def __init__(self, references: int) -> None:
@@ -75,7 +75,11 @@ class _Builder:
         self.references = references
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
-        """Open an element as a child of the element that is currently open."""
+        """Open an element as a child of the element that is currently open.
+
+        Raises:
+            ProblemError: the document has too many elements, or they are nested too deep.
+        """
         namespace, _, tag = name.rpartition(_SEPARATOR)
         self.namespace = self.namespace if self.count else namespace
         self.count += 1
@@ -92,7 +96,11 @@ class _Builder:
         self.tree.end(name)
 
     def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
-        """Refuse entities that would expand a small file too much: nested ones, or long ones used often."""
+        """Refuse a declared entity that could expand a small file too much: a nested one, or a long one used often.
+
+        Raises:
+            ProblemError: the entity is refused.
+        """
         self.entity_length += len(value or "")
         if "&" in (value or "") or self.references * self.entity_length > IMPORT.most_bytes:
             raise ProblemError("its entities expand to too much text; save it as plain SVG")
@@ -101,18 +109,18 @@ class _Builder:
 PROPERTIES = frozenset(
     ("clip-path", "display", "fill", "fill-rule", "mask", "stroke", "stroke-width", "transform", "visibility")
 )
-"""Style properties that matter; of fills and strokes only whether there is one."""
+"""Style properties that are read; of ``fill`` and ``stroke`` only whether there is one."""
 _SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
 _PART = re.compile(r"[.#][\w-]+")
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """A style rule with one selector.
+    """A CSS style rule with one simple selector.
 
     Attributes:
-        tag: element type to which the rule applies; empty for any.
-        parts: classes (with a leading ``.``) and ids (with a leading ``#``), all of which the element must have.
+        tag: tag of the elements to which the rule applies; empty for any.
+        parts: classes (with leading ``.``) and ids (with leading ``#``), all of which an element must have.
         style: values of the properties that the rule sets, by name.
     """
 
@@ -122,14 +130,14 @@ class _Rule:
 
     @property
     def weight(self) -> tuple[int, int, int]:
-        """Specificity of the selector as in CSS, given by the numbers of ids, classes and element types."""
+        """Specificity of the selector as CSS defines it, namely the numbers of ids, of classes and of tags."""
         ids = sum(part.startswith("#") for part in self.parts)
         return ids, len(self.parts) - ids, bool(self.tag)
 
 
 @dataclass
 class StyleSheet:
-    """The style rules of a drawing that set any of ``PROPERTIES``.
+    """The style rules of an SVG drawing that set any of ``PROPERTIES``.
 
     Attributes:
         rules: the rules, sorted by increasing specificity.
@@ -140,10 +148,10 @@ class StyleSheet:
     unread: list[str] = field(default_factory=list)
 
     def element_style(self, node: ET.Element) -> dict[str, str]:
-        """Return the style properties of one element, without those inherited from its parents.
+        """Return the style properties set on one element, by name, without those inherited from its ancestors.
 
         Raises:
-            ProblemError: an attribute is longer than the bound.
+            ProblemError: a style, class or transform attribute is too long.
         """
         for key in ("style", "class", "transform"):
             if len(node.attrib.get(key, "")) > _LONGEST_ATTRIBUTE:
@@ -162,10 +170,10 @@ class StyleSheet:
 
 
 def style_sheet(root: ET.Element) -> StyleSheet:
-    """Return the style sheet of a drawing.
+    """Return the style rules of all ``style`` elements of an SVG document.
 
     Raises:
-        ProblemError: the drawing has more relevant rules than can be applied to every element.
+        ProblemError: the drawing has more relevant rules than can be compared with every element.
     """
     sheet = StyleSheet()
     for node in root.iter("style"):
@@ -177,7 +185,12 @@ def style_sheet(root: ET.Element) -> StyleSheet:
 
 
 def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
-    """Yield the rules of a style sheet that set any of ``PROPERTIES``; blocks for certain media only are skipped."""
+    """Yield the rules in the text of a style sheet that set any of ``PROPERTIES``, except those for certain media.
+
+    Args:
+        text: the style sheet.
+        unread: receives unsupported selectors of rules that may hide shapes.
+    """
     # Split at ends of comments: what stands in a piece before the next beginning is no comment.
     plain = "".join(piece.partition("/*")[0] for piece in text.split("*/"))
     for block in plain.split("}"):
@@ -198,7 +211,7 @@ def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
 
 
 def _declarations(text: str) -> dict[str, str]:
-    """Return the values of those ``PROPERTIES`` that a text of the form ``name: value; …`` sets."""
+    """Return the values of ``PROPERTIES`` that a CSS text of the form ``name: value; …`` sets, by name."""
     found = {}
     for declaration in text.split(";"):
         name, _, value = declaration.partition(":")
@@ -220,30 +233,30 @@ _PIXELS: Mapping[str, float] = {
     "mm": 96.0 / 25.4,
     "q": 96.0 / 101.6,
 }
-"""Units of length in user units (CSS Values, section 6.2)."""
+"""User units per unit of length, by the unit's name in lower case (CSS Values, section 6.2)."""
 _PIXEL = 0.0254 / 96.0
-"""Length of a user unit of a picture without viewBox [m] (likewise)."""
+"""Length of a user unit of a picture without viewBox [m] (CSS Values, section 6.2)."""
 
 
 def affine(
     a: float = 1.0, b: float = 0.0, c: float = 0.0, d: float = 1.0, e: float = 0.0, f: float = 0.0
 ) -> FloatArray:
-    """Return the matrix of (x, y) ↦ (a x + c y + e, b x + d y + f), shape (3, 3); arguments in SVG's order."""
+    """Return the homogeneous matrix, shape (3, 3), of (x, y) ↦ (a x + c y + e, b x + d y + f), named as in SVG."""
     return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
 
 
 class View(NamedTuple):
-    """Size of the picture in its own units, to which lengths in per cent refer; None where the picture has no size."""
+    """Size of an SVG picture in user units, to which lengths in per cent refer; None where the picture has no size."""
 
     width: float | None
     height: float | None
 
 
 def numbers_in(text: str) -> list[float]:
-    """Return the numbers of a text, separated by blanks or commas.
+    """Return the numbers in an SVG attribute, which are separated by blanks or commas.
 
     Raises:
-        ProblemError: the text contains anything else, or a number that is not finite.
+        ProblemError: the text contains anything but finite numbers.
     """
     if not _BETWEEN.fullmatch(NUMBER.sub(" ", text)):
         raise ProblemError("it has a coordinate that is not a number")
@@ -254,7 +267,7 @@ def numbers_in(text: str) -> list[float]:
 
 
 def length_of(text: str, view: View, across: bool | None) -> float:
-    """Return a length in user units.
+    """Return the length that an SVG attribute gives, in user units.
 
     Args:
         text: a number with an optional unit.
@@ -282,7 +295,7 @@ def length_of(text: str, view: View, across: bool | None) -> float:
 
 
 def physical_length(text: str) -> float | None:
-    """Return a length in a physical unit [m]; None for pixels, plain numbers, per cent, and what is no length."""
+    """Return a length given in a physical unit [m]; None for pixels, plain numbers, per cent, and invalid lengths."""
     match = _LENGTH.fullmatch(text.strip())
     unit = "" if match is None else match[2].lower()
     if match is None or unit in {"", "px"} or unit not in _PIXELS:
@@ -291,7 +304,7 @@ def physical_length(text: str) -> float | None:
 
 
 def parse_transform(text: str) -> FloatArray:
-    """Return the transform given by a transform attribute, shape (3, 3).
+    """Return the homogeneous matrix of an SVG ``transform`` attribute, shape (3, 3).
 
     Raises:
         ProblemError: the attribute cannot be read.
@@ -312,7 +325,7 @@ def parse_transform(text: str) -> FloatArray:
 
 
 def _turn(degrees: float, x: float = 0.0, y: float = 0.0) -> FloatArray:
-    """Return a rotation about a point as a transform, shape (3, 3)."""
+    """Return the homogeneous matrix of a rotation by ``degrees`` [deg] about the point (x, y), shape (3, 3)."""
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return affine(e=x, f=y) @ affine(cosine, sine, -sine, cosine) @ affine(e=-x, f=-y)
 
@@ -328,20 +341,22 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., FloatArray]] = {
     ("skewX", 1): lambda angle: affine(c=math.tan(math.radians(angle))),
     ("skewY", 1): lambda angle: affine(b=math.tan(math.radians(angle))),
 }
-"""The functions of transforms by name and number of arguments."""
+"""Functions of the transform attribute, by name and number of arguments."""
 
 
 def fitted_view(box: str, width: float | None, height: float | None, aspect: str) -> FloatArray:
-    """Return the transform from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
+    """Return the transform from the viewBox of a nested picture to the coordinates around the picture.
+
+    The viewBox is scaled and aligned as SVG 1.1, section 7.8, specifies.
 
     Args:
         box: attribute viewBox of the nested picture.
-        width: width given to the nested picture; None where none is given.
-        height: height given to the nested picture; None where none is given.
+        width: width of the nested picture [user units]; None where not given.
+        height: height of the nested picture [user units]; None where not given.
         aspect: attribute preserveAspectRatio of the nested picture.
 
     Returns:
-        The transform, shape (3, 3).
+        Homogeneous matrix, shape (3, 3).
 
     Raises:
         ProblemError: the viewBox cannot be read, or width or height is missing.

@@ -1,7 +1,7 @@
-"""Checks that the text files of an output folder agree with its arrays.
+"""Checks that the text files of an output folder (trajectories, robot models, record) agree with its arrays.
 
-Each text is compared line by line, numbers by value, with the text that would be written. The times in a file of points
-show which samples of the plan the file contains, and by which factor its motion is slower.
+Each text is compared line by line, numbers by value, with the text that would be written today. The times in a
+trajectory file show which samples of the plan the file contains, and by which factor its motion is slowed down.
 """
 
 import re
@@ -35,21 +35,21 @@ from ccm_opt.problem.solution import Check, ClearanceRecord, JointStates, JointT
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 HEAD = 84
-"""Bytes of a binary STL before its triangles, of which the last four hold the number of triangles."""
+"""Size of the header of a binary STL file, whose last four bytes hold the number of triangles [bytes]."""
 TRIANGLE = np.dtype([("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
-"""A triangle of a binary STL: its normal and its corners."""
+"""Record of a triangle in a binary STL file: normal, three corners, and attributes."""
 ROUNDING = 1e-6
-"""Deviation allowed for a corner, as a share of the mesh's size: the files have single precision."""
+"""Allowed deviation of a corner, as a fraction of the largest coordinate: STL files have single precision."""
 
 
 def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
-    """Yield how the mesh files named in a description of the arm differ from the meshes of the problem.
+    """Yield a sentence for each mesh file to which a robot model refers and which differs from the problem's mesh.
 
     Only meshes of obstacles in space are checked, not those of extruded obstacles.
 
     Args:
-        folder: folder of the description.
-        text: text of the description.
+        folder: folder of the robot model.
+        text: text of the robot model (URDF or MJCF).
         problem: the problem.
     """
     scene = solid_scene(problem.workspace, problem.arm)
@@ -78,31 +78,31 @@ def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]
 
 
 POINT_TOLERANCE = 1.01e-11
-"""Relative difference allowed for numbers of the table or the message: the last of twelve digits may differ."""
+"""Allowed relative difference of numbers in trajectory files: the last of twelve digits may differ."""
 TIME_TOLERANCE = 1e-9
-"""Difference allowed for times, since a message counts whole nanoseconds [s]."""
+"""Allowed difference of times, since ROS messages count whole nanoseconds [s]."""
 NUMBER_TOLERANCE = 1e-12
-"""Relative difference allowed for numbers in a description of the arm, which are written with all digits."""
+"""Allowed relative difference of numbers in robot models (URDF, MJCF), which are written with all digits."""
 MOST_TIMES_LONGER = 10
-"""Files longer than the expected text by this factor are not read."""
+"""Ratio of a file's length to the expected length above which the file is not read."""
 LONGEST_NUMBER = 25
-"""Largest number of characters of a number, including its sign and separator."""
+"""Maximum length of a number with its sign and separator [characters]."""
 LEAST_BYTES = 2**16
-"""Files up to this size are always read: comments before a short text may be longer than the text."""
+"""Size up to which files are always read, since comments may be longer than a short text [bytes]."""
 NAMES = {
     "trajectory.csv": "table against arrays",
     "trajectory.yaml": "ROS message against arrays",
     "arm.urdf": "URDF against problem",
     "arm.mjcf.xml": "MJCF against problem",
 }
-"""Names of the checks, by file."""
+"""Names of the checks, by file name."""
 STAMP = re.compile(r"\{ *sec: *(\d{1,12}), *nanosec: *(\d{1,9}) *\}")
-"""A time of a ROS message."""
+"""A time in a ROS message in YAML form."""
 DECLARATION = re.compile(r"\s*<\?xml(\s+version=([\"'])1\.0\2)?(\s+encoding=([\"'])(?i:utf-8|us-ascii)\4)?\s*\?>")
-"""The only processing instruction allowed in a description of the arm; in another encoding, other programs would read a
+"""The only processing instruction allowed in a robot model; with another encoding, other programs would read a
 different text."""
 NUMBER = re.compile(r"(?<![\w.])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])")
-"""A number that is not part of a name."""
+"""A decimal number that is not part of a name."""
 
 
 def text_checks(
@@ -112,14 +112,16 @@ def text_checks(
     joints: JointStates,
     checks: Sequence[Check],
 ) -> list[Check]:
-    """Return the checks of the text files present in a folder; a missing file is no defect, since it misleads nobody.
+    """Return the checks of the trajectory files and robot models in an output folder against the plan.
+
+    A missing file is no defect, since a missing file misleads nobody.
 
     Args:
         folder: an output folder.
-        problem: the problem, with the arm described.
+        problem: the problem solved by the plan.
         trajectory: the motion in the folder's arrays.
-        joints: the motion as the drives see it.
-        checks: checks of the motion, which hold its least gaps.
+        joints: angles, velocities, accelerations and efforts of all revolute joints over the motion.
+        checks: verifier's checks of the motion, which hold its minimum clearances.
     """
     plan = (problem, trajectory, joints)
     numbers = len(trajectory.time) * (len(ROS_FIELDS) * (len(joints.names) + trajectory.positions.shape[1]) + 1)
@@ -150,12 +152,12 @@ def text_checks(
 
 
 def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
-    """Return the check of a file.
+    """Return the check that a text file agrees with the plan.
 
     Args:
         path: path of the file.
-        find: returns how the file's text differs from the expected one, or an empty text.
-        most_bytes: largest size; larger files fail the check unread.
+        find: function of the file's text that returns the first difference from the expected text, in words, or "".
+        most_bytes: maximum size [bytes]; larger files fail the check unread.
     """
     try:
         text = read_plain(path, most_bytes).decode("utf-8")
@@ -168,16 +170,16 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 def _point_defect(
     text: str, plan: tuple[Problem, JointTrajectory, JointStates], found: list[ControllerPoints], *, of_table: bool
 ) -> str:
-    """Return how the points in a file differ from those of the plan; empty where they agree.
+    """Return the first difference between a trajectory file and the plan, in words; empty where they agree.
 
     Args:
         text: text of the file.
-        plan: problem, motion, and motion as the drives see it.
-        found: receives the points that the file should contain.
+        plan: problem, motion, and states of all revolute joints over the motion.
+        found: receives the trajectory points that the file should contain.
         of_table: whether the file is the CSV table rather than the ROS message.
 
     Raises:
-        ValueError: the times are not those of samples of the plan.
+        ValueError: the times in the file are not those of samples of the plan.
     """
     lines = _point_lines(text)
     stamps = (
@@ -196,19 +198,22 @@ def _point_defect(
 
 
 def _point_lines(text: str) -> list[str]:
-    """Return the lines of a text except blank lines and comments."""
+    """Return the lines of a text without blank lines and comments."""
     return [line.rstrip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
 
 def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray, float]:
-    """Return the indices of the samples at given times of a slowed plan, shape (P,), and the factor of slowing down.
+    """Return the samples of a plan at the times in a trajectory file, and the factor by which the file is slower.
 
     Args:
-        time: times of the points, shape (P,) [s].
+        time: times of the P points in the file, shape (P,) [s].
         plan: the planned motion.
 
+    Returns:
+        Indices of the samples, shape (P,), and the time factor, at least 1.
+
     Raises:
-        ValueError: a time is that of no sample, times are not increasing, or an end or a stop is missing.
+        ValueError: a time belongs to no sample, times are not increasing, or an end or stop of the plan is missing.
     """
     if not len(time) or not np.isfinite(time).all():
         raise ValueError("it has no points, or a time that is not a number")
@@ -229,23 +234,23 @@ def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray
 
 
 def _model_defect(text: str, folder: Path, problem: Problem, texts: Sequence[str]) -> str:
-    """Return how a description of the arm, or its meshes, differ from the valid ones; empty where they agree.
+    """Return the first difference of a robot model or its meshes from the problem, in words; empty where they agree.
 
     Args:
-        text: text of the description.
-        folder: its folder.
+        text: text of the robot model (URDF or MJCF).
+        folder: folder of the robot model.
         problem: the problem.
-        texts: the valid descriptions.
+        texts: all valid robot models, with and without obstacles, with all revolute joints or only bending ones.
 
     Raises:
-        ValueError: the text cannot be read as such a description.
+        ValueError: the text cannot be read as a robot model.
     """
     defect = "" if text in texts else _difference(_elements(text), map(_elements, texts), NUMBER_TOLERANCE)
     return defect or next(mesh_defects(folder, text, problem), "")
 
 
 def _elements(text: str) -> list[str]:
-    """Return the elements of an XML text in canonical form, a line each.
+    """Return the elements of an XML text in canonical form, one line per tag.
 
     Raises:
         ValueError: the text is no XML, or has declarations or instructions.
@@ -260,13 +265,13 @@ def _elements(text: str) -> list[str]:
 
 
 def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], tolerance: float) -> str:
-    """Return how lines differ from the closest of several variants; empty where they equal a variant.
+    """Return the first difference between a text and the closest of several variants, in words; empty where they agree.
 
     The closest variant is the one with the most leading lines in common.
 
     Args:
-        lines: the lines.
-        variants: the lines allowed.
+        lines: lines of the text.
+        variants: lines of each valid text.
         tolerance: allowed relative difference of numbers.
     """
     farthest, said = -1, ""
@@ -281,7 +286,7 @@ def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], toleran
 
 
 def _are_alike(found: str, wanted: str, tolerance: float) -> bool:
-    """Return whether two lines agree: numbers by value, the indentation exactly, other text up to blanks."""
+    """Return whether two lines agree: numbers to a relative tolerance, indentation exactly, other text up to blanks."""
     if found == wanted:
         return True
     ours, theirs = NUMBER.split(found), NUMBER.split(wanted)
@@ -296,12 +301,12 @@ def _are_alike(found: str, wanted: str, tolerance: float) -> bool:
 
 NAME = "record against motion"
 _OF_MOTION = ("wanted_gap", "clearance", "reach", "nearest", "start", "stops", "goal", "short")
-"""Entries of the record of clearance that follow from the motion; the attainable gap and its price come from
+"""Keys of the clearance record that follow from the motion alone; the attainable clearance and its price come from
 planning."""
 _OF_PLACES = ("gap", "wanted")
-"""Entries compared for a place with little clearance; of several equally tight places the record may name any."""
+"""Keys compared for a place of small clearance; of several equally tight places the record may name any."""
 _OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed")
-"""Entries compared for a mesh; its original file is no longer known."""
+"""Keys compared for a mesh; the path of the original file is no longer known."""
 
 
 def record_data_check(
@@ -311,14 +316,16 @@ def record_data_check(
     room: ClearanceRecord,
     left_out: Sequence[str],
 ) -> Check:
-    """Return the check that a record agrees with its motion; a missing entry is no defect, since it misleads nobody.
+    """Return the check that the record in ``solution.json`` agrees with the motion of the plan.
+
+    A missing entry is no defect, since a missing entry misleads nobody.
 
     Args:
         record: the whole record.
         problem: the problem in the record.
         trajectory: the motion, already verified.
         room: clearance of the motion, measured again.
-        left_out: what was not checked, determined again.
+        left_out: names of the properties that were not checked, determined again.
     """
     wanted: dict[str, object] = {
         "method": problem.planner.method,
@@ -339,7 +346,7 @@ def record_data_check(
 
 
 def _of_places(value: object) -> object:
-    """Return a part of the record of clearance, reduced to those entries of places that are compared."""
+    """Return a part of the clearance record reduced to those entries of places that are compared."""
     if isinstance(value, Mapping):
         if "nearest" in value:
             return {"nearest": _of_places(value["nearest"])}
@@ -348,13 +355,13 @@ def _of_places(value: object) -> object:
 
 
 def _off(found: object, wanted: object, path: str, allowed: float) -> Iterator[str]:
-    """Yield the paths of entries that differ; tables may have additional keys.
+    """Yield the dotted path of each entry of a record that differs from the expected one; additional keys are allowed.
 
     Args:
         found: value in the record.
         wanted: expected value.
-        path: path of the value.
-        allowed: allowed difference of numbers.
+        path: dotted path of the value.
+        allowed: allowed absolute difference of numbers.
     """
     if isinstance(wanted, Mapping):
         if not isinstance(found, Mapping):
