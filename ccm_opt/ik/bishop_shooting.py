@@ -1,4 +1,4 @@
-"""Multiple shooting of a curve in space with Bishop frames, which do not twist.
+"""Links that follow a curve in space, by multiple shooting of Bishop frames, which do not twist about the curve.
 
 Lengths are in units of the arm's length. As in the plane, the turns U_i(s) = ∫ κ_i ds and their integrals over arc
 length are known on every spline piece and tied from knot to knot. The frame equations, t' = κ1 n1 + κ2 n2 and n_i' =
@@ -27,7 +27,10 @@ from ccm_opt.robot.rigid_motions import exponential
 
 
 def product(first: ca.SX, second: ca.SX) -> Any:
-    """Return the Hamilton products of quaternions, by columns; the second rotation is in the axes of the first."""
+    """Return the Hamilton products of symbolic quaternions, column by column, shape (4, n).
+
+    The rotation of the product is the first, followed by the second in the axes of the first. Both have shape (4, n).
+    """
     return ca.vertcat(*_quaternion_product(ca.vertsplit(first), ca.vertsplit(second)))
 
 
@@ -51,7 +54,7 @@ def turned_by(vectors: ca.SX) -> ca.SX:
 
 
 def axis(quaternions: ca.SX, number: int) -> ca.SX:
-    """Return the x, y or z axis (0, 1 or 2) as turned by each rotation, shape (3, n)."""
+    """Return the x, y or z axis (0, 1 or 2) turned by each of n symbolic quaternions, shape (4, n), shape (3, n)."""
     w, x, y, z = ca.vertsplit(quaternions)
     if number == 0:
         return ca.vertcat(w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y))
@@ -61,7 +64,7 @@ def axis(quaternions: ca.SX, number: int) -> ca.SX:
 
 
 def chained_quaternions(turns: FloatArray) -> FloatArray:
-    """Return the cumulative products of numerical quaternions, shape (n, 4), with signs chosen to be continuous."""
+    """Return the cumulative products of numerical quaternions, both of shape (n, 4), without changes of sign."""
     chained = np.empty_like(turns)
     latest = np.array([1.0, 0.0, 0.0, 0.0])
     for step, turn in enumerate(turns):
@@ -77,7 +80,7 @@ def quaternions_of(vectors: FloatArray) -> FloatArray:
 
 
 class BishopFrames(CurveFrames):
-    """Links in space as quaternions, tied to frames of the curve that are shot from joint to joint.
+    """Links in space as unit quaternions that follow a symbolic curve, whose frames are shot from joint to joint.
 
     Every link points along the curve's mean direction over the link, up to a fraction of the offset that the links of
     the start pose have from the nearby curve. So the start pose satisfies every row. The solver may reduce the offsets
@@ -89,15 +92,16 @@ class BishopFrames(CurveFrames):
 
     @cached_property
     def lies(self) -> ca.SX:
-        """Quaternions of the links, shape (4, n)."""
+        """Unit quaternions of the n links relative to the straight arm, shape (4, n)."""
         return ca.SX.sym("link", 4, self.links)
 
     @cached_property
     def further_symbols(self) -> dict[str, ca.SX]:
-        """The curve's turn at its base, Ω, ψ and starting frame of every link, and the tip's components.
+        """Symbols for the frames of the curve, the direction of the tip and the offset of the links, by name.
 
-        The tip parts are the components of the last link along the two axes perpendicular to the goal direction; the
-        stray is the fraction of the start pose's offsets from the curve that the pose keeps.
+        They are the turn of the curve at its base, Ω, ψ and the starting frame (a quaternion) of every link, the
+        components of the last link along two axes perpendicular to the goal direction ("tip parts"), and the fraction
+        of the start pose's offsets from the curve that the pose keeps ("stray").
         """
         return {
             "base turn": ca.SX.sym("base_turn", 2),
@@ -110,24 +114,29 @@ class BishopFrames(CurveFrames):
 
     @cached_property
     def parameters(self) -> dict[str, ca.SX]:
-        """Unit vectors perpendicular to the goal direction, (3, 2), and offsets of the start's links, (2, n)."""
+        """Unit vectors perpendicular to the goal direction (3, 2), and offsets of the start pose's links (2, n)."""
         return {"across": ca.SX.sym("across", 3, 2), "strays": ca.SX.sym("offset_from_curve", 2, self.links)}
 
     @property
     def costs(self) -> dict[str, ca.SX]:
-        """Sum of the squared angles between the links and the curve."""
+        """Cost "stray", the sum of the squared angles between the links and the curve [rad²]."""
         return {"stray": self.further_symbols["stray"] ** 2 * ca.sumsqr(self.parameters["strays"])}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the rows that define link turns, frames, link orientations, the mapping and the tip parts.
+        """Return the NLP rows that turn the links by the bends of their joints and make them follow the curve.
 
-        Turns follow from the integrals of the curvatures; frames and orientations are propagated from joint to joint.
+        They define the turn of the curve over every link, the frames, the link orientations, the directions of the
+        links relative to the curve and the components of the last link.
         """
         link_turns = (self._link_turns(index) for index in range(len(self.directions)))
         return (*link_turns, self._frame_gaps(), self._turning(), self._mapping(), self._tip_parts())
 
     def _link_turns(self, index: int) -> RowBlock:
-        """Return the rows that define Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
+        """Return the NLP rows that define the turn and the mean turn of the curve over every link, in one direction.
+
+        The turn is Ω = U(s_(j+1)) − U(s_j) and the mean turn ψ = (1/h) ∫ U ds − U(s_j), where U is the integral of the
+        curvature in the direction ``index`` (0 for left, 1 for up) and h the link length.
+        """
         turned, integrals = self.joints.at_joints(self.parts[index])
         turns, means = (self.further_symbols[name][index, :].T for name in ("turns", "means"))
         gaps = ca.vertcat(
@@ -140,7 +149,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, gaps)
 
     def _frame_gaps(self) -> RowBlock:
-        """Return the rows that propagate the curve's frame over each link, from one joint to the next."""
+        """Return the NLP rows that propagate the frame of the curve over each link, from one joint to the next."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
         first = turned_by(ca.vertcat(0, -up, left))
@@ -151,14 +160,17 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(frames - ca.horzcat(first, carried)))
 
     def _turning(self) -> RowBlock:
-        """Return the rows R_j = R_(j−1) Rz(a_j) Ry(b_j), which turn every link by the bends of its joint."""
+        """Return the NLP rows R_j = R_(j−1) Rz(a_j) Ry(b_j), which turn every link by the bends of its joint."""
         turns = _turns(self.bends)
         turned = product(self.lies[:, :-1], turns[:, 1:])
         names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
         return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(turns[:, 0], turned)))
 
     def _mapping(self) -> RowBlock:
-        """Return the rows that align links with the curve's mean direction, up to a fraction of their start offsets."""
+        """Return the NLP rows that align every link with the mean direction of the curve over the link.
+
+        A common fraction of the offsets that the links of the start pose have from the curve remains.
+        """
         means, frames, stray = (self.further_symbols[name] for name in ("means", "frames", "stray"))
         directions = mean_direction(means)
         along = sum((ca.repmat(directions[k, :], 3, 1) * axis(frames, k) for k in range(3)), ca.SX(0))
@@ -167,35 +179,43 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(across - stray * self.parameters["strays"]))
 
     def _tip_parts(self) -> RowBlock:
-        """Return the rows that define the last link's components perpendicular to the goal direction.
+        """Return the NLP rows that define the components of the last link perpendicular to the goal direction.
 
-        The bounds on these components keep the link within the tolerance.
+        Bounds on these components keep the link within the tolerance of the goal.
         """
         names = ("tip: gap in its direction", "tip: gap in its direction, across")
         parts = self.parameters["across"].T @ axis(self.lies[:, self.links - 1], 0)
         return equal_to_zero(names, parts - self.further_symbols["tip parts"])
 
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the x axes of link quaternions."""
+        """Return the directions of links, shape (3, e), from their quaternions, shape (4, e)."""
         return axis(lies, 0)
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """Return the axes of each joint: the z axis of the previous link, and the y axis of its own link."""
+        """Return the rotation axes of every joint, z of the previous link and y of the joint's link, each (3, n)."""
         return ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(self.lies[:, :-1], 2)), axis(self.lies, 1)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the turns to the left and upwards that joint bends produce, shape (n, 2) [rad].
+        """Return the turns to the left and upwards for joint bends (a, b), both of shape (n, 2) [rad].
 
-        A turn upwards, from x to z, is a turn about −y.
+        A turn upwards, from x to z, is a turn about −y, so the sign of b is changed.
         """
         return np.asarray(bends * np.array([1.0, -1.0]))
 
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the quaternions of links with given joint bends, shape (n, 4)."""
+        """Return the quaternions of the links, shape (n, 4), for joint bends of shape (n, 2) [rad]."""
         return link_quaternions(bends)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return the values of the curve's turns and frames at the start pose, whose links keep their full offsets."""
+        """Return the values of the frames' symbols and parameters at the start pose, by name.
+
+        With these values, the links keep their full offsets from the curve.
+
+        Args:
+            curve: a curve near the start pose.
+            lies: quaternions of the links of the start pose, shape (n, 4).
+            direction: direction of the last link at the goal, shape (3,), or None.
+        """
         turns, means = self.link_turns(curve)
         frames = _curve_frames(curve.base_turn, turns, means)
         across = _across(direction)
@@ -211,7 +231,7 @@ class BishopFrames(CurveFrames):
         }
 
     def link_turns(self, curve: CurveNumbers) -> tuple[FloatArray, FloatArray]:
-        """Return Ω and ψ of every link, each of shape (n, 2) [rad]."""
+        """Return the turns Ω of a curve over every link and the mean turns ψ from the link start, each (n, 2) [rad]."""
         joints = np.linspace(0.0, 1.0, self.links + 1)
         flat = [curve.turned(index) for index in range(len(self.directions))]
         at_joints = np.stack([each.heading_at(joints) for each in flat], axis=1)
@@ -219,10 +239,15 @@ class BishopFrames(CurveFrames):
         return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * self.links - at_joints[:-1]
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return the bounds of the turns, which start at 0, of the tip parts, and of the stray in [0, 1].
+        """Return the bounds of the curve's turns, the components of the last link, and the offset of the links.
 
-        The tip parts lie in a square inside the allowed cone's cross-section, so that its corners are within the
-        tolerance too.
+        Turns start at 0, and the fraction of the offsets lies in [0, 1]. The two components of the last link lie in a
+        square whose corners are at the tolerance.
+
+        Args:
+            lies: unused.
+            direction: direction of the last link at the goal, shape (3,), or None for no bounds on the components.
+            turned: tolerance of the last link's direction [rad].
         """
         del lies
         turns = np.append(0.0, np.full(self.parts[0].count, np.inf))
@@ -231,7 +256,13 @@ class BishopFrames(CurveFrames):
         return {**held, "tip parts": (-most, most), "stray": (np.zeros(1), np.ones(1))}
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> SpaceConfiguration:
-        """Return the curve in space, in metres and world axes."""
+        """Return a numerical curve as a curve in space, in metres and world axes.
+
+        Args:
+            arm: the arm.
+            numbers: the curve in units of the arm's length and base axes.
+            feed: displacement of the base [m].
+        """
         lengths, values, shares = numbers.parts()
         left, up = numbers.base_turn
         rotation, _ = exponential(np.array([0.0, -up, left, 0.0, 0.0, 0.0]))
@@ -245,10 +276,10 @@ class BishopFrames(CurveFrames):
 
 
 def mean_direction(means: ca.SX) -> ca.SX:
-    """Return the curve's mean direction over each link, in the frame at the link's start, shape (3, n).
+    """Return the mean direction of a curve over each of n links, in the frame at the start of the link, shape (3, n).
 
     Args:
-        means: ψ, shape (2, n) [rad].
+        means: symbols of the mean turns ψ over each link from the link's start, shape (2, n) [rad].
     """
     # A smooth lower bound, far below any relevant angle, so that sin(x)/x has a derivative at 0.
     angle = ca.sqrt(ca.sum1(means**2) + 1e-16)
@@ -256,7 +287,7 @@ def mean_direction(means: ca.SX) -> ca.SX:
 
 
 def link_quaternions(bends: FloatArray) -> FloatArray:
-    """Return the quaternions of links, shape (n, 4), for given joint bends, shape (n, 2) [rad]."""
+    """Return the quaternions of n links relative to the straight arm, shape (n, 4), for joint bends (n, 2) [rad]."""
     zero = np.zeros(len(bends))
     about_z = quaternions_of(np.column_stack((zero, zero, bends[:, 0])))
     about_y = quaternions_of(np.column_stack((zero, bends[:, 1], zero)))
@@ -264,7 +295,13 @@ def link_quaternions(bends: FloatArray) -> FloatArray:
 
 
 def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -> FloatArray:
-    """Return the frames at the starts of the links, shape (n, 4)."""
+    """Return the frames of a curve at the starts of n links as quaternions, shape (n, 4).
+
+    Args:
+        base_turn: turns of the curve at its base to the left and upwards, shape (2,) [rad].
+        turns: turns Ω over every link, shape (n, 2) [rad].
+        means: mean turns ψ over every link from the link's start, shape (n, 2) [rad].
+    """
     roll = means[:, 0] * turns[:, 1] - means[:, 1] * turns[:, 0]
     steps = np.column_stack((roll, -turns[:, 1], turns[:, 0]))[:-1]
     first = np.array([[0.0, -base_turn[1], base_turn[0]]])
@@ -272,7 +309,13 @@ def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -
 
 
 def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatArray:
-    """Return the components of the curve's mean directions across the links, shape (n, 2)."""
+    """Return the components of the curve's mean direction over each link along the y and z axes of the link, (n, 2).
+
+    Args:
+        frames: quaternions of the curve's frames at the starts of the links, shape (n, 4).
+        means: mean turns ψ over every link from the link's start, shape (n, 2) [rad].
+        lies: quaternions of the links, shape (n, 4).
+    """
     size = np.linalg.norm(means, axis=1)
     local = np.concatenate((np.cos(size)[:, None], np.sinc(size / np.pi)[:, None] * means), axis=1)
     mean = sum(local[:, [k]] * along for k, along in enumerate(_axes(frames)))
@@ -286,13 +329,16 @@ def _axes(quaternions: FloatArray) -> list[FloatArray]:
 
 
 def _across(direction: FloatArray | None) -> FloatArray:
-    """Return two unit vectors perpendicular to a direction, or to the straight arm if that is None, shape (2, 3)."""
+    """Return two unit vectors perpendicular to a direction, shape (3,), as rows (2, 3).
+
+    For None they are perpendicular to the straight arm.
+    """
     along = np.array([1.0, 0.0, 0.0]) if direction is None else direction
     return np.asarray(np.linalg.svd(along[None])[2][1:])
 
 
 def _turns(bends: ca.SX) -> ca.SX:
-    """Return the quaternions, shape (4, n), of symbolic joint bends, shape (2, n) [rad]."""
+    """Return the quaternions of Rz(a) Ry(b), shape (4, n), for symbolic joint bends (a, b), shape (2, n) [rad]."""
     half_a = bends[0, :] / 2
     half_b = bends[1, :] / 2
     return ca.vertcat(

@@ -1,4 +1,4 @@
-"""Users' constraints and costs as compiled CasADi functions."""
+"""Constraints and costs that users wrote, checked and compiled into CasADi functions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,9 +18,9 @@ from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, call_user_functi
 from ccm_opt.robot.arm import Arm
 
 TIME_TO_BUILD = 10.0
-"""Time that building an expression may take [s]; for arms of 100 links it takes milliseconds."""
+"""Maximum time for a user's function to build its expression [s]; arms of 100 links take milliseconds."""
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
-"""Operations whose result is true or false."""
+"""CasADi operations whose result is true or false."""
 _SYMBOLS_USED_AS_NUMBERS = ("truth value of a CasADi", "interpreted as an integer", "to numeric matrix not supported")
 """Parts of the errors of CasADi and Python where a symbol stands in place of a number."""
 _USE_CASADI = (
@@ -29,12 +29,21 @@ _USE_CASADI = (
 
 
 def _is_comparison(entry: Any) -> bool:
-    """Return whether an entry of an expression can only be true or false."""
+    """Return whether a scalar CasADi expression can only be true or false."""
     return any(entry.is_op(operation) for operation in _COMPARISONS)
 
 
 def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
-    """Return the term's expression as a dense column, after checking it."""
+    """Return the expression that a user's constraint or cost builds, as a dense CasADi column.
+
+    Args:
+        term: the constraint or cost.
+        kind: "constraint" or "cost", for messages.
+        quantities: symbols of the arm, given to the user's function.
+
+    Raises:
+        ProblemError: the function fails, or returns no expression of numbers in these symbols.
+    """
     try:
         made = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
     except ProblemError as error:
@@ -73,7 +82,7 @@ def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -
 
 
 def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> CompiledConstraint:
-    """Return a constraint with its compiled functions.
+    """Return a user's constraint compiled for the quantities of an arm.
 
     Raises:
         ProblemError: the constraint is invalid; the message names it and the error.
@@ -101,7 +110,11 @@ def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> Co
 
 
 def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
-    """Return a lower or upper bound as one value per entry of the expression, shape (count,)."""
+    """Return the lower or upper bound of a constraint as one value per entry of its expression, shape (count,).
+
+    Raises:
+        ProblemError: the bound is not one number, or one for each entry, or contains NaN.
+    """
     value = getattr(constraint, key)
     try:
         bound = np.asarray(value, dtype=np.float64).ravel()
@@ -118,7 +131,7 @@ def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -
 
 
 def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
-    """Return a cost with its compiled functions.
+    """Return a user's cost compiled for the quantities of an arm.
 
     Raises:
         ProblemError: the cost is invalid; the message names it and the error.
@@ -138,10 +151,10 @@ def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
 
 
 def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
-    """Refuse terms with equal names, since messages and checks identify terms by their names.
+    """Check that the names of constraints and costs differ, since messages identify them by name.
 
     Raises:
-        ProblemError: two terms have the same name.
+        ProblemError: two constraints or costs have the same name.
     """
     names = [term.name for term in terms]
     double = sorted({name for name in names if names.count(name) > 1})
@@ -151,10 +164,10 @@ def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class UserTerms:
-    """All constraints and costs of one problem, compiled.
+    """Compiled constraints and costs of the user for one problem.
 
     Attributes:
-        quantities: symbols of the arm.
+        quantities: symbols of the arm in their expressions.
         constraints: hard and soft constraints that do not depend on speeds.
         costs: the costs that the user wrote.
         timed: hard constraints on speeds, which planning does not take into account.
@@ -167,38 +180,38 @@ class UserTerms:
 
     @property
     def hard(self) -> tuple[CompiledConstraint, ...]:
-        """Constraints on the path that must hold."""
+        """Hard constraints on the path: all but soft ones and those on speeds."""
         return tuple(c for c in self.constraints if not c.constraint.soft)
 
     @property
     def checked(self) -> tuple[CompiledConstraint, ...]:
-        """All constraints, on paths and on speeds."""
+        """All constraints, those on the path and those on speeds."""
         return (*self.constraints, *self.timed)
 
     @cached_property
     def motion_rows(self) -> RowSet:
-        """Rows of the hard constraints that apply at the keyframes of the motion."""
+        """Equations and inequalities of the hard constraints that apply at the keyframes of the motion."""
         return self._rows([c for c in self.hard if c.constraint.where != "goal"])
 
     @cached_property
     def path_rows(self) -> RowSet:
-        """Rows of the hard constraints that also hold between keyframes."""
+        """Equations and inequalities of the hard constraints that must also hold between keyframes."""
         return self._rows([c for c in self.hard if c.constraint.where not in {"goal", "keyframes"}])
 
     @cached_property
     def goal_rows(self) -> RowSet:
-        """Rows of the hard constraints that hold at the goal, including those of the whole motion."""
+        """Equations and inequalities of the hard constraints at the goal, including those of the whole motion."""
         return self._rows(self.hard_at_goal)
 
     @cached_property
     def hard_at_goal(self) -> tuple[CompiledConstraint, ...]:
-        """Constraints that must hold at the goal, including those of the whole motion."""
+        """Hard constraints that must hold at the goal, including those of the whole motion."""
         return tuple(c for c in self.hard if _holds_at_the_goal(c.constraint.where))
 
     def residuals_at_goal(self, q: FloatArray) -> dict[str, float]:
-        """Return the violation of each constraint that covers the goal, by name.
+        """Return the violation at a goal configuration of each constraint that applies there, soft or hard, by name.
 
-        Soft constraints are included; ``q`` is a configuration, shape (c,).
+        ``q`` is the configuration, shape (c,) [rad, m].
         """
         return {
             item.constraint.name: float(item.residuals(q[None], np.ones(1))[0])
@@ -207,19 +220,20 @@ class UserTerms:
         }
 
     def softened(self, q: FloatArray, weight: float) -> "UserTerms":
-        """Return the terms with every hard constraint softened, its violation weighted like a turn of the whole arm.
+        """Return the terms with every hard constraint made soft, its violation weighted like turns of the links.
+
+        The derivative of a constraint with respect to link turns converts its unit into radians.
 
         Args:
-            q: configuration at which the constraints' derivatives convert the users' units into radians, shape (c,)
-                [rad, m].
+            q: configuration at which the derivatives are evaluated, shape (c,) [rad, m].
             weight: weight of half the squared violation [1/rad²].
         """
         return replace(self, constraints=tuple(_softened(item, q, weight) for item in self.constraints))
 
     def with_costs_lowered(self, share: float) -> "UserTerms":
-        """Return the terms with the weights of costs and soft constraints scaled by a factor.
+        """Return the terms with the weights of costs and soft constraints multiplied by a factor.
 
-        At a factor of 0, costs and soft constraints are dropped.
+        For a factor of 0, costs and soft constraints are left out altogether.
         """
         if share == 0.0:
             return replace(self, constraints=self.hard, costs=())
@@ -232,27 +246,27 @@ class UserTerms:
 
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:
-        """The costs, and every soft constraint as half its squared violation."""
+        """User's costs, followed by half the squared violation of every soft constraint."""
         soft = tuple(c.as_cost() for c in self.constraints if c.constraint.soft)
         return (*self.costs, *soft)
 
     @cached_property
     def parametric(self) -> bool:
-        """Whether any path term depends on the path parameter, so that keyframes must know theirs."""
+        """Whether any constraint or cost on the path depends on the path parameter."""
         return any(isinstance(where, Interval) for where in self._places) or any(
             term.of_path for term in (*self.constraints, *self.costs)
         )
 
     @cached_property
     def breaks(self) -> FloatArray:
-        """Path parameters inside (0, 1) at which the interval of a term begins or ends, increasing."""
+        """Path parameters in (0, 1) at which the interval of a constraint or cost begins or ends, increasing."""
         # Keyframes are placed there, so that no interval begins or ends between two of them.
         ends = {u for where in self._places if isinstance(where, Interval) for u in (where.first, where.last)}
         return np.array(sorted(ends - {0.0, 1.0}))
 
     @property
     def _places(self) -> list[Where]:
-        """Where each constraint and each cost applies."""
+        """Part of the motion to which each constraint and each cost applies, constraints first."""
         constraints = [compiled.constraint.where for compiled in self.constraints]
         costs = [compiled.cost.where for compiled in self.costs]
         return constraints + costs
@@ -262,10 +276,11 @@ class UserTerms:
 
 
 def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
-    """Compile and check every constraint and cost for an arm.
+    """Return a user's constraints and costs, checked and compiled for an arm.
 
     Raises:
-        ProblemError: an expression has a wrong shape or type, or contains foreign symbols; the message names it.
+        ProblemError: an expression has a wrong shape or type, or contains foreign symbols; the message names the
+            constraint or cost.
     """
     expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
     expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
@@ -287,9 +302,12 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
 
 
 def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> None:
-    """Refuse anything that is not a term of the given kind, with a message that names the decorator to use.
+    """Check that an object is a ``Constraint`` (or a ``Cost``); the error names the decorator to use.
 
-    The most common mistake is to pass the function without its decorator.
+    The most common mistake is to pass a function without its decorator.
+
+    Raises:
+        ProblemError: the object is of another type.
     """
     if not isinstance(term, kind):
         wanted = kind.__name__
@@ -297,7 +315,13 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
 
 
 def _softened(item: CompiledConstraint, q: FloatArray, weight: float) -> CompiledConstraint:
-    """Return a copy of a hard constraint that is soft."""
+    """Return a soft copy of a hard constraint, whose weight is divided by its squared steepest derivative at ``q``.
+
+    Args:
+        item: the constraint.
+        q: configuration, shape (c,) [rad, m].
+        weight: weight of half the squared violation after conversion of its unit into link turns [1/rad²].
+    """
     slopes = item.quantities.heading_slopes(np.asarray(item.slopes(q, 1.0)))
     norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
     steepest = float(norms.max(initial=0.0))

@@ -1,4 +1,4 @@
-"""The task that a configuration has to solve."""
+"""Task of a planar curve: reach a goal inside a corridor of convex regions, within a curvature limit."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,27 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.corridor import Corridor
 
 END_TOLERANCE = 1e-6
-"""A base or goal this close to its region counts as inside [m], for an arm of length 1 like the whole task. Taste."""
+"""Distance from its region up to which a base or goal counts as inside [m], for an arm of about a metre. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationTask:
-    """The task that the NLP of one configuration must solve.
+    """Task of finding a planar curve of given length from a base to a goal inside a corridor of convex regions.
 
     Attributes:
         base: position of the base, shape (2,) [m].
-        base_heading_range: least and greatest base heading [rad]; equal if the heading is fixed.
+        base_heading_range: lower and upper bound on the heading at the base [rad]; equal if the heading is fixed.
         length: length of the whole arm [m].
-        curvature_limit: bound on |κ| [1/m].
-        goal: tip position, shape (2,) [m].
-        goal_heading: tip heading up to whole turns [rad], or None if any heading will do.
-        corridor: convex regions in order; the first holds the base, the last the goal.
-        mount_length: arm length from the base that may lie outside the first region [m]. It is used only if the base
-            itself lies outside: the arm then starts with a straight stub of that length.
+        curvature_limit: bound on the absolute curvature [1/m].
+        goal: required position of the tip, shape (2,) [m].
+        goal_heading: required heading of the tip up to whole turns [rad], or None for any heading.
+        corridor: convex regions in order; the first contains the base, the last the goal.
+        mount_length: arm length from the base that may lie outside the first region [m]. If the base lies outside that
+            region, the arm starts with a straight stub of this length; otherwise it has no effect.
         bending_weight: weight of the arm's bending in the objective.
         clearance_weight: weight of closeness to walls in the objective.
-        side_gaps: distance of the walls behind each side of each region [m]; needed with a clearance weight.
+        side_gaps: for each region, the distance from each side to the wall behind the side, shape (sides,) [m]; needed
+            with a clearance weight.
     """
 
     base: FloatArray
@@ -58,7 +59,7 @@ class ConfigurationTask:
 
     @property
     def stub(self) -> float:
-        """Length of the straight stub at the base [m], the mount if the base is outside its region, else zero."""
+        """Length of the straight stub at the base [m]: the mount length if the base is outside its region, else 0."""
         region = self.corridor.regions[0]
         outside = bool(np.any(region.normals @ self.base > region.offsets + END_TOLERANCE))
         return self.mount_length if outside else 0.0

@@ -1,11 +1,8 @@
-"""Proofs that users' constraints cannot hold at the goal.
-
-Uses interval arithmetic (R. E. Moore, *Interval Analysis*, 1966). Bounds hold up to rounding, which callers must allow
-for when they compare them.
+"""Proofs by interval arithmetic that a user's constraint cannot hold at the goal.
 
 A constraint that depends only on the tip's position and direction is bounded over all poses that count as the goal, by
-interval arithmetic, and in the plane also by bisection of the heading. Constraints that cannot be refuted are left to
-the search.
+interval arithmetic (R. E. Moore, *Interval Analysis*, 1966), and in the plane also by bisection of the heading. Bounds
+hold up to rounding, which callers must allow for. Constraints that are not refuted are left to the search.
 """
 
 from collections.abc import Callable
@@ -29,11 +26,11 @@ headings to less than a degree."""
 
 @dataclass(frozen=True)
 class Intervals:
-    """Closed intervals, one per box, for B boxes.
+    """Closed intervals of one variable in B boxes, which are evaluated at once.
 
     Attributes:
-        low: lower ends, shape (B,).
-        high: upper ends, shape (B,).
+        low: lower end in each box, shape (B,).
+        high: upper end in each box, shape (B,).
     """
 
     low: FloatArray
@@ -41,18 +38,21 @@ class Intervals:
 
 
 class NotBounded(Exception):  # noqa: N818 - an outcome, not a defect
-    """An expression contains an operation for which no bounds are known here."""
+    """Raised for an expression with an operation that has no interval version here."""
 
 
 def interval_values(function: Any, boxes: list[Intervals]) -> list[Intervals]:
-    """Return bounds on the entries of a function's only result.
+    """Return bounds on the values of a CasADi function over boxes of its argument, by interval arithmetic.
 
     Args:
-        function: CasADi function of SX symbols whose argument is one column.
-        boxes: one ``Intervals`` for each entry of the argument.
+        function: function of SX symbols, with one column as its argument and one column as its result.
+        boxes: range of each entry of the argument, for several boxes at once.
+
+    Returns:
+        Range of each entry of the result.
 
     Raises:
-        NotBounded: an operation is not known; the message names it.
+        NotBounded: an operation has no interval version; the message names the operation.
     """
     work: dict[int, Intervals] = {}
     results: dict[int, Intervals] = {}
@@ -128,13 +128,13 @@ def _cosine(a: Intervals) -> Intervals:
 
 
 def _holds_turn(a: Intervals, angle: float) -> Any:
-    """Return whether an interval contains an angle modulo whole turns; near misses count as contained."""
+    """Return whether intervals of angles contain an angle modulo 2π, shape (B,); near misses count [rad]."""
     turn = 2.0 * np.pi
     return np.floor((a.high - angle) / turn + 1e-12) >= np.ceil((a.low - angle) / turn - 1e-12)
 
 
 def _rising(function: Callable[[FloatArray], FloatArray]) -> Callable[[Intervals], Intervals]:
-    """Return the interval version of a non-decreasing function."""
+    """Return the interval version of a non-decreasing function of one variable."""
     return lambda a: Intervals(function(a.low), function(a.high))
 
 
@@ -166,17 +166,17 @@ _OPERATIONS: dict[int, Callable[..., Intervals]] = {
     ca.OP_FMIN: _least,
     ca.OP_FMAX: _most,
 }
-"""Interval version of each known operation."""
+"""Interval version of each CasADi operation, by its code."""
 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A constraint that provably cannot hold at a goal.
+    """A user's constraint that provably cannot hold at a goal.
 
     Attributes:
         name: name of the constraint.
-        miss: proved violation with the tip exactly at the goal, in the user's unit.
-        least: proved violation anywhere within the goal's tolerances, in the user's unit.
+        miss: lower bound on the violation with the tip exactly at the goal, in the unit of the constraint.
+        least: lower bound on the violation anywhere within the goal's tolerances, in the unit of the constraint.
     """
 
     name: str
@@ -186,12 +186,12 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class GoalRegion:
-    """Positions and directions of the tip that count as the goal.
+    """Set of tip positions and directions that count as the goal: a goal with its tolerances.
 
     Attributes:
         position: position of the goal, shape (d,) [m].
-        direction: direction of the last link at the goal, a unit vector of shape (d,); None if any will do.
-        around: tolerance of the tip's position [m].
+        direction: direction of the last link at the goal, a unit vector of shape (d,); None for any direction.
+        around: tolerance of each coordinate of the tip's position [m].
         turned: tolerance of the last link's direction [rad].
     """
 
@@ -202,10 +202,10 @@ class GoalRegion:
 
 
 def contradictions(terms: UserTerms, goal: GoalRegion) -> tuple[Contradiction, ...]:
-    """Return the hard constraints that provably cannot hold at a goal.
+    """Return the user's hard constraints that provably cannot hold at a goal; an empty result proves nothing.
 
     Args:
-        terms: the user's constraints, for an arm whose base stands still.
+        terms: the user's constraints, for an arm with a fixed base.
         goal: positions and directions allowed for the tip.
     """
     with np.errstate(all="ignore"):  # NaN proves nothing
@@ -225,9 +225,10 @@ def _contradiction(item: CompiledConstraint, goal: GoalRegion) -> Contradiction 
 
 
 def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
-    """Return the constraint as a function of the tip's position and the last link's direction.
+    """Return a CasADi function from the tip's position and the last link's direction to a constraint's expression.
 
-    The result is None if the constraint depends on any other property of the pose.
+    The result is None if the constraint depends on any other property of the pose. In the plane the direction is given
+    by the heading.
     """
     known = item.quantities
     d = known.arm.dimension
@@ -247,7 +248,7 @@ def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
 
 
 def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
-    """Return bounds on the last link's heading in the plane, or on the components of its direction in space."""
+    """Return bounds on the last link's direction at a goal: on the heading in the plane, on 3 components in space."""
     if arm.dimension == 2:
         return [_headings(arm, goal)]
     if goal.direction is None:
@@ -259,9 +260,9 @@ def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
 
 
 def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
-    """Return intervals of the last link's headings that count as the goal's and that the joint limits allow.
+    """Return the intervals of headings of the last link that count as the goal's and are within the joint limits [rad].
 
-    Headings that differ by whole turns are distinguished.
+    Headings that differ by whole turns are in different intervals.
     """
     most = float(np.sum(arm.bend_limits))
     lowest = arm.base_heading - most
@@ -277,7 +278,13 @@ def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
 
 
 def _proved_violation(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
-    """Return a lower bound on the violation of a constraint over the whole goal region; 0 if none can be proved."""
+    """Return a lower bound on the violation of a constraint over a whole goal region; 0 if none is proved.
+
+    Args:
+        item: the constraint.
+        function: the constraint's expression as a function of tip position and direction.
+        goal: the goal region.
+    """
     pointing = _pointing(item.quantities.arm, goal)
     # A heading is bisected; bisecting three components of a direction would give too many pieces.
     for _ in range(_BISECTIONS if len(pointing) == 1 else 1):
@@ -297,7 +304,12 @@ def _about(centre: float, around: float, like: Intervals) -> Intervals:
 
 
 def least_violations(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
-    """Return a lower bound on the violation of the worst entry, for every box."""
+    """Return a lower bound on the violation of a constraint in each of B boxes, shape (B,).
+
+    Args:
+        item: the constraint, with bounds on each entry of its expression.
+        values: range of each entry in every box.
+    """
     above = np.stack([value.low - high for value, high in zip(values, item.upper, strict=True)])
     below = np.stack([low - value.high for value, low in zip(values, item.lower, strict=True)])
     worst: FloatArray = np.nan_to_num(np.maximum(above, below), nan=-np.inf, posinf=0.0).max(axis=0)

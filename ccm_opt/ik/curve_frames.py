@@ -1,9 +1,9 @@
-"""How links follow the curve in the goal-pose program: the interface, and its implementation in the plane.
+"""Links that follow a symbolic curve in the goal-pose NLP: the interface, and its implementation in the plane.
 
 Lengths are in units of the arm's length, axes are those of the straight arm at its base. A curve has one curvature per
-direction in which it can bend, and its turns and their integrals over arc length are known on every spline piece. The
-meaning of the turns depends on the dimension: in the plane they are the headings of the curve, in closed form; in space
-they determine frames, which are propagated from joint to joint (``bishop_shooting``).
+direction in which it can bend. The turns of the curve, which are the integrals of its curvatures over arc length, and
+the integrals of the turns are known on every spline piece. In the plane the turns are the headings of the curve; in
+space they determine frames, which are propagated from joint to joint (``bishop_shooting``).
 """
 
 from abc import ABC, abstractmethod
@@ -24,19 +24,24 @@ from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.segment import PIECES, Knots
 
 _RANK = 1e-9
-"""Share of the largest singular value below which a combination of curvatures counts as changing no bend."""
+"""Fraction of the largest singular value below which a combination of curvatures counts as changing no bend."""
 Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
 """Lower and upper bounds of symbols, by name."""
 
 
 def bend_matrix(links: int, knots: int) -> FloatArray:
-    """Return the matrix that maps the base turn and the knot curvatures to the joint bends in one direction.
+    """Return the matrix from a curve's base turn and knot curvatures to the joint bends of an arm in one direction.
 
-    The knots are even, the spline natural, and the curve has length 1. The bend of a joint is the difference of the
-    curve's mean turns over its two links. Turns do not add in space, but bends do, to first order in the link length.
+    The curve has length 1 and a natural curvature spline with evenly spaced knots. The bend of a joint is the
+    difference of the mean turns of the curve over the two links of the joint. Turns do not add in space, but bends do,
+    to first order in the link length.
+
+    Args:
+        links: number of links.
+        knots: number of knots.
 
     Returns:
-        Shape (links, knots + 1), for a curve of length 1.
+        Shape (links, knots + 1), with the column of the base turn first.
     """
     turned_twice = CubicSpline(np.linspace(0.0, 1.0, knots), np.eye(knots), bc_type="natural").antiderivative(2)
     means = links * np.diff(turned_twice(np.linspace(0.0, 1.0, links + 1)), axis=0)
@@ -45,12 +50,12 @@ def bend_matrix(links: int, knots: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class CurveNumbers:
-    """Numerical values of a curve of the program.
+    """Numerical curve of length 1, of K curvature segments that bend in k directions.
 
     Attributes:
         arcs: arc lengths of the knots, shape (4 K + 1,).
-        curvatures: curvatures at the knots, one row per direction, shape (k, 4 K + 1).
-        base_turn: turn of the curve's base relative to the straight arm, shape (k,) [rad].
+        curvatures: curvatures at the knots, one row per direction of bending, shape (k, 4 K + 1).
+        base_turn: turn of the curve at its base relative to the straight arm, shape (k,) [rad].
     """
 
     arcs: FloatArray
@@ -59,10 +64,10 @@ class CurveNumbers:
 
     @classmethod
     def near(cls, turns: FloatArray, segments: int) -> "CurveNumbers":
-        """Return the curve with even knots whose bends best match those of a pose.
+        """Return the curve with evenly spaced knots whose bends best match those of a pose in least squares.
 
         Args:
-            turns: bends of every joint in each direction, shape (n, k) [rad].
+            turns: bends of each of the n joints in k directions, shape (n, k) [rad].
             segments: number of curvature segments K.
         """
         knots = PIECES * segments + 1
@@ -72,7 +77,7 @@ class CurveNumbers:
         return cls(np.linspace(0.0, 1.0, knots), values[1:].T, values[0])
 
     def parts(self) -> tuple[list[float], list[FloatArray], list[Knots]]:
-        """Return the lengths, curvatures (5, k) and inner knots of each segment."""
+        """Return the length, the curvatures (5, k) and the three inner knots, as length fractions, of each segment."""
         arcs = self.arcs
         if np.any(np.diff(arcs) <= 0.0):  # after a failed solution knots may be out of order
             arcs = np.linspace(0.0, 1.0, len(arcs))
@@ -84,9 +89,11 @@ class CurveNumbers:
         return lengths.tolist(), values, [(float(b), float(c), float(d)) for b, c, d in shares]
 
     def turned(self, direction: int, start: float = 0.0) -> Configuration:
-        """Return the planar curve with the curvature of one direction; its headings are the turns in that direction.
+        """Return the planar curve with the curvatures of one direction, whose headings are the turns in that direction.
 
-        The heading at the base is ``start`` [rad].
+        Args:
+            direction: index of the direction.
+            start: heading at the base [rad].
         """
         lengths, values, shares = self.parts()
         return Configuration.chain(np.zeros(2), start, lengths, [value[:, direction] for value in values], shares)
@@ -94,7 +101,7 @@ class CurveNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CurveFrames(ABC):
-    """Symbols of a curve and of the links on it, and the rows that tie them together.
+    """Symbols of a curve and of links that follow the curve, and the NLP rows that tie them together.
 
     Attributes:
         segments: number of curvature segments K.
@@ -104,19 +111,19 @@ class CurveFrames(ABC):
     segments: int
     links: int
     directions: ClassVar[tuple[str, ...]]
-    """Directions in which the curvatures bend the curve; a joint has one bend for each."""
+    """Names of the k directions in which the curvatures bend the curve; a joint has one bend for each."""
     start_keeps_rows: ClassVar[bool]
-    """Whether the start values satisfy every equation, even where links do not quite follow the curve."""
+    """Whether the start values satisfy every equation of the NLP although links do not exactly follow the curve."""
 
     @cached_property
     def parts(self) -> tuple[LiftedCurve, ...]:
-        """The symbolic curve of each direction (curvature, turns and their integrals); all share their knots."""
+        """Symbolic curve of each direction, with curvatures, turns and integrals of turns; all share their knots."""
         first = LiftedCurve(self.segments)
         return first, *(LiftedCurve(self.segments, first.arcs) for _ in self.directions[1:])
 
     @cached_property
     def joints(self) -> JointsAmongPieces:
-        """Positions of the joints along the curve; the knots are shared."""
+        """Evaluation of the curve of any direction at the joints and the tip."""
         return JointsAmongPieces.of(self.parts[0], self.links)
 
     @cached_property
@@ -127,16 +134,16 @@ class CurveFrames(ABC):
     @property
     @abstractmethod
     def lies(self) -> ca.SX:
-        """Orientation of every link, its heading or its quaternion, shape (f, n)."""
+        """Symbols of the orientation of every link, a heading (f = 1) or a quaternion (f = 4), shape (f, n)."""
 
     @property
     @abstractmethod
     def further_symbols(self) -> dict[str, ca.SX]:
-        """Symbols other than those of the curvatures, the bends and the links, by name."""
+        """Symbols by name that a subclass adds to those of the curves, the bends and the links."""
 
     @cached_property
     def symbols(self) -> dict[str, ca.SX]:
-        """All symbols by name."""
+        """All symbols of curves, bends and links, variables of the NLP, by name."""
         found = {"arcs": self.parts[0].arcs}
         for name, part in zip(self.directions, self.parts, strict=True):
             found |= {f"curvature {name}": part.curvatures, f"turned {name}": part.headings}
@@ -145,16 +152,16 @@ class CurveFrames(ABC):
 
     @property
     def parameters(self) -> dict[str, ca.SX]:
-        """Symbols of values that change from one question to the next, by name."""
+        """Parameters that a subclass adds to the NLP, by name."""
         return {}
 
     @property
     def costs(self) -> dict[str, ca.SX]:
-        """Unweighted parts of the objective beyond those of every curve, by name."""
+        """Unweighted parts that a subclass adds to the objective of the NLP, by name."""
         return {}
 
     def rows(self) -> tuple[RowBlock, ...]:
-        """Return all rows, which define splines, turns and integrals, and make the links follow the curve."""
+        """Return all NLP rows, which define splines, turns and integrals, and make the links follow the curve."""
         blocks: list[RowBlock] = []
         for name, part in zip(self.directions, self.parts, strict=True):
             splines, gaps, spacing = part.rows()
@@ -165,7 +172,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the rows that turn the links by the bends of their joints and make them follow the curve."""
+        """Return the NLP rows that turn the links by the bends of their joints and make them follow the curve."""
 
     @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:
@@ -177,7 +184,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the turns in each direction from joint bends, shape (n, k) [rad]."""
+        """Return the turns in each direction for joint bends, both of shape (n, k) [rad]."""
 
     @abstractmethod
     def lies_at(self, bends: FloatArray) -> FloatArray:
@@ -185,7 +192,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return the values of the further symbols and of the parameters at a pose, by name.
+        """Return the values at a pose of the symbols and parameters that a subclass adds, by name.
 
         Args:
             curve: a curve near the pose.
@@ -195,26 +202,32 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return the bounds of all bounded symbols; the bounds on the tip's direction follow from the goal direction.
+        """Return the bounds of the links and of added symbols, which hold the direction of the last link at the goal.
 
         Args:
-            lies: orientations of the links of the pose to start from, shape (n, f).
+            lies: orientations of the links of the start pose, shape (n, f).
             direction: direction of the last link at the goal, shape (d,), or None.
             turned: tolerance of the last link's direction [rad].
         """
 
     @abstractmethod
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Curve:
-        """Return the curve in metres and world axes, for a base displaced by ``feed`` [m]."""
+        """Return a numerical curve in metres and world axes.
+
+        Args:
+            arm: the arm.
+            numbers: the curve in units of the arm's length and base axes.
+            feed: displacement of the base [m].
+        """
 
     def numbers(self, values: Mapping[str, FloatArray]) -> CurveNumbers:
-        """Return the numerical curve, given the values of its symbols."""
+        """Return the numerical curve for values of the symbols by name, as a solver found them."""
         curvatures = np.stack([values[f"curvature {name}"] for name in self.directions])
         # In the plane the curve's turns start with the turn at its base.
         return CurveNumbers(values["arcs"], curvatures, values.get("base turn", values["turned left"][:1]))
 
     def curve_values(self, curve: CurveNumbers) -> dict[str, FloatArray]:
-        """Return the values of the curvatures' symbols for a curve."""
+        """Return the values of the symbols of all directions' curves for a numerical curve, by name."""
         found = {"arcs": curve.arcs}
         inner = curve.arcs[:-1].reshape(self.segments, PIECES)[:, 1:].ravel()
         for index, (name, part) in enumerate(zip(self.directions, self.parts, strict=True)):
@@ -228,11 +241,11 @@ class CurveFrames(ABC):
         return found
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """Return the planar curve that has the curvature of one direction; its headings are the turns from the base."""
+        """Return the planar curve with the curvatures of the direction ``index``, whose headings are the turns."""
         return curve.turned(index)
 
     def curve_bounds(self) -> Bounds:
-        """Return the bounds that give the curve the arm's length and start its integrals at 0."""
+        """Return the bounds that give the curve the length 1 and start the integrals of its turns at 0, by name."""
         knots = self.parts[0].count + 1
         ends = np.full(knots, np.inf)
         ends[[0, -1]] = (0.0, 1.0)
@@ -242,14 +255,15 @@ class CurveFrames(ABC):
 
 
 def pinned_bounds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper bounds that fix the entries with finite values and leave the others free."""
+    """Return lower and upper bounds that fix variables at finite values and leave those with the value ∞ free."""
     return np.where(np.isfinite(values), values, -np.inf), values
 
 
 class PlanarFrames(CurveFrames):
-    """Links in the plane: bends add up to headings, and a link's heading is the curve's mean heading over the link.
+    """Links in the plane whose headings are the mean headings of a symbolic curve over the links.
 
-    The mean heading follows from the integral of the heading. This is the mapping φ = A v in which motions are planned.
+    The headings of the links are sums of bends, and a mean heading follows from the integral of the curve's heading.
+    Motions are planned with this mapping too, φ = A v.
     """
 
     directions = ("left",)
@@ -257,16 +271,19 @@ class PlanarFrames(CurveFrames):
 
     @cached_property
     def lies(self) -> ca.SX:
-        """Headings of the links, shape (1, n) [rad]."""
+        """Headings of the links relative to the straight arm, shape (1, n) [rad]."""
         return ca.SX.sym("heading", 1, self.links)
 
     @property
     def further_symbols(self) -> dict[str, ca.SX]:
-        """No symbols, since in the plane the curvatures, bends and links suffice."""
+        """Empty, since in the plane the symbols of the curve, the bends and the links suffice."""
         return {}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the rows φ_j = φ_(j−1) + bend and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
+        """Return the NLP rows φ_j = φ_(j−1) + bend_j and φ_j l = Θ(s_(j+1)) − Θ(s_j) for the link headings φ.
+
+        Θ is the integral of the curve's heading, s_j the arc length of joint j and l the link length.
+        """
         lack = self.lies - ca.horzcat(0, self.lies[:, :-1]) - self.bends
         turns = equal_to_zero(tuple(f"link {j + 1}: gap in its turn" for j in range(self.links)), ca.vec(lack))
         _, integrals = self.joints.at_joints(self.parts[0])
@@ -275,11 +292,11 @@ class PlanarFrames(CurveFrames):
         return turns, mapped
 
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the directions (cos φ, sin φ)."""
+        """Return the directions (cos φ, sin φ) of links, shape (2, e), from their headings φ, shape (1, e) [rad]."""
         return ca.vertcat(ca.cos(lies), ca.sin(lies))
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """Return the normal of the plane, about which every joint turns."""
+        """Return ones, shape (1, n), since every joint turns about the normal of the plane."""
         return (ca.SX.ones(1, self.links),)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
@@ -287,16 +304,22 @@ class PlanarFrames(CurveFrames):
         return bends
 
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the headings of the links, the sums of the bends."""
+        """Return the headings of the links, the cumulative sums of the joint bends, both of shape (n, 1) [rad]."""
         return np.cumsum(bends, axis=0)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return no values, since planar frames have no further symbols."""
+        """Return an empty mapping, since no symbols are added in the plane."""
         del curve, lies, direction
         return {}
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return bounds that point the last link in the goal direction, with the whole turns of the start pose."""
+        """Return bounds on the link headings that point the last link in the goal direction, within a tolerance.
+
+        Args:
+            lies: headings of the links of the start pose, whose number of whole turns is kept, shape (n, 1) [rad].
+            direction: direction of the last link at the goal, shape (2,), or None for no bounds.
+            turned: tolerance of the heading [rad].
+        """
         if direction is None:
             return {}
         heading = float(np.arctan2(direction[1], direction[0]))
@@ -305,11 +328,17 @@ class PlanarFrames(CurveFrames):
         return {"links": (np.append(-free, heading - turned), np.append(free, heading + turned))}
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """Return the planar curve itself; its first heading is the turn at the base."""
+        """Return the planar curve itself, whose heading at the base is the turn there."""
         return curve.turned(index, float(curve.base_turn[index]))
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Configuration:
-        """Return the paper's curve, in metres and world axes."""
+        """Return a numerical curve as a planar curve, in metres and world axes.
+
+        Args:
+            arm: the arm.
+            numbers: the curve in units of the arm's length and base axes.
+            feed: displacement of the base [m].
+        """
         lengths, values, shares = numbers.parts()
         return Configuration.chain(
             arm.base + feed * arm.direction,

@@ -1,11 +1,11 @@
-"""Symbolic curve ODE, constraints and costs of the configuration NLP, in CasADi.
+"""Symbolic curve ODE, constraints and costs of the NLP for a planar curve through a corridor, in CasADi.
 
 Lengths are in units of the arm's length. A segment starts in the state X = (x, y, θ, κ, s) and is shaped by the control
 U = (C_1..C_4, a_0..a_3, B_0..B_3): curvature at the knots after the first (C_0 = κ keeps the curvature continuous), arc
 lengths between knots, and a bound on |κ| for each piece.
 
-Weights are for lengths in units of the arm's length. The terms for knots and bounds make the NLP converge: with them,
-the objective has curvature in every direction of the variables.
+The costs of knots and bounds make the NLP converge: with them, the objective has curvature in every direction of the
+variables.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ from ccm_opt.robot.segment import PIECES
 _KNOT_WEIGHT = 4.0
 """Weight of uneven knots. Taste; leaves no direction of the variables without curvature of the objective."""
 _BOUND_WEIGHT = 0.1
-"""Weight of the bounds on ``|κ|``. Taste; as for the knots, and it keeps the certificates tight."""
+"""Weight of the squared bounds on ``|κ|``. Taste; gives the objective curvature and keeps the bounds tight."""
 _SLOPE_WEIGHT = 1e-3
 """Weight of the differences of curvature between knots. Taste."""
 _NEARNESS_WEIGHT = 10.0
 """Weight of closeness to walls, before the user's weight. Taste."""
 _NEARNESS_DISTANCE = 0.03
-"""Distance beyond which sides of regions cost nothing [L]. Taste."""
+"""Distance from walls beyond which points of the curve cost nothing [L]. Taste."""
 
 STATES = 5
 """Size of the state X."""
@@ -37,18 +37,18 @@ CONTROLS = 12
 SUBSTEPS = 2
 """Number of chords per piece, for quadrature and for containment."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-"""Gauss points of one chord."""
+"""Gauss-Legendre nodes and weights of one chord."""
 
 
 @dataclass(frozen=True)
 class SegmentFlow:
-    """Expressions of one curvature segment.
+    """Symbolic results of integrating one curvature segment.
 
     Attributes:
-        end: state at the segment's end, (5, 1).
-        points: positions at the ends of the sub-steps, base first, (2, PIECES * SUBSTEPS + 1).
-        bernstein: Bernstein coefficients of κ, one row per piece, (PIECES, 4).
-        bending: ∫κ² ds.
+        end: state X at the end of the segment, shape (5, 1).
+        points: positions at the ends of the sub-steps, from the start of the segment, (2, PIECES * SUBSTEPS + 1).
+        bernstein: Bernstein coefficients of the curvature, one row per piece, shape (PIECES, 4).
+        bending: integral ∫κ² ds over the segment.
     """
 
     end: ca.SX
@@ -58,10 +58,15 @@ class SegmentFlow:
 
 
 def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
-    """Return the second derivatives M_0..M_4 of the natural cubic spline by the Thomas algorithm, (5, 1).
+    """Return the second derivatives M_0..M_4 of a natural cubic spline at its five knots, shape (5, 1).
 
     Solves a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}]
-    with M_0 = M_4 = 0; the matrix is diagonally dominant, so elimination needs no pivoting (Golub and Van Loan, 4.3).
+    with M_0 = M_4 = 0 by the Thomas algorithm; the matrix is diagonally dominant, so elimination needs no pivoting
+    (Golub and Van Loan, 4.3).
+
+    Args:
+        widths: distances a_0..a_3 of the knots, shape (4, 1).
+        values: values C_0..C_4 at the knots, shape (5, 1).
     """
     slopes = [(values[i + 1] - values[i]) / widths[i] for i in range(PIECES)]
     diagonal = [2 * (widths[i] + widths[i + 1]) for i in range(3)]
@@ -76,7 +81,12 @@ def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
 
 
 def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
-    """Integrate one segment, X_{k+1} = F(X_k, U_k), with all expressions that costs and constraints need."""
+    """Return the integral X_{k+1} = F(X_k, U_k) of one segment, with further expressions for costs and constraints.
+
+    Args:
+        state: state X_k at the start, shape (5, 1).
+        control: control U_k, shape (12, 1).
+    """
     values = ca.vertcat(state[3], control[:4])
     widths = control[4:8]
     ends = ca.cumsum(ca.vertcat(state[4], widths))
@@ -108,7 +118,7 @@ def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
 
 @cache
 def segment_function() -> ca.Function:
-    """Return (X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
+    """Return the CasADi function from state X and control U of a segment to the four expressions of ``SegmentFlow``."""
     state = ca.SX.sym("X", STATES)
     control = ca.SX.sym("U", CONTROLS)
     flow = segment_flow(state, control)
@@ -116,26 +126,40 @@ def segment_function() -> ca.Function:
 
 
 def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
-    """Return the rows X_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
+    """Return the NLP rows X_{k+1} = F(X_k, U_k), with which segment k ends in the state where the next one begins.
+
+    Args:
+        k: index of the segment.
+        flow: expressions of the segment.
+        following: state X_{k+1}, shape (5, 1).
+    """
     what = ("x", "y", "heading", "curvature", "arc length")
     return equal_to_zero(tuple(f"segment {k}: gap in {name} at its end" for name in what), following - flow.end)
 
 
 def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
-    """Return the rows that start the first segment at the end of the straight stub; the base is the origin."""
+    """Return the NLP rows that start the first segment at the end of a straight stub from the base, the origin.
+
+    Args:
+        state: state at the start of the first segment, shape (5, 1).
+        stub: length of the stub.
+    """
     names = ("base: x", "base: y")
     return equal_to_zero(names, state[:2] - stub * ca.vertcat(ca.cos(state[2]), ca.sin(state[2])))
 
 
 def knot_spacing(k: int, control: ca.SX, fraction: float) -> RowBlock:
-    """Return the rows a_i ≥ fraction · L_k, which keep the spline knots apart."""
+    """Return the NLP rows a_i ≥ fraction · L_k, which keep the knots of segment k with the length L_k apart."""
     widths = control[4:8]
     names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))
     return not_negative(names, widths - fraction * ca.sum1(widths))
 
 
 def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
-    """Return the rows B_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
+    """Return the NLP rows with which the control B_i bounds the absolute curvature on the whole piece i of segment k.
+
+    B_i is at least the magnitude of every Bernstein coefficient of the curvature on the piece.
+    """
     names = []
     rows = []
     for i in range(PIECES):
@@ -148,7 +172,7 @@ def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
 def certified_containment(
     k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX, ends: tuple[bool, bool] = (False, False)
 ) -> RowBlock:
-    """Return the rows that keep the whole curve of a segment in its region.
+    """Return the NLP rows that keep the whole curve of a segment in a convex region.
 
     The rows are A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, m of them per piece.
 
@@ -159,7 +183,7 @@ def certified_containment(
 
     Args:
         k: index of the segment.
-        control: U_k.
+        control: control U_k of the segment, shape (12, 1).
         flow: expressions of the segment.
         normals: normals of the region's half-planes, shape (half-planes, 2).
         offsets: offsets of the half-planes, shape (half-planes, 1).
@@ -180,7 +204,14 @@ def certified_containment(
 
 
 def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
-    """Return the fraction of B h²/2 that each piece keeps as margin at its points, shape (PIECES, SUBSTEPS + 1)."""
+    """Return the fraction of B h²/2 that each piece of a segment keeps as margin to its region at the sub-step ends.
+
+    Args:
+        ends: whether the segment starts at the arm's base, and whether it ends at the tip.
+
+    Returns:
+        Shape (PIECES, SUBSTEPS + 1).
+    """
     shares = np.full((PIECES, SUBSTEPS + 1), 0.25)
     if ends[0]:
         shares[0, :2] = [0.0, 1.0]
@@ -190,12 +221,14 @@ def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
 
 
 def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
-    """Return the weighted cost per point of closeness to the sides of its region, Σ max(0, 1 - slack/D)².
+    """Return the weighted mean over m points of Σ max(0, 1 - slack/D)², the cost of points closer to walls than D.
+
+    The sum is over k half-planes n · p ≤ b, with slack = b - n · p.
 
     Args:
-        points: points of the curve, shape (2, m).
-        normals: normals of the sides, shape (k, 2).
-        offsets: offsets of the sides, shape (k,).
+        points: points p of the curve, shape (2, m).
+        normals: outward unit normals n, shape (k, 2).
+        offsets: offsets b, shape (k,).
     """
     slack = ca.repmat(ca.DM(offsets), 1, points.shape[1]) - ca.DM(normals) @ points
     lacking = ca.fmax(1.0 - slack / _NEARNESS_DISTANCE, 0.0)
@@ -203,16 +236,16 @@ def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
 
 
 def configuration_cost(state: ca.SX, control: ca.SX, bending: ca.SX, weight: ca.SX) -> ca.SX:
-    """Return the objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + 0.001 Σ(C_{i+1} - C_i)².
+    """Return the cost of one segment, w ∫κ² ds + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + 0.001 Σ(C_{i+1} - C_i)².
 
-    The second term pulls the knots towards even spacing, the third keeps the certified bounds tight, and the last
+    The second term pulls the knots towards even spacing, the third keeps the certified bounds B tight, and the last
     mildly favours a gently changing curvature.
 
     Args:
-        state: X_k.
-        control: U_k.
-        bending: ∫κ² over the segment, twice the elastic energy of a unit rod.
-        weight: w, the weight of the bending.
+        state: state X_k at the start of the segment, shape (5, 1).
+        control: control U_k, shape (12, 1).
+        bending: integral ∫κ² ds over the segment, twice the elastic energy of a unit rod.
+        weight: weight w of the bending.
     """
     widths = control[4:8]
     values = ca.vertcat(state[3], control[:4])

@@ -1,10 +1,10 @@
-"""Search for configurations through corridors.
+"""Search for planar curves of the arm's length through a corridor of convex regions, by an NLP from several guesses.
 
-The initial guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve is given
-the length Λ ≥ ℓ, the heading oscillates about that of the path by a sin 2πmu, u in [0, 1]: such a curve advances by Λ
-J₀(a), so J₀(a) = ℓ/Λ takes up the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the
-same identity). Its m bumps rise Λ/(2m) H₀(a) from the path, where H₀ is Struve's function; m is the smallest number
-whose bumps fit into the region.
+The initial guess is a heading profile θ(s). In a region where the shortest path of the route has the length ℓ and the
+curve gets the length Λ ≥ ℓ, the heading oscillates about that of the path by a sin 2πmu, u in [0, 1]. Such a curve
+advances by Λ J₀(a), so the amplitude with J₀(a) = ℓ/Λ takes up the surplus length (Bessel's integral; the modal curves
+of Chirikjian and Burdick use the same identity). Its m bumps rise Λ/(2m) H₀(a) from the path, where H₀ is Struve's
+function; m is the smallest number whose bumps fit into the region.
 """
 
 from collections.abc import Iterator
@@ -43,22 +43,22 @@ from ccm_opt.robot.segment import EVEN_KNOTS, PIECES, SegmentType, curvature_spl
 from ccm_opt.scene.corridor import ConvexRegion
 
 _POLISH_STEPS = 8
-"""Most Newton steps that bring the tip onto the goal. Taste; three are usual."""
+"""Maximum number of Newton steps that bring the tip onto the goal. Taste; three are usual."""
 
 _PATH_SAMPLES = 401
-"""Number of samples of the taut path at which its region is looked up. Taste."""
+"""Number of samples of the shortest path at which its region is determined. Taste."""
 
 
 @dataclass(frozen=True)
 class PathProfile:
-    """The taut path in units of the arm's length, base at the origin.
+    """Shortest path of a route as a polyline with unwrapped headings, in units of the arm's length from the base.
 
     Attributes:
         points: vertices of the path, shape (k, 2).
-        arcs: length up to each point, shape (k,).
+        arcs: length of the path up to each vertex, shape (k,).
         directions: unwrapped heading of each leg, shape (k - 1,) [rad].
-        base_heading: heading at the base [rad].
-        tip_heading: heading at the tip, whole turns included [rad].
+        base_heading: heading of the arm at its base [rad].
+        tip_heading: heading of the arm at its tip, whole turns included [rad].
     """
 
     points: FloatArray
@@ -69,25 +69,25 @@ class PathProfile:
 
     @property
     def end_turns(self) -> float:
-        """Total absolute turn at the two ends, from base heading to path and from path to tip heading [rad]."""
+        """Sum of the absolute turns from the base heading to the path and from the path to the tip heading [rad]."""
         return abs(float(self.directions[0]) - self.base_heading) + abs(self.tip_heading - float(self.directions[-1]))
 
     def direction_at(self, length: FloatArray) -> FloatArray:
-        """Return the unwrapped heading of the path at given lengths along it [rad]."""
+        """Return the unwrapped heading of the path at given lengths along the path, shape (m,) [rad]."""
         return self.directions[leg_indices(self.arcs, length)]
 
     def point_at(self, length: FloatArray) -> FloatArray:
-        """Return the points of the path at given lengths along it, shape (m, 2)."""
+        """Return the points at given lengths along the path, shape (m,), in arm lengths, shape (m, 2)."""
         return points_at(self.points, self.arcs, length)
 
 
 def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 0) -> PathProfile:
-    """Return the task's taut path with its headings, unwrapped from base to tip.
+    """Return the shortest path of a task's route, with headings unwrapped from base to tip.
 
     Args:
-        task: the task, whose corridor's route is followed.
-        base_turns: whole turns added between the base heading and the path.
-        tip_turns: whole turns added between the path and the goal heading.
+        task: the task, whose corridor holds the route.
+        base_turns: number of whole turns added between the base heading and the path.
+        tip_turns: number of whole turns added between the path and the goal heading.
     """
     points = _taut_points(task)
     directions = leg_headings(points)
@@ -104,7 +104,10 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
-    """Return the lengths along the taut path at which it changes region, ends included, shape (regions + 1,)."""
+    """Return the lengths along a route's shortest path at which it changes region, with both ends, (regions + 1,).
+
+    Lengths are in units of the arm's length.
+    """
     t = np.linspace(0.0, profile.arcs[-1], _PATH_SAMPLES)
     world = profile.point_at(t) * task.length + task.base
     inside = [np.all(world @ region.normals.T <= region.offsets + 1e-9, axis=1) for region in task.corridor.regions]
@@ -117,7 +120,10 @@ def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArra
 
 
 def _taut_points(task: ConfigurationTask) -> FloatArray:
-    """Return the route's taut string from base to goal, scaled and without repeated points; at least two points."""
+    """Return the vertices of the shortest path from base to goal, in arm lengths from the base, shape (k, 2).
+
+    Repeated points are removed; at least two points remain.
+    """
     points = (np.vstack((task.base, task.corridor.route.taut[1:-1], task.goal)) - task.base) / task.length
     points = without_repeats(points, 1e-6)
     return points if len(points) > 1 else np.vstack((points, points[0] + np.array([1e-3, 0.0])))
@@ -132,26 +138,26 @@ _GUESS_SAMPLES = 401
 _CORNER_ROUNDING = 0.06
 """Width over which corners of the guessed heading are rounded [L]. Taste."""
 _END_BLEND = 0.12
-"""Length over which the guess turns from the base heading to the path's, and from the path's to the tip heading [L].
-Taste."""
+"""Arc length over which the guess turns from the base heading to that of the path, and from the path to the tip heading
+[L]. Taste."""
 _LEAST_REGION_SHARE = 0.05
 """Least length that the guess gives to each region [L]. Taste."""
 _GUESS_CURVATURE = 0.9
-"""Share of the curvature limit that the guess may use, so that it starts inside the bounds. Taste."""
+"""Fraction of the curvature limit that the guess may use, so that the NLP starts inside its bounds. Taste."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""Gauss points of one piece."""
+"""Gauss-Legendre nodes and weights of one spline piece."""
 
 
 def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Configuration:
-    """Return the configuration of an NLP solution, corrected to exact tip position, heading and length.
+    """Return the curve of an NLP solution, corrected to exact tip position, tip heading and length.
 
     Args:
         nlp: the NLP that was solved.
-        variables: its solution.
+        variables: solution of the NLP, shape (variables,).
 
     Returns:
-        A configuration in metres; with a mount its first segment is the straight stub.
+        The curve in metres; if the task needs a straight stub at the base, the stub is the first segment.
     """
     task = nlp.task
     states, controls = unpack_variables(variables)
@@ -169,14 +175,14 @@ def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Conf
 
 
 def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the linear map from the 4 K + 1 curvature values of a chain to its headings: θ = θ_0 + rows @ values.
+    """Return the linear map from the 4 K + 1 knot curvatures of K segments to their headings, θ = θ_0 + rows @ values.
 
     Args:
         widths: arc lengths between knots, shape (K, 4) [m].
 
     Returns:
-        The rows at quadrature nodes (nodes, values) [m]; the weights of the nodes (nodes,) [m], with ∫ f ds = weights @
-        f(nodes); and the row at the chain's end (values,) [m].
+        The rows at quadrature nodes (nodes, 4 K + 1) [m]; the weights of the nodes (nodes,) [m], with ∫ f ds = weights
+        @ f(nodes); and the row at the end of the last segment (4 K + 1,) [m].
     """
     breaks = np.append(0.0, np.cumsum(widths))
     coefficients = np.zeros((widths.size, PIECES, widths.size + 1))
@@ -190,9 +196,15 @@ def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: FloatArray) -> tuple[float, FloatArray]:
-    """Return the base heading and curvatures that put the tip on the goal and change least from the given ones.
+    """Return the base heading and curvatures nearest to given ones that put the tip exactly on the goal.
 
-    Changes of curvature are measured in units of the arm's length.
+    Each Newton step is the least-norm solution of the linearised tip equations, with curvatures in units of the arm.
+
+    Args:
+        nlp: the NLP, for its task and tip heading.
+        widths: arc lengths between knots, shape (K, 4) [m].
+        heading: initial base heading [rad].
+        values: initial curvatures at the knots, shape (4 K + 1,) [1/m].
     """
     task = nlp.task
     basis = heading_basis(widths)
@@ -217,9 +229,14 @@ def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: F
 def _tip_equations(
     nlp: ConfigurationNLP, basis: tuple[FloatArray, FloatArray, FloatArray], unknowns: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the tip position minus the goal's [m], and the Jacobian with respect to (θ_0, values).
+    """Return the residual of the tip equations and its Jacobian with respect to base heading and curvatures.
 
-    If the goal has a heading, the difference of the tip heading [rad] is the third equation.
+    The residual is tip position minus goal [m] and, if the NLP prescribes a tip heading, tip heading minus that [rad].
+
+    Args:
+        nlp: the NLP, for its task and tip heading.
+        basis: result of ``heading_basis``.
+        unknowns: base heading [rad] and curvatures at the knots [1/m], shape (4 K + 2,).
     """
     task = nlp.task
     rows, weights, tip = basis
@@ -240,12 +257,13 @@ def _tip_equations(
 
 
 def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -> FloatArray:
-    """Return variables of the NLP for a smooth curve along a path, shape (variables,).
+    """Return start values of an NLP's variables for a smooth curve of the arm's length along a path, (variables,).
 
     Args:
-        nlp: the NLP to be started.
+        nlp: the NLP.
         profile: the path with its headings.
-        bulge: +1 puts the bumps of surplus length on the side of each region with more space, -1 on the other.
+        bulge: +1 puts the bumps that take up surplus length on the side of each region with more space, -1 on the
+            other side.
     """
     task = nlp.task
     crossings = region_crossings(profile, task)
@@ -257,7 +275,7 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
     region = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(lengths) - 1)
     heading += amplitudes[region] * np.sin(2.0 * np.pi * waves[region] * (s - edges[region]) / lengths[region])
 
-    # The ends are blended to the wanted headings, and the corners rounded.
+    # The ends are blended to the required headings, and the corners rounded.
     heading += (profile.base_heading - heading[0]) * np.clip(1.0 - s / _END_BLEND, 0.0, 1.0)
     heading += (profile.tip_heading - heading[-1]) * np.clip(1.0 - (1.0 - s) / _END_BLEND, 0.0, 1.0)
     smooth = gaussian_filter1d(heading, _CORNER_ROUNDING * len(s), mode="nearest")
@@ -271,14 +289,18 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
 def _swings(
     nlp: ConfigurationNLP, profile: PathProfile, bulge: int, crossings: FloatArray, lengths: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the heading amplitude a in each region [rad], positive if first to the left, and the number m of bumps.
+    """Return the oscillation of the heading in each region that takes up the curve's surplus length.
 
     Args:
-        nlp: the NLP to be started.
+        nlp: the NLP, for its task and the regions of its segments.
         profile: the path with its headings.
-        bulge: side of the surplus length, as in ``initial_guess``.
-        crossings: lengths along the taut path at the regions' boundaries, shape (regions + 1,).
+        bulge: side of the bumps, as in ``initial_guess``.
+        crossings: lengths along the path at which it changes region, shape (regions + 1,).
         lengths: length of the curve in each region, shape (regions,).
+
+    Returns:
+        The amplitude of the heading [rad], positive if the first bump is to the left, and the number of bumps, each of
+        shape (regions,).
     """
     task = nlp.task
     regions = task.corridor.regions
@@ -304,9 +326,14 @@ def _swings(
 
 
 def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: FloatArray) -> FloatArray:
-    """Return the fraction of the arm's length given to each region, shape (regions,).
+    """Return the fraction of the arm's length that the initial guess has in each region, shape (regions,).
 
-    A region gets the length of the taut path in it, and a part of the surplus length proportional to its squared area.
+    A region gets the length of the path inside, and a part of the surplus length proportional to its squared area.
+
+    Args:
+        task: the task, for the regions.
+        profile: the path.
+        crossings: lengths along the path at which it changes region, shape (regions + 1,).
     """
     regions = task.corridor.regions
     taut = np.diff(crossings)
@@ -318,7 +345,10 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: Float
 
 
 def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
-    """Return the distances from a point to the region's edge along heading ``across`` and its opposite [m]."""
+    """Return the distances from a point (2,) to the edge of a convex region along a heading and its opposite [m].
+
+    ``across`` is the heading [rad].
+    """
     slack = region.offsets - region.normals @ point
     rate = region.normals @ unit_vector(across)
     ahead = rate > 1e-9
@@ -332,9 +362,16 @@ def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[fl
 def _sample(
     nlp: ConfigurationNLP, profile: PathProfile, s: FloatArray, heading: FloatArray, boundaries: FloatArray
 ) -> FloatArray:
-    """Return the NLP's variables (states at segment boundaries, and controls) for a sampled heading profile.
+    """Return an NLP's variables (states at segment boundaries, and controls) for a sampled heading profile.
 
-    Positions are sheared to meet the goal.
+    Positions are sheared so that the curve ends at the goal.
+
+    Args:
+        nlp: the NLP, for its bounds.
+        profile: the path, for the goal.
+        s: arc lengths of the samples, from 0 to 1, shape (N,).
+        heading: heading at the samples, shape (N,) [rad].
+        boundaries: arc lengths of the segment boundaries, shape (K + 1,).
     """
     # Trapezium rule, then a shear: the tip's error is spread evenly over the arm's length.
     tangents = unit_vector(heading)
@@ -355,20 +392,21 @@ def _sample(
 
 
 def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
-    """Return a configuration that reaches the goal inside the corridor within the curvature limit.
+    """Return a planar curve that reaches a task's goal inside its corridor, within the curvature limit.
 
-    One segment per region is tried first, then more; for each number, first the nearest winding of the tip heading,
-    then its neighbours, each with the surplus length on either side. Every solution is polished and densely checked.
+    NLPs are solved from several guesses: first with one curvature segment per region and the fewest whole turns at the
+    ends, then with the surplus length on the other side, with other numbers of whole turns, and with more segments.
+    Every solution is corrected to the exact goal and densely checked.
 
     Args:
-        task: poses, length, limits and corridor.
+        task: the task.
         most_attempts: maximum number of attempts; all by default, at most ten. Most tasks need one.
 
     Returns:
-        A checked configuration: tip within 1e-5 m, |κ| within the limit, inside the corridor.
+        A checked curve: tip within 1e-5 m of the goal, curvature within the limit, inside the corridor.
 
     Raises:
-        ConfigurationNotFound: no attempt passed; the diagnosis names the row that could not be satisfied.
+        ConfigurationNotFound: no attempt passed; the diagnosis names the NLP row that could not be satisfied.
     """
     if (obstacle := beyond_reach(task)) is not None:
         raise ConfigurationNotFound(obstacle)
@@ -384,13 +422,13 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
 def attempt(
     task: ConfigurationTask, regions: tuple[int, ...], profile: PathProfile, bulge: int
 ) -> Configuration | FailedAttempt:
-    """Solve from one initial guess and check the solution; return a configuration, or why the attempt failed.
+    """Return the checked curve that an NLP gives from one initial guess, or the reasons why the attempt failed.
 
     Args:
         task: the task to be solved.
-        regions: index of the region of each segment.
+        regions: index of the region in which each curvature segment must stay.
         profile: the path with its headings, whole turns included.
-        bulge: side of the surplus length, as in ``initial_guess``.
+        bulge: side of the bumps that take up surplus length, as in ``initial_guess``.
     """
     tip_heading = None if task.goal_heading is None else profile.tip_heading
     nlp = build_configuration_nlp(task, regions, tip_heading)
@@ -403,7 +441,7 @@ def attempt(
 
 
 def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathProfile, int]]:
-    """Yield regions of the segments, path profile and side of the surplus length per attempt, most promising first."""
+    """Yield the arguments ``regions``, ``profile`` and ``bulge`` of every attempt, the most promising first."""
     profiles = winding_profiles(task)
     first, *others = segment_regions(task, profiles[0])
     # Most tasks need only the first guess; more segments cost more than another side or winding.
@@ -417,7 +455,7 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
 
 
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
-    """Return path profiles for different whole turns at the ends: the nearest winding first, then its neighbours."""
+    """Return the shortest path with different numbers of whole turns at its ends, the least total turn first."""
     low, high = task.base_heading_range
     # A freely turning base takes the path's heading; a fixed one may have to wind around to it.
     base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
@@ -427,7 +465,10 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Return assignments of segments to regions: one segment per region, then more, in proportion to curve length."""
+    """Return assignments of curvature segments to regions, the index of the region of each segment.
+
+    The first has one segment per region; later ones have more, in proportion to the length of the curve in a region.
+    """
     count = len(task.corridor.regions)
     shares = np.ones(count, dtype=np.intp)
     plans = [shares.copy()]

@@ -1,4 +1,4 @@
-"""Compiled functions of users' terms, over poses and over time."""
+"""Compiled functions of the constraints and costs that users wrote, evaluated at many poses of a motion."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, applies_at
 
 @dataclass(frozen=True)
 class MotionStates:
-    """Poses of a motion at which constraints are checked and costs are averaged.
+    """N states of a motion at which constraints are checked and costs are averaged.
 
     Attributes:
         q: configurations, shape (N, c) [rad, m].
@@ -29,18 +29,18 @@ class MotionStates:
     time: FloatArray
 
     def where(self, where: Where) -> "MotionStates":
-        """Return the states at which a term applies."""
+        """Return the states at which a constraint or cost applies, given its ``where``."""
         chosen = applies_at(where, self.u)
         return MotionStates(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class _Compiled:
-    """The compiled expression of a term.
+    """Compiled expression of a constraint or cost.
 
     Attributes:
-        expression: a column of m entries.
-        quantities: the symbols of the expression.
+        expression: CasADi column of m entries.
+        quantities: quantities of the arm that hold the expression's symbols.
     """
 
     expression: Any
@@ -63,12 +63,12 @@ class _Compiled:
         return ca.Function("term", list(symbols), [self.expression])
 
     def all_values(self, q: FloatArray, u: FloatArray, rates: FloatArray | None = None) -> FloatArray:
-        """Return the values of the expression, shape (N, m).
+        """Return the values of the m entries of the expression at N configurations, shape (N, m).
 
         Args:
             q: configurations, shape (N, c) [rad, m].
-            u: path parameter, shape (N,).
-            rates: rates of the configurations, for expressions that depend on speeds, shape (N, c).
+            u: path parameters, shape (N,).
+            rates: rates of the configurations, shape (N, c) [rad/s, m/s]; needed if the expression depends on speeds.
         """
         places = self.quantities.places
         of_time = places(rates) if self.timed and rates is not None else ()
@@ -79,7 +79,7 @@ class _Compiled:
 
 @dataclass(frozen=True, eq=False)
 class CompiledConstraint(_Compiled):
-    """A constraint with its expression and bounds.
+    """A user's constraint with its compiled expression of m entries and its bounds.
 
     Attributes:
         constraint: the constraint as the user wrote it.
@@ -98,29 +98,34 @@ class CompiledConstraint(_Compiled):
 
     @cached_property
     def slopes(self) -> Any:
-        """Compiled function that maps configuration and u to the derivative with respect to the configuration."""
+        """Compiled function from a configuration and u to the expression's Jacobian with respect to the configuration.
+
+        The Jacobian has shape (m, c).
+        """
         q, expression = self.quantities.in_configurations(self.expression)
         symbols = [q, self.quantities.path_parameter]
         return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(expression, q))])
 
     def residuals(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the violation of the worst entry, shape (N,); 0 where all hold, NaN where not finite.
+        """Return the violation of the worst entry of the constraint at N configurations, shape (N,).
+
+        The violation is 0 where all bounds hold, and NaN where a value is not finite.
 
         Args:
             q: configurations, shape (N, c) [rad, m].
-            u: path parameter, shape (N,).
+            u: path parameters, shape (N,).
         """
         return np.maximum(self._beyond_bounds(self.all_values(q, u)), 0.0)
 
     def excesses(self, states: MotionStates) -> FloatArray:
-        """Return the signed violation of the worst entry, shape (N,).
+        """Return the signed violation of the worst entry of the constraint at N states, shape (N,).
 
         The violation is negative where all bounds hold, and NaN where a value is not finite.
         """
         return self._beyond_bounds(self.all_values(states.q, states.u, states.rates))
 
     def _beyond_bounds(self, values: FloatArray) -> FloatArray:
-        """Return the signed violation of the worst entry, shape (N,), for values of shape (N, m)."""
+        """Return the signed violation of the worst of m entries, shape (N,), from their values, shape (N, m)."""
         # NaN would silently win or lose any comparison, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
@@ -128,7 +133,7 @@ class CompiledConstraint(_Compiled):
         return np.asarray(np.where(finite, beyond, np.nan))
 
     def as_cost(self) -> "CompiledCost":
-        """Return a soft constraint as a cost: half its squared violation."""
+        """Return a cost equal to half the squared violation of the constraint, with the constraint's weight."""
         term = self.constraint
         # Costs are averaged over keyframes anyway, so "keyframes" and "motion" mean the same here.
         where: Where = "motion" if term.where == "keyframes" else term.where
@@ -146,7 +151,7 @@ class CompiledConstraint(_Compiled):
 
 @dataclass(frozen=True, eq=False)
 class CompiledCost(_Compiled):
-    """A cost with its scalar expression.
+    """A user's cost with its compiled scalar expression.
 
     Attributes:
         cost: the cost as the user wrote it, or a soft constraint turned into a cost.
@@ -155,7 +160,7 @@ class CompiledCost(_Compiled):
     cost: Cost
 
     def values(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the unweighted cost, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
+        """Return the unweighted cost at N configurations q (N, c) [rad, m] with path parameters u (N,), shape (N,)."""
         return self.all_values(q, u)[:, 0]
 
     @cached_property
@@ -166,10 +171,16 @@ class CompiledCost(_Compiled):
         return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
 
     def second_order(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return the gradient, shape (c,), and the Hessian, shape (c, c), of the cost at one configuration."""
+        """Return the gradient (c,) and Hessian (c, c) of the unweighted cost with respect to a configuration q (c,).
+
+        ``u`` is the path parameter at which the cost is evaluated.
+        """
         gradient, hessian = self._derivatives(q, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 
     def applies(self, u: FloatArray) -> BoolArray:
-        """Return a mask of the motion's samples at which the cost applies, shape (N,); the last sample is the goal."""
+        """Return a mask of the samples of a motion at which the cost applies, shape (N,).
+
+        ``u`` are the path parameters of the samples, increasing, shape (N,); the last sample is the goal.
+        """
         return applies_at(self.cost.where, u)

@@ -1,4 +1,4 @@
-"""Goal poses from the NLP, solved in rounds, with the users' constraints and costs in its program."""
+"""Poses at the goal, improved by the goal-pose NLP in several rounds, with the user's constraints and costs."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -21,19 +21,19 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _GOAL = 1.0
-"""Path parameter of the goal."""
+"""Path parameter at the goal."""
 _REGION_SIZES = (8, 16, 24, 32, 48, 64, 96, 128)
-"""Numbers of sides per joint that programs are built for, so that poses share solvers (measured: all of 42 scenes of
+"""Numbers of sides per joint for which NLPs are built, so that poses share solvers (measured: all of 42 scenes of
 clutter in the plane need eight or fewer)."""
 
 
 @lru_cache(maxsize=4)  # regions are redrawn several times per question, but the solver is built once
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
-    """Return the program with the user's hard constraints as rows, and soft constraints and costs as costs.
+    """Return a goal-pose NLP extended by the user's hard constraints as rows and soft constraints and costs as costs.
 
     Args:
-        program: the program without user terms.
-        terms: terms compiled for the same arm; those that do not cover the goal are left out.
+        program: the NLP without the user's constraints and costs.
+        terms: constraints and costs compiled for the arm; those that do not apply at the goal are left out.
     """
     pose = ca.vec(program.frames.bends)
     feed = terms.quantities.arm.length * program.unknowns["feed"]
@@ -49,7 +49,13 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
 
 
 def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
-    """Return the rows of a hard constraint at the goal, one per entry, in the user's unit."""
+    """Return the NLP rows of a user's hard constraint at the goal, one per entry of its expression, in its unit.
+
+    Args:
+        item: the constraint.
+        pose: symbols of the bends in one column, shape (bends, 1) [rad].
+        feed: expression of the base position on its feed axis [m].
+    """
     name = item.constraint.name
     count = len(item.lower)
     names = (f"user: {name}",) if count == 1 else tuple(f"user: {name}, entry {k + 1}" for k in range(count))
@@ -57,22 +63,22 @@ def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
 
 
 def bounded(pose: ArmPose) -> bool:
-    """Return whether a side of a region constrains the pose, so that new regions around it may improve the pose."""
+    """Return whether any side of the links' convex regions is active, so that new regions may improve the pose."""
     return any("of its region" in name for name in pose.answer.multipliers)
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPoses:
-    """Improves poses at the goal of one problem.
+    """Solver that improves poses of an arm at the goal of its tip, by the goal-pose NLP.
 
     Attributes:
         problem: the problem, with a goal for the tip.
-        tree: distance tree of the walls and surfaces of its workspace.
-        near: configuration to stay near, shape (c,) [rad, m]; None for the pose that is improved.
+        tree: distance tree of the walls and surfaces of the workspace.
+        near: configuration from which deviations cost, shape (c,) [rad, m]; None for the pose to be improved.
         terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
         wanted_share: multiple of the preferred clearance above which more clearance does not lower the cost.
-        aim: goal to use instead of the problem's goal, or None.
+        aim: goal of the tip that replaces the problem's goal, or None.
         room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
             equally good.
         clamped: whether the first link keeps its direction.
@@ -90,10 +96,10 @@ class GoalPoses:
 
     @cached_property
     def target(self) -> TipGoal:
-        """Goal of the tip.
+        """Goal of the tip, position and direction.
 
         Raises:
-            ProblemError: the goal is a pose of the whole arm, which leaves nothing to choose.
+            ProblemError: the problem's goal is a pose of the whole arm, which leaves nothing to choose.
         """
         goal = self.aim or self.problem.goal.for_tip
         if goal is None:
@@ -102,21 +108,22 @@ class GoalPoses:
 
     @property
     def allowed(self) -> float:
-        """Clearance that may be missing because of rounding [m]."""
+        """Amount by which the required clearance may be violated because of rounding [m]."""
         return self.settings.feasible * self.problem.arm.length
 
     @property
     def wanted_gap(self) -> float:
-        """Clearance beyond the required one, above which more clearance does not lower the cost [m].
+        """Gap beyond the required clearance above which more does not lower the cost [m].
 
-        It is ``wanted_share`` times the problem's preferred clearance or, if that is zero, the default one.
+        The gap is ``wanted_share`` times the problem's preferred clearance or, if that is zero, the default one.
         """
         return self.wanted_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     def gap(self, q: FloatArray) -> float:
-        """Return the least clearance of a pose beyond radius and required clearance [m].
+        """Return the least gap of a pose to walls, beyond radius and required clearance, and between its links [m].
 
-        The clearance to walls is capped at the reach of regions.
+        The gap to walls is capped at the distance up to which regions of links consider walls. ``q`` is the
+        configuration, shape (c,) [rad, m].
         """
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
@@ -127,9 +134,9 @@ class GoalPoses:
         return min(self._wall_gap(points), float(np.min(segment_distances(*ends)[2])) - 2.0 * arm.radius)
 
     def _wall_gap(self, points: FloatArray) -> float:
-        """Return the least clearance of a pose to walls and surfaces beyond the required one [m].
+        """Return the least gap of a pose to walls and surfaces, beyond radius and required clearance [m].
 
-        ``points`` are the joints and the tip, shape (links + 1, d) [m].
+        ``points`` are the positions of joints and tip, shape (links + 1, d) [m].
         """
         arm = self.problem.arm
         kept = arm.radius + self.problem.workspace.clearance
@@ -138,16 +145,24 @@ class GoalPoses:
         return float(np.min(gaps, initial=reach)) - kept
 
     def regions(self, q: FloatArray, drawn_with: PoseSettings) -> JointRegions:
-        """Return the sides of every link's region around a pose."""
+        """Return the convex regions of the joints around a pose.
+
+        Args:
+            q: configuration of the pose, shape (c,) [rad, m].
+            drawn_with: settings with the reach and the number of sides of the regions.
+        """
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
         clearance = self.problem.workspace.clearance
         return regions_about(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
 
     def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
-        """Return one solution in regions built around the start with the given settings.
+        """Return one solution of the NLP, feasible or not, in regions built around a start pose.
 
-        The solution stays near the seed unless ``near`` is set.
+        Args:
+            start: configuration from which the solver starts, shape (c,) [rad, m].
+            seed: configuration from which deviations cost unless ``near`` is set, shape (c,) [rad, m].
+            drawn_with: settings with the reach and the number of sides of the regions.
         """
         arm = self.problem.arm
         regions = self.regions(start, drawn_with)
@@ -176,7 +191,10 @@ class GoalPoses:
         ).solve()
 
     def strays(self, pose: ArmPose) -> bool:
-        """Return whether a link has left its region's reach, or has less clearance than the region's sides imply."""
+        """Return whether a solution has less clearance than the sides of its regions imply.
+
+        This happens if a link has moved beyond the reach of its region, or if a side was left out of the region.
+        """
         points = self.problem.arm.joint_positions_at(pose.q)
         hidden = self.settings.behind * self.problem.arm.length
         return self.gap(pose.q) < min(pose.gap, 0.0) - self.allowed or (
@@ -184,11 +202,13 @@ class GoalPoses:
         )
 
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
-        """Return one solution, feasible or not, found with wider regions if a link left the reach of its first region.
+        """Return one solution of the NLP, feasible or not, in regions that are large enough for the links' motion.
+
+        If a link has left the reach of its region, the NLP is solved again with larger regions.
 
         Args:
-            start: configuration to start from, shape (c,) [rad, m].
-            seed: configuration where the first of several solutions started; ``start`` if None.
+            start: configuration from which the solver starts, shape (c,) [rad, m].
+            seed: configuration from which the first of several rounds started; ``start`` if None.
         """
         for drawn_with in self.settings.widening:
             pose = self.solved_within(start, start if seed is None else seed, drawn_with)
@@ -197,14 +217,14 @@ class GoalPoses:
         return pose
 
     def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[ArmPose, ...]:
-        """Return successive solutions from a pose, each started from the previous one, with new regions around it.
+        """Return successive solutions of the NLP, each started from the previous one with new regions around that.
 
         Args:
-            seed: a pose at or near the goal that touches nothing.
-            deadline: no further solution is started after it.
+            seed: collision-free configuration at or near the goal, shape (c,) [rad, m].
+            deadline: time after which no further solution is started, or None.
 
         Returns:
-            At least one pose; the last is the best if it is feasible. The answer of an infeasible pose names the
+            At least one pose; if the last is feasible, it is the best. The answer of an infeasible pose names the
             violated rows.
         """
         found: list[ArmPose] = []
@@ -218,10 +238,10 @@ class GoalPoses:
         return tuple(found)
 
     def _good_enough(self, found: list[ArmPose]) -> bool:
-        """Return whether another round is not worthwhile.
+        """Return whether another round of the NLP is not worthwhile after the solutions found so far.
 
-        No further round is needed if the preferred clearance is reached and no side constrains the pose, or if the last
-        round improved the pose little.
+        This is so if the preferred clearance is reached and no side of a region is active, or if the last round
+        improved the pose little.
         """
         settings = self.settings
         pose = found[-1]
@@ -235,14 +255,17 @@ class GoalPoses:
         return gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
 
     def feasible(self, pose: ArmPose) -> bool:
-        """Return whether a pose satisfies every row, and touches nothing by an independent distance check."""
+        """Return whether a solution satisfies every NLP row and is collision-free by a separate distance check."""
         return pose.answer.violation <= self.settings.feasible and self.gap(pose.q) > -self.allowed
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
-        """Return the best feasible pose of ``improved``, or None."""
+        """Return the feasible solution with the least cost after several rounds of the NLP from a pose, or None.
+
+        Arguments are those of ``improved``.
+        """
         return self.best_pose(self.improved(seed, deadline))
 
     def best_pose(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
-        """Return the feasible pose with the least cost, or None."""
+        """Return the feasible one with the least cost among several solutions of the NLP, or None."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)

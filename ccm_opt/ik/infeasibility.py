@@ -1,4 +1,4 @@
-"""Checks of a configuration, and diagnoses of why none was found."""
+"""Checks of a curve against its task, and diagnoses of why no curve was found."""
 
 import re
 from collections.abc import Sequence
@@ -20,18 +20,18 @@ _CONTAINMENT_TOLERANCE = 1e-6
 """Distance outside its region at which a point of the curve passes the check [arm lengths]. Taste."""
 
 _ROWS_REPORTED = 3
-"""Number of violated rows that a message names. Taste."""
+"""Maximum number of violated NLP rows that a message names. Taste."""
 _TIP_TOLERANCE = 1e-5
 """Distance of the tip from the goal that passes the check [m]. Taste."""
 _TIP_HEADING_TOLERANCE = 1e-6
 """Difference between tip heading and goal heading that passes the check [rad]. Taste."""
 _CHECK_SAMPLES = 201
-"""Number of points per segment that are checked. Taste."""
+"""Number of points per curvature segment that are checked. Taste."""
 
 
 @dataclass(frozen=True)
 class Shortfall:
-    """One requirement that a configuration violates: the worst value, the limit that it exceeds, and their unit."""
+    """Requirement that a curve violates, with the worst value, the limit that it exceeds, and the unit of both."""
 
     name: str
     worst: float
@@ -43,11 +43,11 @@ class Shortfall:
 
 
 def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Shortfall, ...]:
-    """Return every requirement of the NLP's task that a configuration violates; empty if it passes.
+    """Return every requirement of a task that a curve violates at densely sampled points; empty if the curve passes.
 
     Args:
-        nlp: the NLP, for its task and the region of each segment.
-        configuration: the configuration in metres, from ``polished_configuration``.
+        nlp: NLP that gave the curve, for its task and the region of each segment.
+        configuration: the curve in metres, from ``polished_configuration``.
     """
     task = nlp.task
     tip, heading = configuration.tip
@@ -70,7 +70,7 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
 
 
 def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
-    """Return the greatest distance of a curve point from its segment's region, without the stub [m]."""
+    """Return the greatest distance of a curve point outside the region of its segment, without the stub [m]."""
     boundaries = configuration.boundaries[len(configuration.segments) - len(nlp.regions) :]
     worst = -np.inf
     for index, start, end in zip(nlp.regions, boundaries[:-1], boundaries[1:], strict=True):
@@ -87,20 +87,20 @@ _ADVICE = {
     "spacing": ("use more segments per region",),
     "base": ("free the base heading",),
 }
-"""Advice for a row whose name contains the word; the first match is used."""
+"""Advice for a violated NLP row whose name contains the word; the first match is used."""
 
 
 @dataclass(frozen=True)
 class BrokenRow:
-    """One row of the NLP that could not be satisfied.
+    """Row of the configuration NLP that the solver could not satisfy.
 
     Attributes:
-        constraint: "region", "heading", "curvature", "length" or "spacing".
+        constraint: kind of the row: "region", "heading", "curvature", "length" or "spacing".
         row: name of the row in the NLP.
         violation: violation in the NLP's units.
         segment: index of the curvature segment; -1 for the base.
-        arc_length: arc length along the arm [m].
-        place: position in the plane, on the segment's chord [m].
+        arc_length: arc length from the base at which the row is violated [m].
+        place: position (x, y) there, on the chord of the segment [m].
         words: description of the violation in one sentence.
     """
 
@@ -115,7 +115,7 @@ class BrokenRow:
 
 @dataclass(frozen=True)
 class FailedAttempt:
-    """One attempt that gave no configuration: its NLP, the solver's answer, and the failures of the dense check."""
+    """Failed attempt to find a curve: its NLP, the solver's answer, and the requirements that the curve violates."""
 
     nlp: ConfigurationNLP
     answer: RowAnswer
@@ -123,14 +123,19 @@ class FailedAttempt:
 
     @property
     def words(self) -> str:
-        """One line that states the number of segments, the solver's status and the worst row."""
+        """Summary in one line: number of segments, solver status and the worst violation."""
         answer = self.answer
         what = "; ".join(map(str, self.shortfalls)) or f"{answer.worst_row} by {answer.violation:.3g}"
         return f"{len(self.nlp.regions)} segments: {answer.status}, {what}"
 
 
 def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
-    """Return a diagnosis of all failed attempts, based on the one that came closest."""
+    """Return a diagnosis of why no curve was found, based on the attempt with the least violation.
+
+    Args:
+        task: the task that was not solved.
+        attempts: all failed attempts, at least one.
+    """
     nearest = min(attempts, key=lambda attempt: attempt.answer.violation)
     answer = nearest.answer
     rows = broken_rows(nearest)
@@ -154,7 +159,10 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
-    """Return why the task has no solution (the goal is too far, or an end is outside the corridor), or None."""
+    """Return a diagnosis if a goal is out of reach or an end lies outside the corridor, else None.
+
+    This simple test needs no solution of the NLP.
+    """
     distance = float(np.hypot(*(task.goal - task.base)))
     if distance > task.length:
         return Diagnosis(
@@ -186,7 +194,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
 
 
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
-    """Return the rows that an attempt violates, the worst of every kind and segment, the worst first."""
+    """Return the NLP rows that a failed attempt violates, the worst one of every kind and segment, worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
     for name, violation in attempt.answer.broken.items():
         row = _broken_row(attempt, name, violation)
@@ -196,7 +204,13 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
-    """Return the description of a violated row for the user, with its position on the arm and in the plane."""
+    """Return the description of a violated NLP row for the user, with its position on the arm and in the plane.
+
+    Args:
+        attempt: the failed attempt.
+        name: name of the row.
+        violation: violation of the row in the NLP's units.
+    """
     task = attempt.nlp.task
     numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
     segment, piece = (int(numbers[1]), int(numbers[2] or 0)) if numbers else (-1, 0)
@@ -209,7 +223,13 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
 
 
 def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
-    """Return the kind of a row, and its violation in words for an arm of the given length [m]."""
+    """Return the kind of an NLP row and a description of its violation.
+
+    Args:
+        name: name of the row.
+        violation: violation in the NLP's units.
+        length: length of the arm [m].
+    """
     if "side" in name:
         return "region", f"it leaves its region by {short_length(violation * length)}"
     if "gap in heading" in name:
@@ -224,9 +244,14 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
 
 
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
-    """Return the arc length [m] and position (x, y) [m] of a piece's start, on its segment's chord.
+    """Return the arc length [m] and position (x, y) [m] at the start of a spline piece in the solver's last iterate.
 
-    Arc length and position are taken from the solver's last iterate.
+    The position is taken on the chord of the segment.
+
+    Args:
+        attempt: the failed attempt.
+        segment: index of the curvature segment.
+        piece: index of the piece in the segment; the number of pieces for the end of the segment.
     """
     task = attempt.nlp.task
     states, controls = unpack_variables(attempt.answer.variables)

@@ -1,4 +1,4 @@
-"""The curve of the goal-pose program, with states at its knots (lifted), and the places of the joints on it.
+"""Symbolic curve of the goal-pose NLP, with states at its knots (lifted), evaluated at the joints of the arm.
 
 Lengths are in units of the arm's length. The curve is a chain of K curvature segments of four spline pieces each. Its
 knots lie at arc lengths σ_0 = 0 < σ_1 < ... < σ_4K = 1; at knot i the curvature is C_i, the heading θ_i, and Θ_i =
@@ -31,21 +31,21 @@ _WINDOW = 1
 window takes longer to build, a narrower one restricts the knots (measured: with 1 building takes three quarters of the
 time that 2 takes, and the poses of clutter are the same)."""
 _LEAST_PIECE = 0.08
-"""Least share of its segment's length that a piece between knots keeps (as in the configuration NLP)."""
+"""Least length of a spline piece, as a fraction of the length of its segment (as in the configuration NLP)."""
 
 
 @dataclass(frozen=True, eq=False)
 class SplinePieces:
-    """Cubic pieces of curvature, one per row; methods work on all of them at once.
+    """Symbolic cubic pieces of a curvature spline, m of them, on which methods work at once.
 
     Attributes:
-        start: arc length at which each piece begins, shape (m, 1).
-        width: a, the width of each piece, shape (m, 1).
-        heading: θ at the start of each piece, shape (m, 1) [rad].
-        first: C_i, shape (m, 1).
-        last: C_{i+1}, shape (m, 1).
-        first_moment: M_i, shape (m, 1).
-        last_moment: M_{i+1}, shape (m, 1).
+        start: arc length at the start of each piece, shape (m, 1).
+        width: arc length a of each piece, shape (m, 1).
+        heading: heading θ at the start of each piece, shape (m, 1) [rad].
+        first: curvature at the start of each piece, shape (m, 1).
+        last: curvature at the end of each piece, shape (m, 1).
+        first_moment: second derivative of the curvature at the start of each piece, shape (m, 1).
+        last_moment: second derivative of the curvature at the end of each piece, shape (m, 1).
     """
 
     start: ca.SX
@@ -57,35 +57,35 @@ class SplinePieces:
     last_moment: ca.SX
 
     def take(self, indices: Sequence[int]) -> "SplinePieces":
-        """Return the pieces at given indices, which may repeat."""
+        """Return the spline pieces with given indices, which may repeat, in that order."""
         return SplinePieces(*(column[list(indices)] for column in vars(self).values()))
 
     def integral_after(self, t: ca.SX) -> ca.SX:
-        """Return ∫ θ over the first t of each piece: a quintic, shape (m, 1)."""
+        """Return the integral of the heading over the first arc length t of each piece, shape (m, 1), quintic in t."""
         slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
         jerk = (self.last_moment - self.first_moment) / (120 * self.width)
         inner = self.first / 2 + t * (slope / 6 + t * (self.first_moment / 24 + t * jerk))
         return t * (self.heading + t * inner)
 
     def turn_after(self, t: ca.SX) -> ca.SX:
-        """Return ∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
+        """Return the turn ∫ κ ds over the first arc length t of each piece, shape (m, 1) [rad]: a quartic in t."""
         slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
         jerk = (self.last_moment - self.first_moment) / (24 * self.width)
         return t * (self.first + t * (slope / 2 + t * (self.first_moment / 6 + t * jerk)))
 
     def turn(self) -> ca.SX:
-        """Return ∫ κ over each whole piece, shape (m, 1) [rad]."""
+        """Return the turn ∫ κ ds over each whole piece, shape (m, 1) [rad]."""
         moments = self.first_moment + self.last_moment
         return self.width * (self.first + self.last) / 2 - self.width**3 * moments / 24
 
     def integral(self) -> ca.SX:
-        """Return ∫ θ over each whole piece, shape (m, 1)."""
+        """Return the integral of the heading over each whole piece, shape (m, 1)."""
         chord = self.first / 3 + self.last / 6
         moments = (8 * self.first_moment + 7 * self.last_moment) / 360
         return self.width * (self.heading + self.width * (chord - self.width**2 * moments))
 
     def squared_curvature(self) -> ca.SX:
-        """Return ∫ κ² over each piece, shape (m, 1).
+        """Return the integral of the squared curvature over each piece, shape (m, 1).
 
         With τ = t/a and b_i = M_i a²/6 the curvature is its chord minus τ(1 - τ)[(2 - τ) b_i + (1 + τ) b_{i+1}]; the
         numbers are the integrals of the products of these polynomials.
@@ -100,11 +100,12 @@ class SplinePieces:
 
 @dataclass(frozen=True, eq=False)
 class LiftedCurve:
-    """Symbols of a curve, and the rows that make them one.
+    """Symbols of a curve of K curvature segments, and the NLP rows that tie them together.
 
     Attributes:
         segments: number of curvature segments K.
-        shared_arcs: arc lengths of the knots if shared with another curve, shape (4 K + 1, 1); None for its own.
+        shared_arcs: arc lengths of the knots if they are those of another curve, shape (4 K + 1, 1); None for new
+            symbols.
     """
 
     segments: int
@@ -147,17 +148,17 @@ class LiftedCurve:
 
     @property
     def moment_scale(self) -> float:
-        """Ratio of the second derivative M to the scaled variable that represents it."""
+        """Ratio of a second derivative M of the curvature to the scaled variable ("bow") that represents it."""
         return 6.0 * self.count**2
 
     @property
     def variables(self) -> ca.SX:
-        """All symbols in one column."""
+        """All symbols of the curve in one column."""
         return ca.vertcat(self.arcs, self.curvatures, self.headings, self.integrals, self.bows)
 
     @cached_property
     def pieces(self) -> SplinePieces:
-        """All pieces, base first."""
+        """All 4 K spline pieces of the curve, from base to tip."""
         inner = self.moment_scale * ca.reshape(self.bows, PIECES - 1, self.segments)
         zero = ca.SX.zeros(1, self.segments)  # the paper's splines are natural
         return SplinePieces(
@@ -172,17 +173,18 @@ class LiftedCurve:
 
     @cached_property
     def segment_lengths(self) -> ca.SX:
-        """Segment lengths L_k, shape (1, K)."""
+        """Lengths L_k of the curvature segments, shape (1, K)."""
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the rows that make the symbols a curve: spline equations, the ODE, and minimum knot spacing."""
+        """Return the NLP rows that make the symbols a curve: spline equations, integration, minimum knot spacing."""
         return self._spline_equations(), self._gap_closing(), self._knot_spacing()
 
     def _spline_equations(self) -> RowBlock:
-        """Return the equations of the natural spline at the inner knots.
+        """Return the NLP rows for the natural cubic spline at the inner knots of every segment.
 
-        The equations are a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}].
+        The equations are a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}] (de
+        Boor, A Practical Guide to Splines, chapter IV).
         """
         knots = [PIECES * segment + inside for segment in range(self.segments) for inside in range(1, PIECES)]
         before = self.pieces.take([knot - 1 for knot in knots])
@@ -194,7 +196,7 @@ class LiftedCurve:
         return equal_to_zero(names, (moments - 6 * bend) / (6 * self.count))
 
     def _gap_closing(self) -> RowBlock:
-        """Return the rows that integrate θ and Θ over each piece from one knot to the next."""
+        """Return the NLP rows that integrate the heading θ and its integral Θ over each piece, from knot to knot."""
         turns = self.headings[1:] - self.headings[:-1] - self.pieces.turn()
         integrals = self.integrals[1:] - self.integrals[:-1] - self.pieces.integral()
         what = ("heading", "the integral of the heading")
@@ -213,13 +215,15 @@ class LiftedCurve:
 
 @dataclass(frozen=True, eq=False)
 class JointsAmongPieces:
-    """Turn and heading integral of a curve at all joints and the tip, each on any of several spline pieces.
+    """Evaluation of a curve's heading and heading integral at all joints and the tip, although knots may move.
+
+    Each joint may lie on any of several consecutive spline pieces.
 
     Attributes:
         curve: the curve.
         arcs: arc lengths of the joints and the tip, shape (links + 1,).
-        first: first piece on which each joint may lie, shape (links + 1,).
-        last: last piece on which each joint may lie, shape (links + 1,).
+        first: index of the first piece on which each joint may lie, shape (links + 1,).
+        last: index of the last piece on which each joint may lie, shape (links + 1,).
     """
 
     curve: LiftedCurve
@@ -229,13 +233,13 @@ class JointsAmongPieces:
 
     @classmethod
     def of(cls, curve: LiftedCurve, links: int) -> "JointsAmongPieces":
-        """Return the evaluation at all joints of an arm with the given number of links."""
+        """Return the evaluation of a curve at the joints and tip of an arm with a number of equal links."""
         arcs = np.arange(links + 1) / links
         middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 
     def joint_order_rows(self) -> RowBlock:
-        """Return the rows that keep every joint between the start of its first piece and the end of its last."""
+        """Return the NLP rows that keep every joint between the start of its first piece and the end of its last."""
         behind = np.flatnonzero(self.first > 0)
         before = np.flatnonzero(self.last < self.curve.count - 1)
         rows = ca.vertcat(
@@ -247,10 +251,10 @@ class JointsAmongPieces:
         return not_negative(tuple(names), rows)
 
     def at_joints(self, curve: LiftedCurve) -> tuple[ca.SX, ca.SX]:
-        """Return θ and Θ at every joint and the tip, each of shape (links + 1, 1).
+        """Return the heading θ and its integral Θ at every joint and the tip, each of shape (links + 1, 1).
 
         Args:
-            curve: a curve on the same knots.
+            curve: the curve to evaluate, whose knots are those of ``self.curve``.
         """
         joint, piece = self._pairs
         pieces = curve.pieces.take(piece.tolist())
@@ -263,7 +267,7 @@ class JointsAmongPieces:
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, IntArray]:
-        """All pairs of a joint and a piece on which it may lie, as two arrays of indices."""
+        """All pairs of a joint and a piece on which the joint may lie, as two arrays of indices, shape (pairs,)."""
         counts = self.last - self.first + 1
         joint = np.repeat(np.arange(len(self.first)), counts)
         piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]

@@ -1,4 +1,4 @@
-"""The configuration NLP by multiple shooting, solved by IPOPT."""
+"""Nonlinear program for a planar curve through a corridor, by multiple shooting, solved by IPOPT."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -25,34 +25,34 @@ from ccm_opt.scene.corridor import ConvexRegion
 _LEAST_PIECE = 4e-3
 """Least arc length between knots [L]. Taste."""
 _LEAST_SPACING = 0.08
-"""Least share of its segment's length that a piece keeps. Taste."""
+"""Least length of a spline piece, as a fraction of the length of its segment. Taste."""
 
 _REGION_SHRINKAGE = 1e-5
-"""Amount by which regions are shrunk, so that quadrature and polish stay inside the real ones [L]. Derived: ten times
-what the check of containment allows on an arm of a metre."""
+"""Distance by which regions are shrunk, so that quadrature errors and the final Newton correction stay inside the real
+regions [L]. Derived: ten times the tolerance of the check of containment on an arm of a metre."""
 _CURVATURE_RESERVE = 1e-3
-"""Share of the curvature limit that is reserved for the polish. Taste."""
+"""Fraction of the curvature limit that is reserved for the final Newton correction. Taste."""
 _HALF_PLANE_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""Numbers of half-planes that solvers are built for, so that tasks share them. Taste."""
+"""Numbers of half-planes per region for which solvers are built, so that tasks share solvers. Taste."""
 
 STAGE = STATES + CONTROLS
-"""Number of variables of one segment."""
+"""Number of NLP variables of one segment: the state at its start and its control."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationNLP:
-    """The NLP of one task: the symbolic program and the task's numbers.
+    """NLP for a curve that solves one task: a symbolic program with numerical bounds and parameters.
 
     Lengths are in units of the arm's length; the base is the origin.
 
     Attributes:
         task: the task to be solved.
-        program: the symbolic part.
-        regions: index of the corridor's region for each segment.
-        tip_heading: heading the tip must have, whole turns included [rad], or None.
+        program: symbolic variables, rows and objective.
+        regions: index of the corridor's region in which each curvature segment must stay.
+        tip_heading: prescribed heading of the tip, whole turns included [rad], or None.
         lower: lower bounds of the variables, shape (variables,).
         upper: upper bounds of the variables, shape (variables,).
-        parameters: values of the parameters.
+        parameters: values of the program's parameters, shape (parameters,).
     """
 
     task: ConfigurationTask
@@ -64,20 +64,20 @@ class ConfigurationNLP:
     parameters: FloatArray
 
     def with_cost(self, expression: ca.SX) -> "ConfigurationNLP":
-        """Return the NLP with one more term in its objective; a new solver is built for it."""
+        """Return the NLP with a further term in its objective, for which a new solver will be built."""
         return replace(self, program=replace(self.program, objective=self.program.objective + expression))
 
 
 def build_configuration_nlp(
     task: ConfigurationTask, regions: tuple[int, ...] | None = None, tip_heading: float | None = None
 ) -> ConfigurationNLP:
-    """Build the multiple-shooting NLP of a task; nothing is solved.
+    """Return the multiple-shooting NLP for a curve that solves a task; nothing is solved.
 
     Args:
-        task: the task that the configuration must solve.
-        regions: index of the region of each segment, not decreasing, each region at least once; by default one segment
-            per region.
-        tip_heading: the tip's heading including whole turns [rad]; by default ``task.goal_heading``.
+        task: the task.
+        regions: index of the region in which each curvature segment must stay, not decreasing, each region at least
+            once; by default one segment per region.
+        tip_heading: heading of the tip including whole turns [rad]; by default ``task.goal_heading``.
     """
     if regions is None:
         regions = tuple(range(len(task.corridor.regions)))
@@ -94,7 +94,7 @@ def build_configuration_nlp(
 
 
 def _nearness(nlp: ConfigurationNLP) -> ca.SX:
-    """Return the cost of curve points close to the walls behind the sides of their regions."""
+    """Return the NLP's cost of curve points close to the walls behind the sides of their regions."""
     task = nlp.task
     total = ca.SX(0)
     variables = nlp.program.variables
@@ -108,12 +108,12 @@ def _nearness(nlp: ConfigurationNLP) -> ca.SX:
 
 
 def pack_variables(states: FloatArray, controls: FloatArray) -> FloatArray:
-    """Return the column of NLP variables that holds the states, shape (K + 1, 5), and the controls, shape (K, 12)."""
+    """Return the column of NLP variables for the states (K + 1, 5) and controls (K, 12) of K curvature segments."""
     return np.append(np.hstack((states[:-1], controls)).ravel(), states[-1])
 
 
 def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the states, shape (K + 1, 5), and the controls, shape (K, 12), held in a column of NLP variables."""
+    """Return the states (K + 1, 5) and controls (K, 12) of K curvature segments from a column of NLP variables."""
     stages = variables[:-STATES].reshape(-1, STAGE)
     return np.vstack((stages[:, :STATES], variables[-STATES:])), stages[:, STATES:]
 
@@ -121,10 +121,10 @@ def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
 # Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
 @lru_cache(maxsize=4)
 def symbolic_program(segments: int, half_planes: int) -> RowProgram:
-    """Return the symbols, objective and rows for a number of segments and half-planes per region.
+    """Return the symbolic NLP for a number K of curvature segments and a number of half-planes per region.
 
-    The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are the normals and offsets of each segment, the stub
-    length and the weight of the bending.
+    The variables are the states and controls X_0, U_0, X_1, U_1, .., X_K; the parameters are the normals and offsets of
+    the region of each segment, the length of the straight stub at the base and the weight of the bending.
     """
     states = [ca.SX.sym(f"X{k}", STATES) for k in range(segments + 1)]
     controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
@@ -163,9 +163,14 @@ def symbolic_program(segments: int, half_planes: int) -> RowProgram:
 def _variable_bounds(
     task: ConfigurationTask, segments: int, tip_heading: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper bounds of the variables, each of shape (variables,).
+    """Return the lower and upper bounds of the NLP's variables, each of shape (variables,).
 
     Known quantities are variables with equal bounds: base, goal, arc length at both ends, prescribed headings.
+
+    Args:
+        task: the task.
+        segments: number of curvature segments.
+        tip_heading: heading of the tip including whole turns [rad], or None if free.
     """
     limit = task.curvature_limit * task.length * (1.0 - _CURVATURE_RESERVE)
     state = np.array([np.inf, np.inf, np.inf, limit, 1.0])
@@ -190,7 +195,15 @@ def _variable_bounds(
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
-    """Return a region's normals (column-major), then its offsets, in NLP units; rows added as padding always hold."""
+    """Return the normals (column-major) and then the offsets of a region's half-planes, for the NLP.
+
+    Lengths are in units of the arm, measured from the base.
+
+    Args:
+        task: the task, for its base, goal and length.
+        region: the region, which is shrunk slightly.
+        count: number of half-planes; the region's own are padded with rows that always hold.
+    """
     offsets = (region.offsets - region.normals @ task.base) / task.length
 
     # A base or goal that lies in the region stays in it: a side close to one moves by half the distance.
@@ -205,12 +218,13 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
 
 
 _MOST_ITERATIONS = 80
-"""Most iterations of IPOPT. Taste."""
+"""Maximum number of iterations of IPOPT. Taste."""
 _OPTIMALITY = 1e-4
-"""Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse, since the polish
-follows."""
+"""Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse, since a Newton
+correction follows."""
 _FEASIBILITY = 1e-6
-"""Violation at which a row counts as satisfied, in the NLP's units. Taste; the polish reduces it further."""
+"""Violation up to which a row counts as satisfied, in the NLP's units. Taste; the Newton correction reduces it
+further."""
 _OPTIONS = {
     **IPOPT_SWITCHES,
     "ipopt.tol": _OPTIMALITY,
@@ -221,11 +235,13 @@ _OPTIONS = {
 
 
 def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
-    """Solve the NLP from a guess, in one thread at a time; failures are reported in the result, not raised.
+    """Solve a configuration NLP from an initial guess and return IPOPT's answer, whether or not it converged.
+
+    One thread at a time can solve.
 
     Args:
-        nlp: the NLP from ``build_configuration_nlp``, possibly with more costs.
-        guess: initial variables, shape (variables,).
+        nlp: the NLP from ``build_configuration_nlp``, possibly with further costs.
+        guess: initial values of the variables, shape (variables,).
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed during the solution.

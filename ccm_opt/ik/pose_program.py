@@ -1,10 +1,10 @@
-"""The goal-pose program: variables, rows and costs, in the plane and in space.
+"""Symbolic nonlinear program (NLP) for a pose of the arm at a goal of its tip, in the plane and in space.
 
-Lengths are in units of the arm's length; the base is the origin, and the axes are those of the straight arm at its
-base.
+The program consists of named variables, constraint rows and costs. Lengths are in units of the arm's length; the base
+is the origin, and the axes are those of the straight arm at its base.
 
-Every term is a ratio: to the preferred clearance, to a limit, or to one radian. The weights are those in
-``PoseSettings`` times those of the problem's ``[planner.weights]``.
+Every cost is dimensionless: relative to the preferred clearance, to a limit, or to one radian. Costs are weighted by
+``PoseSettings`` times the problem's ``[planner.weights]``.
 """
 
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ from ccm_opt.robot.segment import PIECES
 
 @dataclass(frozen=True)
 class PoseSize:
-    """Size of the symbolic program.
+    """Size of a symbolic goal-pose program, for which it is built once.
 
     Attributes:
-        dimension: 2 or 3.
+        dimension: number of coordinates of a point, 2 or 3.
         links: number of links.
-        sides: number of sides of every joint's region, padded.
+        sides: number of sides of the convex region of every joint, including padding.
         segments: number of curvature segments of the curve.
-        loaded: whether torques are limited.
+        loaded: whether joint torques are limited.
     """
 
     dimension: int
@@ -40,7 +40,7 @@ class PoseSize:
 
 @dataclass(frozen=True, eq=False)
 class HoldingLoads:
-    """Joint torques that hold the arm still under gravity, as variables of the NLP.
+    """Joint torques that hold an arm of n links still under gravity, as variables and rows of an NLP.
 
     Points have d coordinates; moments have one component in the plane and three in space. Forces are divided by a
     common unit of force.
@@ -49,8 +49,8 @@ class HoldingLoads:
     links only; with the sums written out, the program would take three times as long to build.
 
     Attributes:
-        points: P, joints and tip, shape (d, n + 1).
-        axes: axis of each of the k bends of every joint, shapes (1, n) or (3, n).
+        points: positions P of the joints and the tip, shape (d, n + 1).
+        axes: rotation axes, one array of shape (1, n) or (3, n) for each of the k bends of a joint.
         weights: force on the centre of each link, shape (d, n).
         payload: force on the tip, shape (d, 1).
         limits: torque limits, shape (k, n).
@@ -64,7 +64,11 @@ class HoldingLoads:
 
     @cached_property
     def symbols(self) -> dict[str, ca.SX]:
-        """Moments about the base of the weights from each link outwards, and torques as fractions of their limits."""
+        """Symbols by name: "moments", shape (1 or 3, n), and "torque shares", shape (k, n).
+
+        Column j of the moments is the moment about the base of the weights of link j, all later links and the payload;
+        torque shares are torques as fractions of their limits.
+        """
         links = self.weights.shape[1]
         return {
             "moments": ca.SX.sym("moment", self.axes[0].shape[0], links),
@@ -72,7 +76,10 @@ class HoldingLoads:
         }
 
     def values(self) -> tuple[ca.SX, ca.SX]:
-        """Return the moments, and the torques as fractions of their limits, as expressions to evaluate at a pose."""
+        """Return expressions for the moments, and for the torques as fractions of their limits, at a pose.
+
+        Their shapes are those of ``symbols``, whose start values they give.
+        """
         moments = [_moment(self.points[:, -1], self.payload)]
         for link in reversed(range(self.weights.shape[1])):
             moments.append(moments[-1] + self._link_moment(link))
@@ -80,7 +87,7 @@ class HoldingLoads:
         return found, self._torques(found) / self.limits
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the rows that define the moments and the torque fractions, and the rows |τ| ≤ limit."""
+        """Return the rows that define the moments, those that define the torques, and the rows |τ| ≤ limit."""
         moments, shares = self.symbols.values()
         links = range(self.weights.shape[1])
         beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
@@ -98,11 +105,11 @@ class HoldingLoads:
         )
 
     def _link_moment(self, link: int) -> ca.SX:
-        """Return the moment of a link's weight about the base."""
+        """Return the moment about the base of the weight of the link with the given index."""
         return _moment(0.5 * (self.points[:, link] + self.points[:, link + 1]), self.weights[:, link])
 
     def _torques(self, moments: ca.SX) -> ca.SX:
-        """Return the torques about the axes of every joint, shape (k, n)."""
+        """Return the torques about the k axes of every joint, shape (k, n), from the moments about the base."""
         # Σ_{i ≥ j} (c_i - P_j) × w_i = Σ c_i × w_i - P_j × Σ w_i
         force = self.payload
         about = []
@@ -114,7 +121,7 @@ class HoldingLoads:
 
 
 def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
-    """Return the moment about the origin of a force that acts at a position; one number in the plane."""
+    """Return the moment about the origin of a force at a position, both of shape (d, 1); a scalar in the plane."""
     if place.numel() == 3:
         return ca.cross(place, force)
     return place[0] * force[1] - place[1] * force[0]
@@ -122,11 +129,11 @@ def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseProgram(RowProgram):
-    """The symbolic goal-pose NLP.
+    """Symbolic NLP whose solution is a pose of the arm with its tip at a goal.
 
     Attributes:
-        size: the size for which the program was built.
-        frames: symbols of the curve and of the links on it.
+        size: size for which the program was built.
+        frames: symbols of the curve and of the links that follow the curve.
         loads: torques that hold the arm under gravity; None if torque is not limited.
     """
 
@@ -136,12 +143,15 @@ class PoseProgram(RowProgram):
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """Return the rows that place the base at its feed position, and each further joint at P_(j+1) = P_j + l x_j.
+    """Return the rows of forward kinematics: P_0 at the feed position, and P_(j+1) = P_j + l x_j for every link.
 
     Args:
-        frames: symbols of the links.
-        points: P, joints and tip, shape (d, n + 1).
-        feed: position of the base, scalar.
+        frames: symbols of the n links, with their directions x_j.
+        points: positions P of the joints and the tip, shape (d, n + 1).
+        feed: displacement of the base along the first axis, scalar.
+
+    Returns:
+        The rows of the base, and those of the links.
     """
     n = frames.links
     d = points.shape[0]
@@ -155,15 +165,17 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
 
 
 def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
-    """Return the rows that keep both ends of every link in its region with a clearance to every side.
+    """Return the rows that keep both ends of every link in the convex region of the link, with a common clearance.
 
-    The rows are n · P ≥ b + c g at every joint and the tip, where c is the side's fraction of the clearance.
+    The rows are n · P ≥ b + c g for every side (n, b) of the region of every joint and of the tip. The factor c is the
+    fraction of the clearance that the side requires. A link that may touch obstacles near its start is held from the
+    start of its constrained part.
 
     Args:
-        points: P, joints and tip, shape (d, n + 1).
-        gap: g, the clearance, the same for all links.
-        given: parameters by name: the fraction of each link at which its constrained part starts, and the sides of the
-            joints' regions.
+        points: positions P of the joints and the tip, shape (d, links + 1).
+        gap: clearance g, equal for all links, a scalar.
+        given: parameters by name: "first shares", the fraction of each link at which its constrained part starts, and
+            "normals", "offsets" and "gap shares" of the sides.
     """
     sides, joints = given["offsets"].shape
     links = joints - 1
@@ -177,22 +189,23 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
 
 
 def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
-    """Return the row that keeps the tip in a ball about the goal, |P_n - goal|² ≤ room².
+    """Return the row that keeps the tip in a ball of radius r about the goal, |tip - goal|² ≤ r².
 
-    The row is divided by 2 room, so that near the edge of the ball it measures a length.
+    The row is divided by 2 r, so that its value near the surface of the ball is a distance.
 
     Args:
-        tip: P_n, shape (d, 1).
+        tip: position of the tip, shape (d, 1).
         goal: centre of the ball, shape (d, 1).
-        room: radius of the ball, a positive scalar.
+        room: radius r of the ball, a positive scalar.
     """
     return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
 
 
 def uneven_knots(curve: LiftedCurve) -> ca.SX:
-    """Return Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)², the unevenness of knots and of segments.
+    """Return a cost that pulls knots towards even spacing and segments towards equal length.
 
-    This cost pulls knots towards even spacing, and segments towards equal length.
+    It is Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)² over the distances a_i of neighbouring knots and the lengths L_k of the K
+    segments, in a curve of length 1.
     """
     lengths = curve.segment_lengths
     shares = curve.pieces.width / ca.vec(ca.repmat(lengths, PIECES, 1))
@@ -200,7 +213,10 @@ def uneven_knots(curve: LiftedCurve) -> ca.SX:
 
 
 def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
-    """Return the symbols of values that change from one question to the next, except the weights, by name."""
+    """Return the parameters of the goal-pose NLP, except the weights, as symbols by name.
+
+    They stand for the goal, the arm's surroundings and the loads, which change from one solution to the next.
+    """
     d = size.dimension
     bends = len(frames.directions)
     found = {
@@ -226,7 +242,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 # A problem has few sizes, and each program keeps a built solver of some megabytes alive.
 @lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
-    """Return the symbols, rows and objective for a size; nothing is solved."""
+    """Return the goal-pose NLP of a size, with its symbols, rows and objective; nothing is solved."""
     kind = PlanarFrames if size.dimension == 2 else BishopFrames
     frames: CurveFrames = kind(size.segments, size.links)
     points = ca.SX.sym("point", size.dimension, size.links + 1)
@@ -240,8 +256,8 @@ def pose_program(size: PoseSize) -> PoseProgram:
         goal_row(points[:, size.links], given["goal"], given["goal room"]),
     ]
     parts = {
-        # The share of the wanted clearance that the tightest link lacks, and ∫ κ² ds, twice the elastic energy of a
-        # unit rod.
+        # The fraction of the preferred clearance that the tightest link lacks, and ∫ κ² ds, twice the elastic energy of
+        # a unit rod.
         "room": 1 - gap / given["wanted gap"],
         "bending": ca.sum1(ca.vertcat(*(part.pieces.squared_curvature() for part in frames.parts))),
         "distance": ca.sumsqr(frames.bends - given["near"]),

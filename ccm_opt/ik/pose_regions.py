@@ -1,4 +1,4 @@
-"""Convex regions around the links of a pose, in which the goal-pose program keeps the links."""
+"""Convex regions of free space around the links of a pose, in which the goal-pose NLP keeps the links."""
 
 from dataclasses import dataclass
 
@@ -11,21 +11,21 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _PAIR_REACH = 0.1
-"""Links whose axes are farther apart than this share of the arm's length get no side between them (taste)."""
+"""Distance of the axes of two links beyond which no side separates them, as a fraction of the arm's length (taste)."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointRegions:
-    """Half-spaces n · P ≥ b in which the joints and the tip, as points of the arm's axis, must stay.
+    """Half-spaces n · P ≥ b, called sides, in which the joints and the tip must stay as points of the arm's axis.
 
-    The sides of a joint make a convex region. A joint lies in the regions of both its links, so both ends of a link lie
-    in the link's own region, and hence the whole link does. The sides already contain the distance (radius and required
-    clearance) to walls and to other links; the distance of a link beyond its sides is its gap.
+    The sides of a joint form a convex region. A joint lies in the regions of both its links, so both ends of a link lie
+    in the region of that link, and hence the whole link does. The offsets include the radius and the required clearance
+    from walls and other links; the gap of a link is its least distance from its sides.
 
     Attributes:
-        joint: joint of each side, shape (r,); the tip has the number of links.
-        normals: unit inward normals, shape (r, d).
-        offsets: b, shape (r,) [m].
+        joint: index of the joint of each of the r sides, shape (r,); the tip has the index ``links``.
+        normals: inward unit normals n, shape (r, d).
+        offsets: offsets b, shape (r,) [m].
         gap_shares: fraction of the gap that each side requires, shape (r,): 1 for walls, less between links that cannot
             keep the full gap from each other.
     """
@@ -39,13 +39,20 @@ class JointRegions:
     def of_links(
         cls, link: IntArray, normals: FloatArray, offsets: FloatArray, gap_shares: FloatArray
     ) -> "JointRegions":
-        """Return regions whose sides apply to both ends of their links; arguments as for the class, but by link."""
+        """Return regions of joints from sides of links, which apply to both ends of a link.
+
+        Args:
+            link: index of the link of each of the k sides, shape (k,).
+            normals: inward unit normals, shape (k, d).
+            offsets: offsets b in n · P ≥ b, shape (k,) [m].
+            gap_shares: fraction of the gap that each side requires, shape (k,).
+        """
         joint = np.concatenate((link, link + 1))
         return cls(joint, np.tile(normals, (2, 1)), np.tile(offsets, 2), np.tile(gap_shares, 2))
 
     @property
     def most(self) -> int:
-        """Maximum number of sides of any joint's region."""
+        """Maximum over all joints of the number of sides of a joint's region."""
         return int(np.max(np.bincount(self.joint), initial=0)) if len(self.joint) else 0
 
     @property
@@ -57,7 +64,7 @@ class JointRegions:
         return found
 
     def gap(self, first_shares: FloatArray, points: FloatArray) -> float:
-        """Return the least gap of the constrained parts of all links in their regions [m].
+        """Return the least gap of any link to the sides of its region, without parts that may touch obstacles [m].
 
         Args:
             first_shares: fraction of each link at which its constrained part starts, shape (links,).
@@ -72,14 +79,22 @@ class JointRegions:
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
-    """Return the ends of the parts of links that may touch nothing, on the last k links, shape (k, 2, 3) [m]."""
+    """Return the axes of the parts of the arm that may not touch obstacles, as k segments in space.
+
+    Args:
+        arm: the arm.
+        points: positions of joints and tip, shape (links + 1, d) [m].
+
+    Returns:
+        Both ends of the segment on each of the last k links, shape (k, 2, 3) [m].
+    """
     shares = arm.free_shares
     starts = points[:-1] + shares[:, None] * np.diff(points, axis=0)
     return in_space(np.stack((starts, points[1:]), axis=1)[shares < 1.0])
 
 
 LinkSides = tuple[IntArray, FloatArray, FloatArray, FloatArray]
-"""Link, normal, offset and gap share of every side, as in ``JointRegions``."""
+"""Link index, inward normal, offset and gap fraction of every side, as in ``JointRegions``."""
 
 
 def regions_about(
@@ -90,15 +105,15 @@ def regions_about(
     points: FloatArray,
     settings: PoseSettings,
 ) -> JointRegions:
-    """Return the sides of every link's region around a pose, as sides of both its ends.
+    """Return convex regions around the links of a pose, bounded by walls and by other links.
 
     Args:
         arm: the arm.
         tree: distance tree of the walls or surfaces.
         clearance: clearance that the user requires beyond the arm's radius [m].
         wanted_gap: preferred clearance beyond the required one [m].
-        points: joints and tip, shape (links + 1, d) [m].
-        settings: reach and number of the sides.
+        points: positions of joints and tip, shape (links + 1, d) [m].
+        settings: maximum distance of walls that bound a region, and maximum number of sides.
     """
     sides = (_surface_sides(arm, tree, clearance, points, settings), _pair_sides(arm, wanted_gap, points))
     return JointRegions.of_links(*(np.concatenate(column) for column in zip(*sides, strict=True)))
@@ -120,10 +135,15 @@ def _surface_sides(
 
 
 def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
-    """Return two sides for every pair of links that may meet: each stays on its side of the mid-plane.
+    """Return two sides for every pair of nearby links that may collide: each link stays on its side of the mid-plane.
 
-    Links that are close together along the arm cannot keep the preferred clearance; they must keep the fraction of it
-    that planning keeps between them.
+    Links that are close together along the arm cannot keep the preferred clearance from each other; their sides require
+    the fraction of the clearance that ``Arm.link_margins`` gives.
+
+    Args:
+        arm: the arm.
+        wanted_gap: preferred clearance beyond the required one [m].
+        points: positions of joints and tip, shape (links + 1, d) [m].
     """
     first, second = arm.self_pairs
     if len(first) == 0:

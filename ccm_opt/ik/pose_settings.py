@@ -1,4 +1,4 @@
-"""Settings of the goal-pose NLP: size of the curve, weights of the objective, and limits of the solver."""
+"""Settings of the goal-pose NLP: size of its curve, weights of its objective, limits of the solver."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,9 +11,9 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TORQUE_SHARE = 0.9
-"""Share of a torque limit that holding the pose may take, leaving the rest for motion and feedback (taste)."""
+"""Fraction of a torque limit that holding the pose may take, leaving the rest for motion and feedback (taste)."""
 _CLEARANCE_WEIGHT = 10.0
-"""Cost of having none of the wanted clearance; bending costs little next to it (taste)."""
+"""Cost of having none of the preferred clearance, much higher than that of bending (taste)."""
 _KNOT_WEIGHT = 4.0
 """Weight of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP; measured:
 with 0.05 clutter takes 28 iterations in the median, with 4 it takes 12, and the parts of the cost that describe the
@@ -21,14 +21,14 @@ pose grow by 0.1 %)."""
 _BOW_WEIGHT = 1e-3
 """Weight of the deviation of the curvature from its chords between knots; for the same reason (taste)."""
 _TORQUE_WEIGHT = 0.1
-"""Weight of the mean square torque, in shares of the limits (taste)."""
+"""Weight of the mean square torque, as a fraction of the limits (taste)."""
 _STRAY_WEIGHT = 1.0
 """Weight of the squared angles between links in space and the curve [1/rad²] (taste)."""
 
 
 @dataclass(frozen=True)
 class PoseSettings:
-    """Settings of a goal-pose question; lengths are in units of the arm's length unless a unit is given.
+    """Settings of the goal-pose NLP; lengths are in units of the arm's length unless a unit is given.
 
     Attributes:
         segments: number of curvature segments for an arm of up to 24 links; the same as in the coordinates of the
@@ -39,29 +39,29 @@ class PoseSettings:
             straight up to a hole take three times the iterations (``tests.benchmarks.bench_space_poses``).
         bending_weight: weight of ∫κ² ds, twice the elastic energy of a unit rod (measured: with 0.02 motions of the
             shared problems take up to 16 % longer than with a free end, with 0.01 up to 8 %).
-        distance_weight: weight of the squared turns of all joints from the pose to stay near, at which the motion
-            would end without a preferred pose [1/rad²] (measured: with 2 eleven motions take 0.8 % longer in the
-            median, 14 % at most, than without any preferred clearance, with 0.5 it is 2.4 % and 30 %; squared turns
-            from the start of the motion instead made some take 40 % longer, since the start says nothing about the
-            route). Half of it in space, where the same change of shape takes one of both bends (taste).
+        distance_weight: weight of the squared differences of all bends from a reference pose, the one at which the
+            motion would end without a preferred pose [1/rad²] (measured: with 2 eleven motions take 0.8 % longer in
+            the median, 14 % at most, than without any preferred clearance, with 0.5 it is 2.4 % and 30 %; with the
+            start of the motion as the reference several took 40 % longer, since the start says nothing about the
+            route). Halved in space, where a change of shape takes one of both bends (taste).
         tolerance: relative tolerance of the solver (taste).
         iterations: maximum number of iterations of one solution (measured: clutter takes 8 to 25; of arms in space on
             fixed bases, whose ends a search leaves far from smooth, one in four takes 30 to 80 among 40 and 80 bodies).
         rounds: maximum number of solutions, with new regions around the links in between (measured by
             ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
-        worthwhile: another round follows if the last one lowered the cost by at least this fraction or, where the
-            preferred clearance is not reached, gained at least this fraction of that clearance (taste).
-        reach: walls farther than this from a link make no side of its region (taste).
-        widened: maximum number of sides, and reach, of the new regions where a link has moved farther than ``reach``
-            and met a wall there, or has less clearance than its rows imply because a side was left out (derived: no
-            link moves farther than twice the arm's length, and seldom half of it).
-        feasible: largest violation at which a row still counts as satisfied; one millionth of the arm (derived: below
-            the certificate's own margin).
-        binding: a row whose multiplier exceeds this shapes the pose; the objective is of order one (taste).
+        worthwhile: fraction by which a round must lower the cost for another round to follow; where the preferred
+            clearance is not reached, a gain of that fraction of the clearance suffices too (taste).
+        reach: distance from a link beyond which walls do not bound its region (taste).
+        widened: maximum number of sides, and reach, of each repetition with larger regions, for a link that moved
+            farther than ``reach`` and met a wall, or has less clearance than its rows imply because a side was left
+            out (derived: no link moves farther than twice the arm's length, and seldom half of it).
+        feasible: violation up to which a row counts as satisfied; one millionth of the arm (derived: below the
+            certificate's own margin).
+        binding: multiplier above which a row counts as shaping the pose; the objective is of order one (taste).
         behind: distance by which a surface in space may protrude through a side that covers it, as in the distance
             computation.
         most_sides: maximum number of sides of a link's region, the nearest ones (measured: in narrow passages half of
-            the links need four, but some need 16 to 128, which would cost time at every link in every iteration).
+            the links need four, but others need 16 to 128, which would cost time at every link in every iteration).
         enough: fraction of the preferred clearance at which no further round is worth its time (taste).
     """
 
@@ -82,11 +82,17 @@ class PoseSettings:
     enough: float = 0.999
 
     def segments_for(self, links: int) -> int:
-        """Return the number of curvature segments for an arm with a number of links."""
+        """Return the number of curvature segments of the curve for an arm with a number of links."""
         return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / self.links_a_segment)
 
     def objective_weights(self, parts: tuple[str, ...], given: Weights, bends_a_joint: int) -> FloatArray:
-        """Return the weights of the named parts of the objective, scaled by those of the problem."""
+        """Return the weights of parts of the objective, shape (parts,).
+
+        Args:
+            parts: names of the parts.
+            given: weights of the problem, which scale several of them.
+            bends_a_joint: 1 in the plane, 2 in space.
+        """
         weights = {
             "room": _CLEARANCE_WEIGHT,
             "bending": self.bending_weight * given.bending,
@@ -100,9 +106,9 @@ class PoseSettings:
 
     @property
     def widening(self) -> tuple[Self, ...]:
-        """These settings, followed by settings with more sides and a longer reach."""
+        """Settings to be tried in turn: the present ones, then those with more sides and a longer reach."""
         return self, *(replace(self, most_sides=sides, reach=reach) for sides, reach in self.widened)
 
 
 DEFAULT_POSES = PoseSettings()
-"""Settings used if no others are given."""
+"""Settings of the goal-pose NLP used if no others are given."""

@@ -1,4 +1,4 @@
-"""Solution of the goal-pose program for one question."""
+"""Numerical solution of the goal-pose NLP for one goal, start pose and set of convex regions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares
 
 _LIMIT_SHARE = 0.98
-"""Share of a joint limit that a pose may use (as in the steps of the motion)."""
+"""Fraction of a joint limit that a pose may use (as in the steps of the motion)."""
 _SIDES = (("left", "right"), ("down", "up"))
 """Names of the sides to which joints bend, for positive and negative bends."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmPose:
-    """A pose found by the goal-pose NLP.
+    """Result of the goal-pose NLP, feasible or not.
 
     Attributes:
         arm: the arm.
-        q: the configuration, shape (c,) [rad, m].
-        curve: curve that the links follow with their directions, in the plane or in space.
-        gap: least gap of any link in its region beyond radius and clearance, at most the preferred clearance [m].
-        answer: the solver's answer.
+        q: configuration, clipped to the joint limits, shape (c,) [rad, m].
+        curve: curve in the plane or in space whose mean directions the links follow.
+        gap: least gap of any link to the sides of its region, at most the preferred clearance [m].
+        answer: the solver's status, costs and violated rows.
     """
 
     arm: Arm
@@ -57,7 +57,7 @@ _SWITCHES: dict[str, Any] = {
     "ipopt.constr_viol_tol": 1e-10,
 }
 _FROM_KEPT_ROWS: dict[str, Any] = {
-    # From a start that satisfies every row the barrier only has to fall.
+    # From a start that satisfies every row the barrier parameter only has to decrease.
     "ipopt.mu_strategy": "monotone",
     # Small (measured: with 1e-2 solutions for arms behind holes are lost).
     "ipopt.mu_init": 1e-4,
@@ -66,26 +66,26 @@ _FROM_KEPT_ROWS: dict[str, Any] = {
     **dict.fromkeys(("ipopt.bound_push", "ipopt.bound_frac", "ipopt.slack_bound_push", "ipopt.slack_bound_frac"), 1e-5),
 }
 _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
-"""Initial barrier parameter; small because a pose of the arm is known (taste; measured: with those above clutter takes
-a sixth more iterations)."""
+"""IPOPT options for a start that violates rows slightly: a small initial barrier parameter, because a pose of the arm
+is known (taste; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseQuestion:
-    """One question to the goal-pose NLP: the goal of the tip, and the regions in which every joint must stay.
+    """Input of one goal-pose NLP: a symbolic program with the goal, the start pose and the regions of the joints.
 
     Attributes:
-        program: symbolic program, possibly with user terms.
+        program: symbolic program, possibly with the user's constraints and costs.
         settings: settings of the NLP.
         weights: weights of the parts of the objective, in their order.
         arm: the arm.
         position: goal of the tip, shape (d,) [m].
-        direction: direction of the last link at the goal, shape (d,), or None.
-        near: configuration to stay near, shape (c,) [rad, m].
-        start: configuration from which the solver starts, shape (c,); usually inside its regions. In the plane the last
-            link keeps the whole turns that it has there.
-        regions: regions of every joint and the tip.
-        wanted_gap: clearance beyond radius and required clearance, above which more does not lower the cost [m].
+        direction: direction of the last link at the goal, a unit vector of shape (d,), or None.
+        near: configuration from which deviations cost, shape (c,) [rad, m].
+        start: configuration from which the solver starts, usually inside its regions, shape (c,) [rad, m]. In the
+            plane the heading of the last link keeps the number of whole turns of the start.
+        regions: convex regions of every joint and of the tip.
+        wanted_gap: gap beyond radius and required clearance above which more does not lower the cost [m].
         gravity: acceleration of gravity, shape (d,) [m/s²].
         clamped: whether the first link keeps its heading.
         room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
@@ -109,7 +109,7 @@ class PoseQuestion:
     torque_limits: FloatArray | None = None
 
     def solve(self) -> ArmPose:
-        """Solve from the start; a failure is reported in the result, not raised.
+        """Solve the NLP from the start pose and return the result, whether or not the solver converged.
 
         Raises:
             KeyboardInterrupt: Ctrl-C was pressed during the solution.
@@ -129,39 +129,39 @@ class PoseQuestion:
 
     @cached_property
     def _axes(self) -> FloatArray:
-        """Rotation from the axes of the base to the world, shape (d, d)."""
+        """Rotation matrix from the axes of the straight arm to the world, shape (d, d)."""
         return np.asarray(self.arm.link_rotations(np.zeros(len(self.arm.coordinates)))[0])
 
     @cached_property
     def _goal(self) -> tuple[FloatArray, FloatArray | None]:
-        """Goal position of the tip, and direction of the last link or None, in the axes of the base."""
+        """Goal position of the tip in arm lengths from the base, and goal direction or None, both in base axes."""
         position = (self.position - self.arm.base) @ self._axes / self.arm.length
         return position, None if self.direction is None else self.direction @ self._axes
 
     def _bends(self, q: FloatArray) -> FloatArray:
-        """Return the joint bends of a configuration, one row per joint, shape (n, k) [rad]."""
+        """Return the k bends of each joint of a configuration of shape (c,), one row per joint, shape (n, k) [rad]."""
         arm = self.arm
         return q[: len(arm.bend_limits)].reshape(arm.links, arm.bends_a_joint)
 
     @cached_property
     def _lies(self) -> FloatArray:
-        """Orientations of the links in the start pose."""
+        """Orientations of the links in the start pose, headings (n, 1) [rad] or quaternions (n, 4), in base axes."""
         return self.program.frames.lies_at(self._bends(self.start))
 
     @cached_property
     def nearest_curve(self) -> CurveNumbers:
-        """The curve whose bends best match those of the start configuration."""
+        """Curve of length 1 whose bends best match those of the start configuration."""
         turns = self.program.frames.turns_of(self._bends(self.start))
         return CurveNumbers.near(turns, self.program.size.segments)
 
     @cached_property
     def _frame_symbol_counts(self) -> dict[str, FloatArray]:
-        """Values of the variables and parameters that the curve's frames add to the program, by name."""
+        """Values at the start pose of the variables and parameters that depend on the type of frames, by name."""
         return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1])
 
     @cached_property
     def parameters(self) -> FloatArray:
-        """Values of the parameters."""
+        """Values of the program's parameters in one column, shape (parameters,)."""
         length = self.arm.length
         numbers = {
             "weights": self.weights,
@@ -177,7 +177,10 @@ class PoseQuestion:
 
     @cached_property
     def _forces(self) -> dict[str, FloatArray]:
-        """Forces on links (n, d) and tip (d,), and torque limits (n, k), as fractions of the total weight."""
+        """Weights of the links (n, d) and the payload (d,), and torque limits (n, k), by name of the parameter.
+
+        Forces are fractions of the total weight, torques fractions of total weight times arm length, in base axes.
+        """
         arm = self.arm
         gravity = self.gravity @ self._axes
         whole = float(np.sum(arm.masses) + arm.payload) * float(np.linalg.norm(gravity)) or 1.0
@@ -191,9 +194,13 @@ class PoseQuestion:
         }
 
     def padded_sides(self) -> dict[str, FloatArray]:
-        """Return the normals (n + 1, sides, d), offsets and gap fractions (n + 1, sides), in the base axes.
+        """Return the sides of the regions, padded to an equal number per joint, by name of the parameter.
 
-        Padding sides have a zero normal, and an offset that always holds.
+        Padding sides have a zero normal and an offset for which they always hold.
+
+        Returns:
+            Normals, shape (n + 1, sides, d), offsets in arm lengths and gap fractions, shape (n + 1, sides), in base
+            axes.
         """
         regions = self.regions
         size = self.program.size
@@ -208,7 +215,10 @@ class PoseQuestion:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the variables, ends of the curve, joint limits, goal and gap."""
+        """Lower and upper bounds of the program's variables, each of shape (variables,).
+
+        They hold the ends of the curve, the joint limits, the range of the feed, the goal and the largest gap.
+        """
         length = self.arm.length
         frames = self.program.frames
         position, direction = self._goal
@@ -229,7 +239,7 @@ class PoseQuestion:
 
     @cached_property
     def start_values(self) -> FloatArray:
-        """Values of the variables at the start pose and the curve near it."""
+        """Values of the program's variables at the start pose and the curve near that pose, shape (variables,)."""
         arm = self.arm
         points = arm.joint_positions_at(self.start)
         gap = min(self.regions.gap(arm.free_shares, points), self.wanted_gap)
@@ -275,7 +285,10 @@ class PoseQuestion:
         )
 
     def _bend_multipliers(self, of_bounds: FloatArray) -> dict[str, float]:
-        """Return the multipliers of the bend limits, by joint and bending side."""
+        """Return the Lagrange multipliers of the joint limits by name, such as "joint 3: bend left".
+
+        ``of_bounds`` are the multipliers of the bounds of all variables, shape (variables,).
+        """
         k = self.arm.bends_a_joint
         place = self.program.unknowns.places["bends"]
         lower, upper = self.bounds
@@ -289,14 +302,14 @@ class PoseQuestion:
 
     @property
     def first_bending(self) -> int:
-        """Index of the first joint that may bend, the first that has passed the hole at the start."""
+        """Index of the first joint outside the guide tube at the start pose, the first that may bend."""
         return int(np.sum(self.arm.held(float(self.arm.coordinates.advance(self.start)))))
 
     def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds of all bends, shape (bends,) [rad]; those of joints inside the guide tube are zero.
+        """Return the lower and upper bounds of all bends, each of shape (bends,) [rad].
 
-        Just beyond the tube the bounds are small, because a sharp bend there would have to be made, or undone, within a
-        short length of feed.
+        Bends of joints inside the guide tube are zero. Just beyond the tube the bounds are small, because a sharp bend
+        near the tube would have to be made, or undone, within a short length of feed.
 
         Args:
             share: fraction of the limits that a pose may use.
@@ -316,7 +329,7 @@ class PoseQuestion:
 
     @property
     def feed_range(self) -> tuple[float, float]:
-        """Range of the base position in which the joints that may bend stay outside the tube [m]."""
+        """Lower and upper bound on the base position with which the joints that may bend stay outside the tube [m]."""
         low, high = self.arm.base_range
         first = self.first_bending
         if not self.arm.base_axes or first >= self.arm.links:

@@ -1,4 +1,4 @@
-"""Quantities of an arm, as CasADi symbols, in which users write their constraints and costs."""
+"""Quantities of an arm as CasADi expressions, from which users build their constraints and costs."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ from ccm_opt.robot.arm import Arm
 
 @dataclass(frozen=True, eq=False)
 class ArmQuantities(ABC):
-    """Quantities of an arm as CasADi scalar symbols; lengths in metres, angles in radians.
+    """Quantities of an arm as CasADi expressions of its configuration, for users' constraints and costs.
 
     Attributes:
-        arm: the arm, for its parameters: masses, lengths, base.
-        bends: bends of every joint, in space the two bends of a joint next to each other, shape (k, 1) [rad].
+        arm: the arm, for parameters such as masses, lengths and base.
+        bends: bends of all joints, in space the two bends of a joint next to each other, shape (k, 1) [rad].
         base_feed: position of the base on its feed axis, a scalar [m]; 0 without a feed axis.
-        path_parameter: u, progress along the motion: 0 at the start, 1 at the goal.
-        bend_rates: rates of the bends, shape (k, 1) [rad/s]; known on the finished motion only, since a path has no
-            speed.
-        feed_rate: speed of the base on its feed axis, a scalar [m/s]; known on the finished motion only.
-        tip_symbols: symbols for the tip position and for the pointing of the last link, if the tip has its own
-            variables instead of following from the bends; else None.
+        path_parameter: progress u along the motion, 0 at the start and 1 at the goal, a scalar.
+        bend_rates: time derivatives of the bends, shape (k, 1) [rad/s]; known on the finished motion only, since a path
+            has no speed.
+        feed_rate: velocity of the base on its feed axis, a scalar [m/s]; known on the finished motion only.
+        tip_symbols: symbols for the tip position and for the heading or direction of the last link, if these are
+            variables of their own instead of functions of the bends; else None.
     """
 
     arm: Arm
@@ -41,7 +41,7 @@ class ArmQuantities(ABC):
 
     @classmethod
     def from_arm(cls, arm: Arm) -> Self:
-        """Return quantities with fresh symbols for an arm."""
+        """Return the quantities of an arm, with new symbols."""
         size = len(arm.bend_limits)
         return cls(
             arm,
@@ -63,25 +63,25 @@ class ArmQuantities(ABC):
         return self.bend_rates, self.feed_rate
 
     def places(self, q: FloatArray) -> tuple[Any, Any]:
-        """Return the bends and the feed of configurations, shape (N, c), with one column per configuration.
+        """Return the bends (k, N) and the feed (1, N) of N configurations (N, c), one column per configuration.
 
-        Rates of configurations are split into rates of the bends and of the feed in the same way.
+        Rates of configurations are split likewise into rates of the bends and of the feed.
         """
         return ca.DM(q[:, : len(self.arm.bend_limits)].T), ca.DM(self.arm.coordinates.advance(q)).T
 
     @property
     @abstractmethod
     def link_directions(self) -> Any:
-        """Directions of the links, unit vectors, shape (dimensions, links)."""
+        """Directions of the links, unit vectors, shape (d, links)."""
 
     @property
     @abstractmethod
     def pointing(self) -> Any:
-        """Heading of the last link in the plane [rad], or its direction in space."""
+        """Heading of the last link in the plane [rad], or direction of the last link in space, shape (3, 1)."""
 
     @cached_property
     def joint_positions(self) -> Any:
-        """Positions of the base, the other joints and the tip, shape (dimensions, links + 1) [m]."""
+        """Positions of the joints, base first, and of the tip, shape (d, links + 1) [m]."""
         point = ca.SX(ca.DM(self.arm.base))
         # The expression of a fixed arm does not depend on the feed at all.
         for _ in self.arm.base_axes:
@@ -95,11 +95,11 @@ class ArmQuantities(ABC):
         return ca.horzcat(*points)
 
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Convert derivatives with respect to a configuration into derivatives with respect to link turns.
+        """Return derivatives with respect to link turns from derivatives with respect to a configuration, both (m, c).
 
-        Argument and result have shape (m, c); the base column becomes a derivative per arm length of feed. If one link
-        turns about a bend axis and all other links keep their direction, the link's own bend grows by the turn and the
-        next bend decreases by as much.
+        The column of the base becomes a derivative per arm length of feed. If one link turns about a bend axis and all
+        other links keep their direction, the bend of the link's joint grows by the turn and the next bend decreases by
+        as much.
         """
         bends, k = len(self.arm.bend_limits), self.arm.bends_a_joint
         turned: FloatArray = np.concatenate((slopes[:, :bends], self.arm.length * slopes[:, bends:]), axis=1)
@@ -107,54 +107,58 @@ class ArmQuantities(ABC):
         return turned
 
     def in_configurations(self, expression: Any) -> tuple[Any, Any]:
-        """Return the symbols of a configuration, shape (c, 1) [rad, m], and the expression in them."""
+        """Return symbols of a configuration, shape (c, 1) [rad, m], and an expression rewritten in these symbols."""
         carried = ca.SX.sym("carried", len(self.arm.base_axes))
         inserted = ca.substitute(expression, self.base_feed, ca.densify(ca.sum1(carried)))
         return ca.vertcat(self.bends, carried), inserted
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """Symbols on which an expression of a timed motion may depend, those of a path followed by the rates."""
+        """Symbols on which an expression for a timed motion may depend: bends, feed, path parameter and rates."""
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:
-        """Return whether an expression depends on speeds."""
+        """Return whether an expression depends on the rates of bends or feed."""
         return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))
 
     @property
     def tip(self) -> Any:
-        """Position of the tip, shape (dimensions, 1) [m]."""
+        """Position of the tip, shape (d, 1) [m]."""
         return self.joint_positions[:, -1]
 
     def point_at(self, s: float) -> Any:
-        """Return the position of the arm at arc length ``s`` from the base, shape (dimensions, 1) [m]."""
+        """Return the position of the arm's axis at arc length ``s`` [m] from the base, shape (d, 1) [m]."""
         link, fraction = self._link_at_arc_length(s)
         points = self.joint_positions
         return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
 
     @property
     def tip_velocity(self) -> Any:
-        """Velocity of the tip, shape (dimensions, 1) [m/s]; on the finished motion only."""
+        """Velocity of the tip on the finished motion, shape (d, 1) [m/s]."""
         return self._in_time(self.tip)
 
     def point_velocity(self, s: float) -> Any:
-        """Return the velocity of the point at arc length ``s`` from the base [m/s]; on the finished motion only."""
+        """Return the velocity, on the finished motion, of the point at arc length ``s`` [m], shape (d, 1) [m/s]."""
         return self._in_time(self.point_at(s))
 
     def _in_time(self, point: Any) -> Any:
-        """Return the time derivative of the position of a point."""
+        """Return the time derivative of a point's position, shape (d, 1)."""
         # The chain rule: ṗ = ∂p/∂(bends, feed) times their rates, as one product in forward mode.
         return ca.jtimes(point, ca.vertcat(self.bends, self.base_feed), ca.vertcat(*self.rates))
 
     def _link_at_arc_length(self, s: float) -> tuple[int, float]:
-        """Return the index of the link at an arc length, and the fraction of that link before the arc length."""
+        """Return the index of the link that contains an arc length [m], and the fraction of the link before that."""
         links = self._checked(s) / self.arm.link_length
         # The tip itself belongs to the last link, not to a link beyond it.
         link = min(int(links), self.arm.links - 1)
         return link, links - link
 
     def _checked(self, s: float) -> float:
-        """Return an arc length clipped to the arm, refusing values that are off the arm by more than rounding."""
+        """Return an arc length [m] clipped to the arm.
+
+        Raises:
+            ProblemError: the value is no number, or off the arm by more than rounding.
+        """
         length = self.arm.length
         rounding = 1e-9 * length
         if not isinstance(s, int | float | np.floating) or not -rounding <= s <= length + rounding:
@@ -164,21 +168,21 @@ class ArmQuantities(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Quantities(ArmQuantities):
-    """Quantities of a planar arm as CasADi scalar symbols; metres, radians, points as (2, 1) columns.
+    """Quantities of a planar arm as CasADi expressions, for users' constraints and costs; points are (2, 1) columns.
 
-    The curve is interpolated from the links: it passes through the joints, its heading is that of a link at the link's
-    middle, its curvature at a joint is bend over link length; heading and curvature are linear in between.
+    Heading and curvature of the arm as a curve are interpolated linearly from the links: the heading in the middle of a
+    link is that of the link, the curvature at a joint is bend over link length.
     """
 
     @cached_property
     def link_headings(self) -> Any:
-        """Headings φ of the links, shape (links, 1) [rad]."""
+        """Headings of the links, shape (links, 1) [rad]."""
         headings = self.arm.base_heading + ca.cumsum(self.bends)
         return headings if self.tip_symbols is None else ca.vertcat(headings[:-1], self.tip_symbols[1])
 
     @property
     def heading_rates(self) -> Any:
-        """Rates of the link headings, shape (links, 1) [rad/s]; on the finished motion only."""
+        """Time derivatives of the link headings on the finished motion, shape (links, 1) [rad/s]."""
         return ca.cumsum(self.bend_rates)
 
     @property
@@ -198,36 +202,42 @@ class Quantities(ArmQuantities):
 
     @property
     def tip_heading(self) -> Any:
-        """Heading of the last link [rad]; headings that differ by whole turns are different."""
+        """Heading of the last link, whole turns included [rad]."""
         return self.link_headings[-1]
 
     def heading_at(self, s: float) -> Any:
-        """Return the heading at arc length ``s`` from the base [rad]."""
+        """Return the heading of the arm at arc length ``s`` [m] from the base [rad], linear between link middles."""
         # A link's heading belongs to its middle, half a link after its start.
         return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
 
     def curvature_at(self, s: float) -> Any:
-        """Return the curvature at arc length ``s`` from the base [1/m]; the bend at the base is left out."""
+        """Return the curvature of the arm at arc length ``s`` [m] from the base [1/m], linear between joints.
+
+        The bend at the base is left out.
+
+        Raises:
+            ProblemError: the arm has a single link.
+        """
         if self.arm.links < 2:
             raise ProblemError("an arm of one link has no curvature")
         # Joint k is k links from the base; the base itself is left out, so entries begin at one link.
         return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
 
     def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
-        """Return the distances of a point from the sides of a convex region, positive inside, shape (sides, 1) [m].
+        """Return the signed distances of a point from the sides of a convex region, positive inside, (sides, 1) [m].
 
         The point is in the region if all distances are ≥ 0.
 
         Args:
             region: a convex polygon.
-            point: shape (2, 1) [m]; the tip if None.
+            point: position of the point, shape (2, 1) [m]; the tip if None.
         """
         normals, offsets = _half_planes(region)
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
 
 
 def _linear(values: Any, at: float) -> Any:
-    """Return the value of a column at a fractional index, interpolated linearly and constant beyond both ends."""
+    """Return a column's value at a fractional index ``at``, interpolated linearly and constant beyond both ends."""
     last = int(values.shape[0]) - 1
     place = min(max(at, 0.0), float(last))
     k = min(int(place), max(last - 1, 0))
@@ -236,7 +246,7 @@ def _linear(values: Any, at: float) -> Any:
 
 
 def _half_planes(region: shapely.Polygon) -> tuple[FloatArray, FloatArray]:
-    """Return the outward unit normals and the offsets of the sides of a convex polygon.
+    """Return the outward unit normals (sides, 2) and the offsets (sides,) of a convex polygon's half-planes n · x ≤ b.
 
     Raises:
         ProblemError: the region is not a convex polygon.
@@ -260,7 +270,7 @@ _OF_THE_PLANE = {
 
 @dataclass(frozen=True, eq=False)
 class SpaceQuantities(ArmQuantities):
-    """Quantities of an arm in space as CasADi scalar symbols; lengths in metres, angles in radians.
+    """Quantities of an arm in space as CasADi expressions, for users' constraints and costs.
 
     Points and directions are (3, 1) columns in world axes.
     """
@@ -272,7 +282,7 @@ class SpaceQuantities(ArmQuantities):
 
     @cached_property
     def link_rotations(self) -> list[Any]:
-        """Rotations world ← link of all links, each of shape (3, 3)."""
+        """Rotation matrices of the links, from link to world coordinates, each of shape (3, 3)."""
         rotation = ca.SX(ca.DM(self.arm.base_rotation))
         found = []
         for link in range(self.arm.links):
@@ -282,7 +292,7 @@ class SpaceQuantities(ArmQuantities):
 
     @property
     def link_directions(self) -> Any:
-        """Directions of the links, shape (3, links)."""
+        """Directions of the links in space, unit vectors, shape (3, links)."""
         return ca.horzcat(*(rotation[:, 0] for rotation in self.link_rotations))
 
     @property
@@ -292,35 +302,40 @@ class SpaceQuantities(ArmQuantities):
 
     @property
     def pointing(self) -> Any:
-        """Direction of the last link."""
+        """Direction of the last link in space, a unit vector, shape (3, 1)."""
         return self.tip_direction
 
     def direction_at(self, s: float) -> Any:
-        """Return the direction of the link at arc length ``s`` from the base, a unit vector, shape (3, 1)."""
+        """Return the direction of the link at arc length ``s`` [m] from the base, a unit vector, shape (3, 1)."""
         link, _ = self._link_at_arc_length(s)
         return self.link_rotations[link][:, 0]
 
     def inside(self, normals: FloatArray, offsets: FloatArray, point: Any = None) -> Any:
-        """Return the distances of a point from the bounding planes, positive inside, shape (sides, 1) [m].
+        """Return the signed distances of a point from bounding planes, positive inside, shape (sides, 1) [m].
 
-        The point is in all of them if all distances are ≥ 0.
+        The point satisfies all half-spaces if all distances are ≥ 0.
 
         Args:
             normals: outward unit normals n, shape (sides, 3).
-            offsets: offsets in n · x ≤ offset, shape (sides,) [m].
-            point: shape (3, 1) [m]; the tip if None.
+            offsets: offsets b of the half-spaces n · x ≤ b, shape (sides,) [m].
+            point: position of the point, shape (3, 1) [m]; the tip if None.
         """
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
 
     def __getattr__(self, name: str) -> Any:
-        """Refuse quantities that exist in the plane only, and name the quantity to use instead in space."""
+        """Raise an error for a quantity that exists in the plane only, naming the quantity to use instead in space.
+
+        Raises:
+            ProblemError: the quantity exists in the plane only.
+            AttributeError: no arm has the quantity.
+        """
         if name in _OF_THE_PLANE:
             raise ProblemError(f"an arm in space has no '{name}'; use {_OF_THE_PLANE[name]}")
         raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
 
 def _turn(a: Any, b: Any) -> Any:
-    """Return the rotation Rz(a) Ry(b), shape (3, 3)."""
+    """Return the symbolic rotation matrix Rz(a) Ry(b), shape (3, 3), for bends a and b [rad]."""
     ca_ = ca.cos(a)
     sa = ca.sin(a)
     cb = ca.cos(b)

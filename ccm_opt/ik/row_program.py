@@ -1,4 +1,4 @@
-"""Nonlinear programs made of named rows, and IPOPT's answers to them."""
+"""Nonlinear programs whose constraint rows have names, and IPOPT's answers to them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class RowBlock:
-    """A block of constraint rows: ``lower <= expression <= upper``, with one name per row."""
+    """Block of constraint rows ``lower <= expression <= upper`` of an NLP, with one name per row."""
 
     names: tuple[str, ...]
     expression: ca.SX
@@ -24,21 +24,21 @@ class RowBlock:
 
 
 def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Return constraint rows that require every entry to equal zero."""
+    """Return constraint rows that require every entry of an expression to be zero, with one name per entry."""
     return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
 
 
 def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Return constraint rows that require every entry to be at least zero."""
+    """Return constraint rows that require every entry of an expression to be at least zero, with one name per entry."""
     return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
 
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """Named symbols, stacked in one column.
+    """Named CasADi symbols, stacked in one column.
 
     Attributes:
-        by_name: matrices of symbols; empty ones take no place in the column.
+        by_name: matrices of symbols by name; empty ones take no place in the column.
     """
 
     by_name: Mapping[str, ca.SX]
@@ -48,23 +48,23 @@ class Symbols:
 
     @cached_property
     def column(self) -> ca.SX:
-        """All symbols, each matrix column by column."""
+        """All symbols stacked in one column, each matrix column by column."""
         return ca.vertcat(*(ca.vec(symbols) for symbols in self.by_name.values()))
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
-        """Slice of the column that each name takes."""
+        """Slice of the stacked column that holds the symbols of each name."""
         sizes = [symbols.numel() for symbols in self.by_name.values()]
         stops = np.cumsum(sizes).tolist()
         cuts = (slice(stop - size, stop) for stop, size in zip(stops, sizes, strict=True))
         return dict(zip(self.by_name, cuts, strict=True))
 
     def filled(self, numbers: Mapping[str, FloatArray], fill: float = np.nan) -> FloatArray:
-        """Return a numerical value for every entry of the column of symbols.
+        """Return numerical values for the stacked column of symbols, shape (entries,).
 
         Args:
-            numbers: values by name, each the transpose of the matrix of symbols.
-            fill: value for names without numbers.
+            numbers: values by name, each in the shape of the transpose of the matrix of symbols.
+            fill: value for the symbols of names without numbers.
         """
         column = np.full(self.column.numel(), fill)
         for name, place in self.places.items():
@@ -75,14 +75,15 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RowProgram:
-    """Variables, rows and costs of a nonlinear program.
+    """Symbolic nonlinear program with named variables, parameters, constraint rows and costs.
 
     Attributes:
         unknowns: the variables.
-        parameters: values that change from one question to the next, including the weights of the parts.
-        rows: all blocks of rows.
-        parts: unweighted parts of the objective by name; the user's parts follow those whose weights are parameters.
-        objective: the weighted sum of the parts.
+        parameters: values that may change between solutions, including the weights of the parts.
+        rows: all blocks of constraint rows.
+        parts: parts of the objective by name: first those whose weights are parameters, unweighted, then those of the
+            user, weighted.
+        objective: weighted sum of the parts.
     """
 
     unknowns: Symbols
@@ -93,39 +94,39 @@ class RowProgram:
 
     @property
     def variables(self) -> ca.SX:
-        """All variables in one column."""
+        """All variables of the program in one column."""
         return self.unknowns.column
 
     @cached_property
     def constraints(self) -> ca.SX:
-        """All rows in one column."""
+        """Expressions of all constraint rows in one column."""
         return ca.vertcat(*(block.expression for block in self.rows))
 
     @cached_property
     def parts_function(self) -> ca.Function:
-        """Function from variables and parameters to the unweighted parts of the objective, in one column."""
+        """CasADi function from variables and parameters to the parts of the objective, in one column."""
         parts = ca.vertcat(*self.parts.values())
         return ca.Function("parts", [self.variables, self.parameters.column], [parts])
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:
-        """Name of each row."""
+        """Name of each constraint row."""
         return tuple(name for block in self.rows for name in block.names)
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of the rows."""
+        """Lower and upper bounds of the constraint rows, each of shape (rows,)."""
         lower = np.concatenate([block.lower for block in self.rows])
         upper = np.concatenate([block.upper for block in self.rows])
         return lower, upper
 
     def costs(self, variables: FloatArray, parameters: FloatArray, weights: FloatArray) -> dict[str, float]:
-        """Return the weighted parts of the objective by name.
+        """Return the values of the weighted parts of the objective by name.
 
         Args:
             variables: values of the variables, shape (variables,).
-            parameters: values of the parameters' column.
-            weights: weights of the first parts; the user's parts that follow already include theirs.
+            parameters: values of the parameters, shape (parameters,).
+            weights: weights of the first parts; the remaining parts, those of the user, include their weights already.
         """
         own = np.ones(len(self.parts) - len(weights))
         amounts = np.asarray(self.parts_function(variables, parameters), dtype=np.float64).ravel()
@@ -134,18 +135,18 @@ class RowProgram:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RowAnswer:
-    """The solver's answer to a program of named rows.
+    """IPOPT's answer to a nonlinear program with named rows.
 
     Attributes:
-        variables: variables at which the solver stopped, shape (variables,).
+        variables: values of the variables at which the solver stopped, shape (variables,).
         costs: weighted parts of the objective by name; their sum is the objective.
-        multipliers: multipliers of the rows that shape the pose, by name: the decrease of the objective per unit of the
-            row (one arm's length, one radian, one of the user's units); the largest first.
-        status: the solver's own return status.
+        multipliers: magnitudes of the Lagrange multipliers of active rows and bounds by name, the largest first: the
+            decrease of the objective per unit by which the row is relaxed (arm length, radian, or the user's unit).
+        status: return status of the solver.
         iterations: number of iterations of the solver.
-        violation: largest violation of any row, in units of the arm's length.
-        worst_row: name of that row.
-        size: numbers of variables and rows.
+        violation: largest violation of any row, in the row's unit (arm length, radian, or the user's unit).
+        worst_row: name of the row with the largest violation.
+        size: numbers of variables and of rows.
         broken: violations, by name, of the rows that do not count as satisfied; the worst first.
     """
 
@@ -161,7 +162,7 @@ class RowAnswer:
 
     @property
     def cost(self) -> float:
-        """Value of the objective."""
+        """Value of the objective, the sum of its weighted parts."""
         return float(sum(self.costs.values()))
 
 
@@ -175,16 +176,16 @@ def row_answer(
     bounded: Mapping[str, float] = MappingProxyType({}),
     binding: float = np.inf,
 ) -> RowAnswer:
-    """Return IPOPT's results for a program as a ``RowAnswer``.
+    """Return IPOPT's results for a program by the names of its rows.
 
     Args:
         program: the program that was solved.
-        answer: IPOPT's results under CasADi's names.
-        statistics: IPOPT's statistics under CasADi's names.
+        answer: results of CasADi's solver, with the keys "x", "g" and "lam_g".
+        statistics: statistics of CasADi's solver.
         feasible: violation up to which a row counts as satisfied.
         costs: weighted parts of the objective by name.
-        bounded: multipliers, by name, of bounds that shape the pose as rows do.
-        binding: multiplier above which a row counts as one that shapes the pose.
+        bounded: multipliers, by name, of bounds on variables that are reported like those of rows.
+        binding: multiplier above which a row or bound counts as active.
     """
     rows = np.asarray(answer["g"], dtype=np.float64).ravel()
     multipliers = np.append(np.asarray(answer["lam_g"], dtype=np.float64), list(bounded.values()))
@@ -212,7 +213,7 @@ def row_answer(
 
 
 def _is_tie(name: str) -> bool:
-    """Return whether a row only relates variables to each other and does not restrict the pose."""
+    """Return whether a row of the given name only relates variables to each other and does not restrict the pose."""
     if name.startswith("user: "):  # whatever its name
         return False
     return any(tie in name for tie in ("mapping", "gap in", "spline at", "of its end"))
@@ -222,11 +223,11 @@ _solvers: WeakKeyDictionary[RowProgram, dict[tuple[Any, ...], ca.Function]] = We
 
 
 def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: bool) -> ca.Function:
-    """Return the solver of a program, built once per set of options and kept as long as the program lives.
+    """Return the IPOPT solver of a program, built once per set of options and kept as long as the program exists.
 
     Args:
         program: the program.
-        options: options of the solver.
+        options: options of CasADi and IPOPT.
         by_blocks: whether the derivatives are built block by block, which is faster where blocks share few variables.
     """
     kept = _solvers.setdefault(program, {})
@@ -244,11 +245,11 @@ def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: 
 
 
 def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:
-    """Return the Jacobian of the rows and the Hessian of the Lagrangian, built block by block.
+    """Return CasADi functions for the Jacobian of a program's rows and the Hessian of its Lagrangian, by option name.
 
-    All rows of a block depend on few variables in the same way, so the derivatives of a block take fewer sweeps than
-    those of all rows at once: with CasADi's own derivatives a whole program in space takes half as long again
-    (measured).
+    They are built block by block. All rows of a block depend on few variables in a similar way, so the derivatives of a
+    block take fewer sweeps than those of all rows at once: with CasADi's own derivatives a program in space takes half
+    as long again (measured).
     """
     variables, parameters = program.variables, program.parameters.column
     weight = ca.SX.sym("weight")
@@ -280,4 +281,4 @@ IPOPT_SWITCHES: MappingProxyType[str, Any] = MappingProxyType(
         "ipopt.mumps_scaling": 0,
     }
 )
-"""Silent, without a separate acceptable level, and without scaling."""
+"""IPOPT options common to all programs: silent, without a separate acceptable level, and without scaling."""

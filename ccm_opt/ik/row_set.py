@@ -1,4 +1,4 @@
-"""Hard constraints as rows for the planner: equations h(q, u) = 0 and inequalities g(q, u) ≥ 0, with derivatives."""
+"""Users' hard constraints as equations h(q, u) = 0 and inequalities g(q, u) ≥ 0 for the planner, with derivatives."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RowValues:
-    """Values and derivatives of the rows that apply at a pose.
+    """Values and derivatives, at one configuration, of m equations and k inequalities from users' constraints.
 
     Attributes:
-        equations: values that must be zero, shape (m,).
-        equation_slopes: their derivatives with respect to the configuration, shape (m, c).
-        gaps: values that must not be negative, shape (k,).
-        gap_slopes: their derivatives with respect to the configuration, shape (k, c).
+        equations: values h that must be zero, shape (m,).
+        equation_slopes: derivatives of h with respect to the configuration, shape (m, c).
+        gaps: values g that must not be negative, shape (k,).
+        gap_slopes: derivatives of g with respect to the configuration, shape (k, c).
     """
 
     equations: FloatArray
@@ -34,7 +34,7 @@ class RowValues:
 
     @property
     def violation(self) -> float:
-        """Violation of the worst row; 0 if all rows hold, infinity if a value is not finite."""
+        """Greatest violation of any equation or inequality; 0 if all hold, infinity if a value is not finite."""
         unequal = float(np.max(np.abs(self.equations), initial=0.0))
         below = float(np.max(-self.gaps, initial=0.0))
         worst = max(unequal, below)
@@ -43,17 +43,17 @@ class RowValues:
 
 @dataclass(frozen=True, eq=False)
 class RowSet:
-    """Rows of several constraints, with their compiled functions.
+    """Equations and inequalities (rows) of several user constraints, with compiled functions.
 
     Attributes:
-        names: name of the constraint of each row.
-        equal: whether a row is an equation, shape (rows,).
-        first: path parameter from which a row applies, shape (rows,).
-        last: path parameter up to which it applies, shape (rows,).
-        parametric: whether a row depends on the path parameter, shape (rows,).
-        values: CasADi function from configuration and u to the rows.
-        slopes: CasADi function from configuration and u to the rows and their derivatives with respect to the
-            configuration.
+        names: name of the constraint to which each row belongs.
+        equal: whether each row is an equation, shape (rows,).
+        first: path parameter u from which each row applies, shape (rows,).
+        last: path parameter up to which each row applies, shape (rows,).
+        parametric: whether each row depends on the path parameter, shape (rows,).
+        values: CasADi function from configuration and u to the values of the rows.
+        slopes: CasADi function from configuration and u to the values of the rows and their derivatives with respect to
+            the configuration.
     """
 
     names: tuple[str, ...]
@@ -66,7 +66,12 @@ class RowSet:
 
     @classmethod
     def from_constraints(cls, quantities: "ArmQuantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
-        """Return the rows of constraints: an equation for equal bounds, else an inequality per finite bound."""
+        """Return the rows of compiled constraints: one equation for equal bounds, else one inequality per finite bound.
+
+        Args:
+            quantities: symbols of the arm in the constraints' expressions.
+            constraints: the constraints.
+        """
         names: list[str] = []
         expressions: list[Any] = []
         equal: list[bool] = []
@@ -102,7 +107,7 @@ class RowSet:
         return len(self.names)
 
     def at(self, q: FloatArray, u: float = 0.0) -> RowValues:
-        """Return the values and derivatives of the rows that apply at a pose.
+        """Return the values and derivatives of the rows at a configuration, without rows that do not apply at u.
 
         Args:
             q: configuration, shape (c,) [rad, m].
@@ -116,7 +121,7 @@ class RowSet:
         return RowValues(values[equations], jacobian[equations], values[gaps], jacobian[gaps])
 
     def table(self, q: FloatArray, u: FloatArray | float = 0.0) -> FloatArray:
-        """Return the values of all rows at many poses, shape (N, rows); NaN where a row does not apply.
+        """Return the values of all rows at N configurations, shape (N, rows); NaN where a row does not apply.
 
         Args:
             q: configurations, shape (N, c) [rad, m].
@@ -136,7 +141,7 @@ class RowSet:
         return inside
 
     def _evaluated(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return the values of all rows, (rows,), and their derivatives, (rows, c); the next call overwrites both."""
+        """Return the values (rows,) and derivatives (rows, c) of all rows in buffers that the next call overwrites."""
         if not len(self):
             return np.zeros(0), np.zeros((0, len(q)))
         _, evaluate, at, place, values, slopes = self._buffers
@@ -147,7 +152,7 @@ class RowSet:
 
     @cached_property
     def _buffers(self) -> tuple[Any, Any, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Arrays that CasADi reads and writes in place, since the rows are evaluated often and conversions are slow.
+        """Arrays that CasADi reads and writes in place, since rows are evaluated often and conversions are slow.
 
         Returns:
             CasADi's memory, which must stay alive as long as the evaluation is called; the evaluation; q (c,), u (1,),

@@ -1,4 +1,4 @@
-"""Checks of users' constraints along a motion."""
+"""Checks of the constraints that users wrote, and means of their costs, along a finished motion."""
 
 from collections.abc import Mapping
 
@@ -13,24 +13,28 @@ from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
 
 _RATE = 1000.0
-"""Rate at which the motion is checked between the written samples [Hz]. Taste: documented to users."""
+"""Rate at which a motion is checked between its stored samples [Hz]. Taste: documented to users."""
 
 _PLACES_PER_KNOT = 16
-"""Number of samples of the path per knot among which the path parameter of a pose is sought. Taste: Newton's method
-does the rest."""
+"""Number of samples of a joint path per knot among which the one nearest to a pose is sought. Taste: Newton's method
+refines its path parameter."""
 _WINDOW = 40 * _PLACES_PER_KNOT
-"""Number of these samples that are searched, starting from the match of the previous pose. Derived: 40 knots, more than
-a motion passes between two poses."""
+"""Number of samples of a joint path that are searched, starting from the match of the previous pose. Derived: 40 knots,
+more than a motion passes between two poses."""
 _NEWTON_STEPS = 3
-"""Newton steps from the nearest sample. Taste: three steps reduce an error of 1/16 knot to below rounding."""
+"""Number of Newton steps from the nearest sample of a joint path. Taste: three steps reduce an error of 1/16 knot to
+below rounding."""
 
 
 def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
-    """Return the path parameters at which the path is nearest to poses, not decreasing, shape (N,).
+    """Return the path parameters at which a joint path is nearest to given configurations.
 
     Args:
-        path: spline of the coordinates over u in [0, 1].
-        poses: configurations along the path, shape (N, c) [rad, m].
+        path: spline of the coordinates as a function of the path parameter u in [0, 1].
+        poses: configurations in their order along the path, from start to end, shape (N, c) [rad, m].
+
+    Returns:
+        Path parameters, not decreasing, from 0 to 1, shape (N,).
     """
     places = _places(path, _PLACES_PER_KNOT)
     points = path.spline(places)
@@ -53,7 +57,7 @@ def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
 
 
 def _places(path: JointPath, per_knot: int) -> FloatArray:
-    """Return path parameters spaced evenly between every two knots, increasing."""
+    """Return increasing path parameters, ``per_knot`` in every knot interval of a joint path, shape (N,)."""
     knots = np.unique(np.clip(path.spline.t, 0.0, 1.0))
     fine = np.arange(per_knot * (len(knots) - 1) + 1) / per_knot
     places: FloatArray = np.interp(fine, np.arange(len(knots)), knots)
@@ -61,7 +65,13 @@ def _places(path: JointPath, per_knot: int) -> FloatArray:
 
 
 def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the path parameters after Gauss–Newton steps on the squared distance of every pose to the path."""
+    """Return path parameters moved by Gauss–Newton steps to the points of a joint path nearest to configurations.
+
+    Args:
+        path: the joint path.
+        poses: configurations, shape (N, c) [rad, m].
+        u: estimates of their path parameters, shape (N,).
+    """
     least_slope = 1e-12  # at a stop the path does not move, and any parameter will do
     for _ in range(_NEWTON_STEPS):
         error = poses - path.spline(u)
@@ -77,15 +87,15 @@ def evaluate_terms(
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> tuple[tuple[Check, ...], Mapping[str, float]]:
-    """Return one check for every constraint, and metrics by name.
+    """Return a check of every user constraint along a timed motion, and metrics of constraints and costs by name.
 
     Args:
-        terms: constraints and costs.
-        path: the path, for its path parameter and keyframes.
+        terms: constraints and costs of the user.
+        path: joint path of the motion, for its path parameter and keyframes.
         trajectory: the timed motion.
 
     Returns:
-        The checks, of hard constraints against the tolerance and of soft ones for the record only; and the metrics, the
+        The checks, in which hard constraints must meet the tolerance and soft ones always pass; and the metrics: the
         worst residual of every constraint and the mean value of every cost.
     """
     # All terms share the poses, since finding their path parameters takes most of the time.
@@ -99,12 +109,12 @@ def checks_without_path(
     trajectory: JointTrajectory,
     keyframes: FloatArray,
 ) -> tuple[Check, ...]:
-    """Return one check per constraint for a motion known only by samples and keyframes, as read from a folder.
+    """Return a check of every user constraint for a motion known only by samples and keyframes, as read from a folder.
 
     Args:
         terms: constraints and costs.
         trajectory: the timed motion.
-        keyframes: keyframes of the planner, shape (K, coordinates).
+        keyframes: keyframes of the planner, K configurations, shape (K, c) [rad, m].
 
     Raises:
         ProblemError: a term depends on the path parameter, which is not known.
@@ -141,9 +151,14 @@ def poses_at_rate(
     path: JointPath | None,
     trajectory: JointTrajectory,
 ) -> MotionStates:
-    """Return the motion's samples and interpolated poses in between, at 1 kHz.
+    """Return the states of a timed motion at its samples and at further times in between, at least 1 kHz.
 
-    Without a path, the path parameter is spaced evenly over the samples.
+    Positions and rates between samples are interpolated.
+
+    Args:
+        terms: constraints and costs that will be evaluated.
+        path: joint path, for the path parameters; if None, they are spaced evenly from 0 to 1.
+        trajectory: the timed motion.
     """
     time = _times_at_rate(trajectory.time, _RATE)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
@@ -159,18 +174,23 @@ def poses_at_rate(
 
 
 def _parametric(terms: UserTerms) -> bool:
-    """Return whether any of the terms depends on the path parameter."""
+    """Return whether any constraint or cost of the user depends on the path parameter."""
     return terms.parametric or any(timed.parametric for timed in terms.timed)
 
 
 def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> MotionStates:
-    """Return the planner's keyframes, shape (K, coordinates), as poses at their path parameters without times."""
+    """Return keyframes (K, c) at path parameters u (K,) as motion states whose times and rates are NaN."""
     # NaN rather than zero: a constraint on speeds evaluated here must fail, not pass.
     return MotionStates(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
-    """Return the sample times with further times in between, equally many per interval, so that the rate is met."""
+    """Return sample times with further times in between, equally many per interval, at a minimum rate.
+
+    Args:
+        time: sample times, increasing, shape (N,) [s].
+        rate: minimum number of times per second [Hz].
+    """
     # Stops rounding of an interval of exactly one period from doubling the number of poses.
     rounding = 1e-6
     parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
@@ -181,7 +201,14 @@ def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
 
 
 def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> BPoly:
-    """Return the quintic Hermite interpolation of positions, velocities and accelerations at the samples."""
+    """Return the quintic Hermite interpolation of positions, velocities and accelerations at N sample times.
+
+    Args:
+        time: sample times, increasing, shape (N,) [s].
+        x: positions, shape (N, c).
+        v: velocities, shape (N, c).
+        a: accelerations, shape (N, c).
+    """
     h = np.diff(time)[:, None]
     # Bernstein coefficients of each interval, from the derivatives at its ends.
     rising = (x[:-1], x[:-1] + h * v[:-1] / 5.0, x[:-1] + 2.0 * h * v[:-1] / 5.0 + h**2 * a[:-1] / 20.0)
@@ -201,9 +228,10 @@ def _check(item: CompiledConstraint, poses: MotionStates) -> Check:
 
 
 def _worst(item: CompiledConstraint, poses: MotionStates) -> tuple[float, str]:
-    """Return the greatest signed violation where the constraint applies, and a description of its place.
+    """Return the greatest signed violation of a constraint along a motion, and the u and time at which it occurs.
 
-    The violation is negative, minus the margin, if the bounds hold, and NaN if any value is not finite.
+    The violation is negative if the bounds hold everywhere, with the least margin as its magnitude, and NaN if any
+    value is not finite. Only states to which the constraint applies count; without any the result is 0.
     """
     chosen = poses.where(item.constraint.where)
     if not len(chosen.u):

@@ -25,12 +25,12 @@ Expression: TypeAlias = Callable[[Any], Any]
 Bound: TypeAlias = float | Sequence[float]
 """One number for all entries of an expression, or one number per entry."""
 PLACES = ("goal", "keyframes", "motion")
-"""Where a term may apply, apart from intervals."""
+"""Parts of a motion, apart from intervals, at which a constraint or cost may apply."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A part of the motion in terms of the path parameter: 0 at the start, 1 at the goal.
+    """Part of a motion between two values of the path parameter, which is 0 at the start and 1 at the goal.
 
     Attributes:
         first: path parameter at which the interval begins.
@@ -49,14 +49,14 @@ class Interval:
 
 
 Where: TypeAlias = Literal["goal", "keyframes", "motion"] | Interval
-"""Where a constraint must hold or a cost counts."""
+"""Part of a motion at which a constraint must hold or a cost counts."""
 
 
 def applies_at(where: Where, u: FloatArray) -> BoolArray:
-    """Return at which samples of a motion a term applies, boolean, shape (N,).
+    """Return a mask of the samples of a motion at which a constraint or cost applies, shape (N,).
 
     Args:
-        where: where the term applies; for ``"keyframes"`` all samples count, since callers then pass keyframes only.
+        where: part of the motion; for ``"keyframes"`` all samples count, since callers then pass keyframes only.
         u: increasing path parameters, shape (N,); the last sample is the goal.
     """
     if isinstance(where, Interval):
@@ -70,17 +70,18 @@ def applies_at(where: Where, u: FloatArray) -> BoolArray:
 
 @dataclass(frozen=True)
 class Constraint:
-    """Bounds on an expression: ``lower <= expression <= upper``; equal bounds make it an equation.
+    """User's constraint ``lower <= expression <= upper`` on the motion; an equation if both bounds are equal.
 
     Attributes:
-        name: used in messages, metrics and the record.
-        expression: builds the expression, a scalar or a vector.
+        name: name for messages, metrics and the record of the plan.
+        expression: function that builds the expression, a scalar or a vector, from the quantities of the arm.
         lower: lower bound, one number or one per entry; minus infinity for none.
         upper: upper bound, one number or one per entry; infinity for none.
-        where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
-        soft: whether the constraint may be violated: the squared violation is then a cost, and the violation is
+        where: part of the motion at which the constraint holds: the goal, every keyframe, the whole motion, or an
+            interval.
+        soft: whether the constraint may be violated; the squared violation is then a cost, and the violation is
             reported.
-        weight: weight of that cost.
+        weight: weight of half the squared violation of a soft constraint.
     """
 
     name: str
@@ -105,13 +106,14 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Cost:
-    """A scalar expression to be minimised, averaged over the keyframes it applies to.
+    """User's cost: a scalar expression whose mean over keyframes of the motion is minimised.
 
     Attributes:
-        name: used in messages, metrics and the record.
-        expression: builds the scalar expression.
+        name: name for messages, metrics and the record of the plan.
+        expression: function that builds the scalar expression from the quantities of the arm.
         weight: cost of one unit of the expression, relative to half a squared radian of joint travel.
-        where: at the goal, over the whole motion (represented by the keyframes), or over an interval of it.
+        where: part of the motion that counts: the goal, the whole motion (represented by the keyframes), or an
+            interval.
     """
 
     name: str
@@ -136,17 +138,16 @@ def constraint(
     soft: bool = False,
     weight: float = 1.0,
 ) -> Callable[[Expression], Constraint]:
-    """Return a decorator that turns a function of the quantities into a constraint.
-
-    The constraint is named after the function unless a name is given.
+    """Return a decorator that turns a function of the arm's quantities into a constraint on the motion.
 
     Args:
-        name: used in messages, metrics and the record.
-        lower: lower bound, one number or one per entry.
-        upper: upper bound, one number or one per entry.
-        where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
-        soft: whether the constraint may be violated.
-        weight: cost of one unit of squared violation of a soft constraint.
+        name: name for messages, metrics and the record of the plan; that of the function if None.
+        lower: lower bound, one number or one per entry of the expression.
+        upper: upper bound, one number or one per entry of the expression.
+        where: part of the motion at which the constraint holds: the goal, every keyframe, the whole motion, or an
+            interval.
+        soft: whether the constraint may be violated, at a cost.
+        weight: weight of half the squared violation of a soft constraint.
     """
 
     def decorate(expression: Expression) -> Constraint:
@@ -156,14 +157,12 @@ def constraint(
 
 
 def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion") -> Callable[[Expression], Cost]:
-    """Return a decorator that turns a function of the quantities into a cost.
-
-    The cost is named after the function unless a name is given.
+    """Return a decorator that turns a function of the arm's quantities into a cost of the motion.
 
     Args:
-        name: used in messages, metrics and the record.
+        name: name for messages, metrics and the record of the plan; that of the function if None.
         weight: cost of one unit of the expression, relative to half a squared radian of joint travel.
-        where: at the goal, over the whole motion, or over an interval of it.
+        where: part of the motion that counts: the goal, the whole motion, or an interval.
     """
 
     def decorate(expression: Expression) -> Cost:
@@ -173,12 +172,12 @@ def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion
 
 
 def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
-    """Call a function written by a user and return its result, guarding against errors and endless loops.
+    """Return the result of a function written by a user, guarding against errors and endless loops.
 
     Args:
         call: the user's function.
         what: description of the function, for messages.
-        limit: time that the function may take [s].
+        limit: maximum time that the function may take [s].
 
     Raises:
         ProblemError: the function raised an error, or has not returned in time.
@@ -195,10 +194,7 @@ def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> A
 
 
 def _is_bound(bound: object) -> bool:
-    """Return whether a value is a number or an array of numbers.
-
-    Whether the numbers fit the expression is checked once the expression is known.
-    """
+    """Return whether a value is a number or an array of numbers, of any length."""
     return np.asarray(bound).dtype.kind in "iuf"
 
 
@@ -223,28 +219,28 @@ def _check(term: Constraint | Cost, kind: str) -> None:
 
 
 TERM_TOLERANCE = 1e-6
-"""Amount by which a hard constraint may be violated, in the unit of its expression. Taste: documented to users, and far
-above what planning leaves."""
+"""Allowed violation of a hard constraint, in the unit of its expression. Taste: documented to users, and far above the
+violations that planning leaves."""
 COST_SHARES = (1.0, 0.1, 0.0)
-"""Shares of the weights of users' costs with which a plan is sought, one after the other; the last drops the costs
+"""Factors on the weights of users' costs with which a plan is sought, one after the other; the last drops the costs
 altogether. Taste."""
 
 
 TIME_TO_LOAD = 60.0
-"""Time that loading a user's module may take [s]: it may import large libraries on a busy machine."""
+"""Maximum time for loading a user's module [s], which may import large libraries on a busy machine."""
 Term = TypeVar("Term", Constraint, Cost)
 
 
 def load_terms(references: Sequence[str], kind: type[Term]) -> tuple[Term, ...]:
-    """Return the constraints, or the costs, that the references name.
+    """Return the constraints, or the costs, that a user's references name, after importing their modules.
 
     Args:
-        references: each ``module:name`` or ``path/to/file.py:name``; modules are also looked for in the working
-            directory. A name may stand for one term or for a list of them.
-        kind: expected type of the terms.
+        references: each ``module:name`` or ``path/to/file.py:name``; modules are also searched in the working
+            directory. A name stands for one constraint or cost, or for a list.
+        kind: ``Constraint`` or ``Cost``.
 
     Raises:
-        ProblemError: a reference names nothing, or something that is not a term of this kind.
+        ProblemError: a module cannot be loaded, or a name is missing or of another type.
     """
     return tuple(term for reference in references for term in _named(reference, kind))
 
