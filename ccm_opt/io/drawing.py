@@ -1,10 +1,10 @@
-"""Import of drawings, to which a problem file refers, as obstacles.
+"""Import of planar obstacles from the drawing to which a problem file refers.
 
-A reader takes a file's bytes and the largest distance allowed between a curve and its polyline, in the drawing's own
-unit. It returns the shapes found (see ``shapes``), and raises a ``ProblemError`` for anything unreadable.
+Each format has a reader: a function of the file's bytes and of the maximum distance between a curve and its polyline,
+in drawing units, that returns the shapes found (see ``shapes``) and raises ``ProblemError`` for anything unreadable.
 Placement, repair and naming are common to all formats.
 
-All later stages, and the copy of the problem in ``solution.json``, have plain obstacles and no longer need the drawing.
+Later stages, and the copy of the problem in ``solution.json``, have plain obstacles and do not need the drawing.
 """
 
 import math
@@ -35,14 +35,14 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 Part = TypeVar("Part", Shape, Obstacle)
 _FLATTENING_SHARE = 0.499
-"""Chord deviation allowed for flattened curves, as a share of the tolerance. Derived: polygons grow by half the
-tolerance, so a little less than half keeps the true curve inside."""
+"""Allowed chord deviation of flattened curves, as a fraction of the tolerance. Derived: polygons grow by half the
+tolerance, so a little less than half keeps the exact curve inside."""
 _GROWTH_SHARE = 0.5
-"""Offset of polygons of curves, as a share of the tolerance. Derived: together with the share above, it stays below the
-tolerance."""
+"""Outward offset of the polygons of flattened curves, as a fraction of the tolerance. Derived: together with the chord
+deviation it stays below the tolerance."""
 _CORNER_REACH = 1.9
-"""Distance from a sharp corner at which the grown corner is cut off, in units of the growth. Derived: less than 2, so
-that it stays within the tolerance."""
+"""Distance from a sharp corner at which the offset corner is cut off, in units of the offset. Derived: below 2, which
+keeps the corner within the tolerance."""
 
 READERS: Mapping[str, Reader] = {
     ".svg": read_svg,
@@ -51,20 +51,21 @@ READERS: Mapping[str, Reader] = {
     ".json": read_geojson,
     ".wkt": read_wkt,
 }
-"""Readers by suffix of the file, in lower case."""
+"""Readers of drawings, by file name suffix in lower case."""
 
 
 _FLAT = 1e-12
-"""Outlines thinner than this share of their length and coordinates count as lines. Derived: some 5000 roundings."""
+"""Thickness, relative to length and coordinates, up to which an outline counts as a line. Derived: about 5000 rounding
+errors."""
 
 
 def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
-    """Return the obstacles made of a placed shape.
+    """Return a shape of a drawing as planar obstacles.
 
     Args:
-        shape: the shape, in the coordinates of the result.
-        growth: distance between flattened curves and the true ones, by which curved shapes are grown.
-        wall_thickness: least thickness of open lines.
+        shape: the shape, in the coordinates and unit of the obstacles.
+        growth: maximum distance between flattened and exact curves, by which shapes with curves are offset outward.
+        wall_thickness: minimum thickness of open lines.
 
     Returns:
         At least one obstacle, all with the name of the shape.
@@ -89,14 +90,14 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
 
 
 def divided(shape: Shape, largest: float) -> list[Shape]:
-    """Split a placed shape into the part with area and, as lines, its flat rings; empty if the shape has no extent.
+    """Return a shape split into the part with area and, as lines, the rings without area; empty without extent.
 
     Args:
-        shape: the shape, in the coordinates of the result.
-        largest: largest coordinate allowed.
+        shape: the shape, in the coordinates of the obstacles.
+        largest: maximum absolute coordinate.
 
     Raises:
-        ProblemError: the shape has no outline, or numbers that cannot be used.
+        ProblemError: the shape has no outline, or coordinates or a radius that are not finite, too large or negative.
     """
     if not shape.rings:
         raise ProblemError("it has no outline")
@@ -124,13 +125,18 @@ def divided(shape: Shape, largest: float) -> list[Shape]:
 
 
 def _is_flat(ring: FloatArray) -> bool:
-    """Return whether a ring is so thin that rounding errors would decide which points lie inside."""
+    """Return whether a ring, shape (k, 2), is so thin that rounding errors would decide which points lie inside."""
     hull = shapely.MultiPoint(ring).convex_hull
     return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
 
 
 def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
-    """Return the obstacles with unique names: a name already taken gets the first free number from 2 appended."""
+    """Return obstacles with unique names: a name that is already taken gets the first free number from 2 appended.
+
+    Args:
+        obstacles: the obstacles.
+        taken: names of other obstacles.
+    """
     used = set(taken)
     result = []
     # One running counter per name, so that ten thousand equal names do not take quadratic time.
@@ -148,14 +154,16 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How a drawing is converted to obstacles, as set by the keys of the problem file.
+    """Options for the conversion of a drawing to obstacles, as the problem file gives them.
 
     Attributes:
-        scale: length of one unit of the drawing, in the unit of the result.
-        offset: position of the drawing's origin, in the unit of the result, shape (2,).
-        curve_tolerance: how far outside a curve its polygon may lie, in the unit of the result; it never lies inside.
-        wall_thickness: thickness of open lines, in the unit of the result.
-        closed: meaning of closed outlines: solids with holes, walls, or, for the largest one, the room.
+        scale: length of one unit of the drawing, in the unit of the problem file.
+        offset: position of the drawing's origin, in the unit of the problem file, shape (2,).
+        curve_tolerance: maximum distance of a polygon outside the curve that it approximates, in the unit of the
+            problem file; no polygon lies inside its curve.
+        wall_thickness: thickness of open lines, in the unit of the problem file.
+        closed: meaning of closed outlines: "solid" (solids with holes), "walls" (lines along them), or "room" (the
+            largest is the boundary of the workspace, the others are solids).
     """
 
     scale: float = 1.0
@@ -167,12 +175,12 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class ImportedScene:
-    """The result of importing a drawing.
+    """Obstacles imported from a drawing, with a report on the import.
 
     Attributes:
-        obstacles: obstacles in the order of the drawing, with unique names, in the unit of the result.
-        drawing: report on the import, in the same unit.
-        room: outline of the room, where the largest outline is the room; else None.
+        obstacles: obstacles in the order of the drawing, with unique names, in the unit of the problem file.
+        drawing: report on the import, with lengths in the unit of the problem file.
+        room: boundary of the workspace, where the largest outline of the drawing gives it; else None.
     """
 
     obstacles: tuple[Obstacle, ...]
@@ -181,12 +189,12 @@ class ImportedScene:
 
 
 def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()) -> ImportedScene:
-    """Return the obstacles of a drawing, with a report on what was left out.
+    """Return the obstacles in a drawing, with a report on elements that were left out.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
         options: placement, tolerances, and meaning of closed outlines.
-        taken: names already used by other obstacles.
+        taken: names of other obstacles, which are not used again.
 
     Raises:
         ProblemError: the file cannot be read, contains nothing that can be an obstacle, or contains unusable shapes,
@@ -221,14 +229,14 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
 
 
 def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> list[Part]:
-    """Apply a function to every shape and return the concatenated results, collecting refusals into one error.
+    """Return the concatenated results of a function of each shape, with the errors for all shapes raised as one.
 
     Args:
         shapes: the shapes.
-        made: function of one shape, which raises ``ProblemError`` to refuse the shape.
+        made: function of one shape that returns a list, or raises ``ProblemError``.
 
     Raises:
-        ProblemError: shapes were refused; the message lists them by name.
+        ProblemError: the function raised for any shape; the message lists these shapes by name.
     """
     found: list[Part] = []
     refusals: list[str] = []
@@ -243,7 +251,7 @@ def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> li
 
 
 def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
-    """Return the content of a drawing in the coordinates of the result, with shapes without extent left out.
+    """Return the content of a drawing in the coordinates of the problem file, without shapes of zero size.
 
     Raises:
         ProblemError: no shape is left, or a shape has coordinates that cannot be used.
@@ -274,9 +282,9 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
 
 
 def _unread_strokes(shapes: Iterable[Shape], wall_thickness: float) -> Iterator[LeftOut]:
-    """Yield a report on lines drawn with a stroke wider than the walls as which they are read; at most one.
+    """Yield at most one report on lines whose drawn stroke is wider than the wall that is made of them.
 
-    Stroke widths are often those of a pen, so that they are reported rather than read.
+    Stroke widths often mean only a pen, so they are reported rather than used.
     """
     lines = [shape for shape in shapes if shape.drawn == "line"]
     wide = [line for line in lines if line.stroke_width > max(wall_thickness, 2.0 * line.half_width)]
@@ -293,7 +301,7 @@ def _unread_strokes(shapes: Iterable[Shape], wall_thickness: float) -> Iterator[
 def _summary(
     path: Path, obstacles: Sequence[Obstacle], room: shapely.Polygon | None, found: DrawingContent
 ) -> ImportedDrawing:
-    """Return the report on an imported drawing."""
+    """Return the report on an imported drawing: bounding box, number of obstacles, layers, elements left out, unit."""
     boxes = [shapely.bounds(obstacle.core) + obstacle.rounding * np.array([-1, -1, 1, 1]) for obstacle in obstacles]
     if room is not None:
         boxes.append(shapely.bounds(room))
@@ -306,17 +314,17 @@ def _summary(
 
 
 def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int, blank: bytes | None = None) -> bytes:
-    """Return the bytes of a file of a known kind.
+    """Return the bytes of a drawing or mesh file, after checks of its suffix and size.
 
     Args:
         path: path of the file.
-        kinds: known suffixes, in lower case.
-        what: expected kind of file, in a word, for messages.
-        most_bytes: largest size; larger files are refused unread.
-        blank: bytes that count as empty content; None for whitespace.
+        kinds: accepted suffixes, in lower case.
+        what: expected kind of file in a word, for messages.
+        most_bytes: maximum size [bytes]; larger files are refused unread.
+        blank: bytes that do not count as content; None for whitespace.
 
     Raises:
-        ProblemError: the file is of no known kind, missing, too large, empty, or cannot be read.
+        ProblemError: the suffix is not accepted, or the file is missing, too large, empty or unreadable.
     """
     if path.suffix.lower() not in kinds:
         raise ProblemError(
@@ -341,15 +349,15 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
 def resolve_file(
     name: str, folder: Path | None, path: KeyPath, kind: str, issues: Issues, *, allow_outside: bool
 ) -> Path | None:
-    """Return the path of a file to which a problem file refers, if it may be read.
+    """Return the path of a file to which a problem file refers, or None where that file may not be read.
 
     Args:
         name: path of the file as given in the problem file.
         folder: folder of the problem file; None where there is none.
-        path: key path at which the file is named.
-        kind: expected kind of file, with an example: "a drawing, for example 'scene.svg'".
+        path: key path in the problem file at which the file is named.
+        kind: expected kind of file with an example, for messages: "a drawing, for example 'scene.svg'".
         issues: receives the reason why the file may not be read.
-        allow_outside: whether the file may lie outside that folder.
+        allow_outside: whether the file may lie outside ``folder``.
 
     Returns:
         The path of the file, which may not exist; None where it may not be read.
@@ -381,17 +389,17 @@ def resolve_file(
 def with_scene(
     data: Mapping[str, object], folder: Path | None, issues: Issues, *, allow_outside: bool = False
 ) -> tuple[Mapping[str, object], ImportedDrawing | None]:
-    """Return the data of a problem file with ``workspace.file`` replaced by the obstacles of that drawing.
+    """Return a parsed problem file with the drawing ``workspace.file`` replaced by the obstacles in the drawing.
 
     Args:
         data: the parsed problem file.
-        folder: folder to which paths are relative; None when the problem was not read from a file.
-        issues: receives the defects of the drawing and of the keys that place it.
-        allow_outside: whether the drawing may lie outside that folder.
+        folder: folder to which the drawing's path is relative; None where the data come from no file.
+        issues: receives the defects of the drawing and of the keys that place the drawing.
+        allow_outside: whether the drawing may lie outside ``folder``.
 
     Returns:
-        The data without the keys of the drawing and with its obstacles after those of the table, or the given data when
-        there are no such keys; and the report on the drawing, with its box in metres, when it could be read.
+        The data without the keys about the drawing, its obstacles appended to those of the table; unchanged where the
+        data have no such keys. And the report on the drawing, with its box in metres; None where it was not read.
     """
     workspace = data.get("workspace")
     keys = SceneTable.model_fields
@@ -416,7 +424,7 @@ def with_scene(
 
 
 def _set_boundary(workspace: dict[str, object], room: shapely.Polygon, issues: Issues) -> None:
-    """Set the boundary of a workspace to an outline of the drawing, reporting other keys that contradict it.
+    """Set the boundary of a workspace to an outline in the drawing, and report other keys that contradict this outline.
 
     Args:
         workspace: the table ``[workspace]``, which is changed; ``bounds`` are allowed if they contain the outline.
@@ -437,13 +445,13 @@ def _set_boundary(workspace: dict[str, object], room: shapely.Polygon, issues: I
 def _imported(
     scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues, *, allow_outside: bool
 ) -> ImportedScene | None:
-    """Return the imported drawing, or None, with the defects reported, where it cannot be imported.
+    """Return the obstacles of the drawing that a problem file names, or None where the drawing has defects.
 
     Args:
-        scene: keys of the drawing.
+        scene: validated keys about the drawing.
         folder: folder of the problem file.
         metres: metres per unit of length of the problem file.
-        listed: obstacles of the table, whose names are taken.
+        listed: obstacles listed in the problem file, whose names are taken.
         issues: receives the defects.
         allow_outside: whether the drawing may lie outside the folder.
     """
@@ -470,7 +478,7 @@ def _imported(
 
 
 def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, object]:
-    """Return an obstacle in the plane as its table in a problem file, with lengths in ``unit``.
+    """Return a planar obstacle as a table of a problem file, with lengths in ``unit``.
 
     Raises:
         ProblemError: the obstacle cannot be expressed in a problem file.

@@ -1,4 +1,4 @@
-"""Reading of output folders for check, simulate and export; nothing in them is trusted unchecked."""
+"""Reading of output folders for the commands check, simulate and export; all content is checked before use."""
 
 import json
 import math
@@ -27,11 +27,11 @@ from ccm_opt.robot.frames import bends_from_revolutes, joint_names
 from ccm_opt.robot.segment import CurvatureSegment
 
 MOST_BYTES = 2**26
-"""Largest size of a record that is read. Derived: ten times the JSON of a drawing with the most vertices allowed."""
+"""Maximum size of a JSON record [bytes]. Derived: ten times that for a drawing of the maximum number of vertices."""
 
 
 def read_record(path: Path) -> Mapping[str, object]:
-    """Return the record of a folder.
+    """Return the parsed JSON record of an output folder.
 
     Args:
         path: path of ``solution.json``.
@@ -60,7 +60,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-    """Return a JSON object as a dictionary, refusing repeated keys, whose values other programs may resolve otherwise.
+    """Return a JSON object as a dictionary; repeated keys, which programs interpret differently, are refused.
 
     Raises:
         ValueError: a key is repeated.
@@ -74,18 +74,18 @@ def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
 
 
 CONSTRAINT_PREFIX = "constraint "
-"""Prefix of the name of a check of one of the user's constraints; the constraint's name follows."""
+"""Prefix of the names of checks of the user's own constraints; the name of the constraint follows."""
 
 
 @dataclass(frozen=True)
 class RecordedResults:
-    """The results stored in a record.
+    """The results stored in the record of an output folder.
 
     Attributes:
         figures: figures of merit by name; None for those that are not finite.
-        checks: checks in the order of the record; NaN for numbers that are not finite.
-        verdict: verdict on the simulation, by the field names of ``SimulationVerdict``.
-        tolerance: errors that the motion survives; empty where not requested.
+        checks: verifier's checks in the order of the record; NaN for numbers that are not finite.
+        verdict: outcome of the simulation, by the field names of ``SimulationVerdict``.
+        tolerance: tracking errors that the motion survives; empty where they were not requested.
         data: the whole record.
     """
 
@@ -97,19 +97,19 @@ class RecordedResults:
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of the user's constraints on the plan, in order."""
+        """Names of the user's constraints on the plan, in the order of the record."""
         names = [check.name for check in self.checks if check.name.startswith(CONSTRAINT_PREFIX)]
         return tuple(name.removeprefix(CONSTRAINT_PREFIX) for name in names)
 
 
 def recorded_results(folder: Path) -> RecordedResults:
-    """Return the results in an output folder.
+    """Return the results stored in the record of an output folder.
 
     Args:
         folder: an output folder.
 
     Raises:
-        ProblemError: there is no readable record, or its results are malformed.
+        ProblemError: the record is missing or unreadable, or its results are malformed.
     """
     record: Mapping[str, Any] = read_record(folder / RECORD)
     try:
@@ -142,7 +142,7 @@ def _check(data: Mapping[str, Any]) -> Check:
 
 
 def _survived(data: Mapping[str, Any]) -> SurvivedError:
-    """Return a survived error from its record.
+    """Return a tracking error that a plan survives from its record.
 
     Raises:
         ValueError: the size is missing, or differs from the size in degrees.
@@ -154,7 +154,7 @@ def _survived(data: Mapping[str, Any]) -> SurvivedError:
 
 
 def _number(value: object) -> float | None:
-    """Return a number of a record, or None for null, which stands for a number that was not finite.
+    """Return a number in a record as a float, or None for null, which stands for a number that was not finite.
 
     Raises:
         TypeError: the value is neither a number nor null.
@@ -171,10 +171,10 @@ def _number(value: object) -> float | None:
 
 
 def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configuration, ...]:
-    """Return the curves to which a plan's keyframes were fitted, in order; empty in space, where folders have none.
+    """Return the backbone curves to which a plan's keyframes were fitted, in order; empty for arms in space.
 
     Args:
-        arrays: arrays of the motion, by name.
+        arrays: arrays of ``solution.npz``, by name.
         arm: the arm, at whose base the curves start.
 
     Raises:
@@ -202,7 +202,7 @@ def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configu
 def _curve(
     base: FloatArray, headings: FloatArray, lengths: FloatArray, curvatures: FloatArray, knots: FloatArray
 ) -> Configuration:
-    """Return a curve from the arrays of its segments.
+    """Return a planar backbone curve from the arrays of its S segments.
 
     Args:
         base: start of the curve, shape (2,) [m].
@@ -216,10 +216,15 @@ def _curve(
 
 
 def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> FloatArray:
-    """Return the change of heading along each segment, shape (S,) [rad].
+    """Return the change of heading along each of S curvature segments, shape (S,) [rad].
 
-    The change is linear in the curvatures, so the integrals of the basis are computed once for all segments with equal
-    knots.
+    The change is linear in the curvature values, so the integrals of the five basis splines are computed once for all
+    segments with equal knots.
+
+    Args:
+        lengths: lengths of the segments, shape (S,) [m].
+        curvatures: curvature values of the segments, shape (S, 5) [1/m].
+        knots: knots of the segments, as fractions of the length, shape (S, 3).
     """
     kinds, kind = np.unique(knots, axis=0, return_inverse=True)
     of_kinds = [
@@ -230,13 +235,13 @@ def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> Fl
 
 
 def recorded_nearest(folder: Path) -> NearPlace | None:
-    """Return the place of the least gap of a plan; None where the record has no such place, or nothing is near.
+    """Return the place of minimum clearance of a plan; None where the record has none, or nothing is near the arm.
 
     Args:
         folder: an output folder.
 
     Raises:
-        ProblemError: the record is not readable.
+        ProblemError: the record is missing or unreadable.
     """
     room = read_record(folder / RECORD).get("room")
     near = room.get("nearest") if isinstance(room, Mapping) else None
@@ -256,7 +261,8 @@ def recorded_nearest(folder: Path) -> NearPlace | None:
 
 
 POSITION_TOLERANCE = 1e-9
-"""Difference allowed between stored joint positions and those of the stored angles, as a share of the arm's length."""
+"""Allowed difference between stored joint positions and those that follow from the stored angles, as a fraction of the
+arm's length."""
 
 Shapes = Mapping[str, tuple[str | int, ...]]
 
@@ -279,14 +285,14 @@ SHAPES: Shapes = {
     "simulated_torques": ("samples", "revolutes"),
     "stops": ("stops",),
 }
-"""Shapes of the arrays of ``solution.npz``; equal words stand for equal sizes."""
+"""Shapes of the arrays of ``solution.npz``, by name; equal words stand for equal sizes."""
 SPACE_SHAPES: Shapes = {
     **{name: shape for name, shape in SHAPES.items() if not name.startswith("segment") and name != "base_headings"},
     "bend_angles": ("samples", "links", 2),
     "joint_positions": ("samples", "points", 3),
     "keyframes": ("keyframes", "links", 2),
 }
-"""Shapes of the arrays for an arm in space, which has no planar curves."""
+"""Shapes of the arrays of ``solution.npz`` for an arm in space, which has no planar backbone curves."""
 FEED_SHAPES: Shapes = {
     "base_feed": ("samples",),
     "feed_velocities": ("samples",),
@@ -295,22 +301,22 @@ FEED_SHAPES: Shapes = {
     "simulated_feed": ("samples",),
     "keyframe_feeds": ("keyframes",),
 }
-"""Additional arrays for an arm with a feed axis."""
+"""Shapes of the additional arrays of ``solution.npz`` for an arm with a feed axis."""
 CLEARANCE_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
-"""Additional arrays where the clearance of the motion was measured."""
+"""Shapes of the additional arrays of ``solution.npz`` where the clearance of the motion was measured."""
 
 
 @dataclass(frozen=True)
 class SavedMotion:
-    """The motion stored in an output folder.
+    """The motion stored in an output folder, with T samples and n links.
 
     Attributes:
         trajectory: the timed motion.
-        joints: the timed motion as the drives see it.
-        keyframes: keyframes of the planner, shape (K, coordinates) [rad, m].
-        simulated_angles: revolute angles of the simulated arm, shape (T, 3 * links) [rad].
-        simulated_torques: torques of the simulated arm, shape (T, 3 * links) [N m].
-        simulated_base: positions of the base axes of the simulated arm, shape (T, axes) [m].
+        joints: states of all revolute joints over the motion, with efforts.
+        keyframes: the planner's K keyframes, one column per coordinate of the arm, shape (K, c) [rad, m].
+        simulated_angles: angles of the simulated arm's revolute joints, shape (T, 3 n) [rad].
+        simulated_torques: torques of the simulated arm's revolute joints, shape (T, 3 n) [N m].
+        simulated_base: feed of the simulated arm, shape (T, 1), or (T, 0) for a fixed base [m].
         arrays: all arrays of the file except the names of the joints, as stored.
     """
 
@@ -324,22 +330,22 @@ class SavedMotion:
 
     @property
     def clearance_arrays(self) -> Mapping[str, FloatArray]:
-        """Gaps over time by name, each of shape (N,); empty where they were not measured."""
+        """Times and clearances of the motion by array name, each of shape (N,); empty where they were not measured."""
         return {name: self.arrays[name] for name in CLEARANCE_SHAPES if name in self.arrays}
 
 
 def load_problem_data(folder: Path) -> Mapping[str, object]:
-    """Return the copy of the problem in a folder's ``solution.json``.
+    """Return the copy of the problem file that is stored in an output folder's ``solution.json``, as parsed data.
 
     Args:
         folder: an output folder.
 
     Returns:
-        The data of the problem file.
+        Tables of the problem file, from which ``problem_from_mapping`` rebuilds the problem.
 
     Raises:
         ProblemError: there is no folder, or it has no readable record of a known schema.
-        VerificationError: the record says that there is no plan.
+        VerificationError: the record is that of a run without a plan.
     """
     record = read_record(folder / RECORD)
     if (schema := record.get("schema")) != SCHEMA or type(schema) is not int:
@@ -359,30 +365,30 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
 
 
 def load_any_problem(folder: Path) -> Problem:
-    """Return the problem solved by a folder's plan, planar or spatial, with the meshes stored in the folder.
+    """Return the problem solved by the plan in an output folder, with meshes read from copies in that folder.
 
     Args:
         folder: an output folder.
 
     Raises:
-        ProblemError: there is no readable record, or the problem in it is not usable.
-        VerificationError: the record says that there is no plan.
+        ProblemError: the record is missing or unreadable, or its problem has defects.
+        VerificationError: the record is that of a run without a plan.
     """
     return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
 
 
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:
-    """Return the motion in a folder's ``solution.npz``.
+    """Return the motion stored in the ``solution.npz`` of an output folder.
 
     Args:
         folder: an output folder.
         arm: the arm that moves.
 
     Returns:
-        The motion; velocities and accelerations of the bends are taken from the revolutes.
+        The motion; velocities and accelerations of the joint angles are taken from those of the revolute joints.
 
     Raises:
-        ProblemError: an array is missing, has the wrong shape or type, is not finite, or contradicts another.
+        ProblemError: an array is missing, has a wrong shape or type, is not finite, or contradicts another array.
     """
     path = folder / ARRAYS
     arrays = read_arrays(path)
@@ -401,7 +407,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
 
     def of_base(name: str, rows_of: str = "time") -> FloatArray:
-        """Return an array of the base axes, shape (T, axes); it has no columns for a fixed base."""
+        """Return an array of the feed axis as a column, shape (T, 1), or shape (T, 0) for a fixed base."""
         columns = [numbers[name]] if name in numbers else []
         return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
@@ -445,7 +451,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a plan's file by name, as stored.
+    """Return the arrays of a ``solution.npz`` file as stored, by name.
 
     Raises:
         ProblemError: the file cannot be read.
@@ -454,13 +460,13 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
 
 
 MOST_BYTES_OF_ARRAYS = 2**29
-"""Largest unpacked size of the arrays that are read; a minute of motion of the longest arm takes less."""
+"""Maximum unpacked size of an archive [bytes]; a minute of motion of the arm with the most links takes less."""
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Compression methods accepted, those of NumPy, so that every NumPy can read the file."""
+"""Accepted compression methods, namely those that NumPy uses, so that every NumPy can read the file."""
 
 
 def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of an ``.npz`` file by name, as stored.
+    """Return the arrays of an ``.npz`` file as stored, by name.
 
     Args:
         path: path of the archive.
@@ -491,7 +497,7 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
 
 
 def _check_members(path: Path, members: Sequence[zipfile.ZipInfo], known: Collection[str]) -> None:
-    """Refuse, before unpacking, an archive with other or repeated members, other compression, or too much data.
+    """Refuse, before unpacking, an archive with unknown or repeated members, unusual compression, or too much data.
 
     Raises:
         ProblemError: the archive is refused.
@@ -509,10 +515,16 @@ def _check_members(path: Path, members: Sequence[zipfile.ZipInfo], known: Collec
 
 
 def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
-    """Check that all arrays are present, numeric and finite, and agree in the numbers of samples, links and keyframes.
+    """Check that all arrays are present, numeric and finite, and have consistent shapes.
+
+    Args:
+        arrays: arrays by name.
+        path: path of the file, for messages.
+        links: number of links of the arm.
+        shapes: expected shape of each array, by name; equal words stand for equal sizes.
 
     Raises:
-        ProblemError: an array is missing, unusable, or contradicts another.
+        ProblemError: an array is missing or unusable, or its shape contradicts that of another.
     """
     sizes = {"links": links, "revolutes": 3 * links, "points": links + 1}
     for name, shape in shapes.items():

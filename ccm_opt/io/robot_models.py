@@ -1,7 +1,7 @@
-"""Models of the arm and its scene for other programs: URDF and MJCF.
+"""Robot models of the arm and its obstacles for other programs, in the formats URDF and MJCF.
 
-MuJoCo replaces a mesh by its convex hull for collisions, which would close every opening. So a mesh is written as a
-rigid ``flex``, which collides triangle by triangle, grown by the flex's radius.
+MuJoCo replaces a mesh by its convex hull for collisions, which would close every opening. In MJCF a mesh is therefore
+a rigid ``flex``, which collides triangle by triangle, each triangle thickened by the radius of the flex.
 """
 
 import struct
@@ -20,10 +20,10 @@ from ccm_opt.robot.frames import joint_names
 from ccm_opt.scene.bodies import Body, RigidPlacement, rotation_to_axis
 
 FEED = "feed"
-"""Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
+"""Name of the prismatic joint of the feed axis, which precedes all other joints of a fed arm."""
 Axis = tuple[float, float, float]
 _UPRIGHT = 1e-12
-"""Length of the horizontal part of a unit vector below which the vector is vertical to rounding."""
+"""Length of the horizontal part of a unit vector up to which the vector counts as vertical."""
 _X = (1.0, 0.0, 0.0)
 _Y = (0.0, 1.0, 0.0)
 _Z = (0.0, 0.0, 1.0)
@@ -32,17 +32,17 @@ REVOLUTE_AXES: dict[Axes, tuple[Axis, Axis, Axis]] = {"zyx": (_Z, _Y, _X), "zyz"
 
 @dataclass(frozen=True)
 class Revolute:
-    """One revolute of a ball joint.
+    """One of the three revolute joints that make up a ball joint of the arm.
 
     Attributes:
         name: name, as in ``joint_names``.
         index: index among all revolutes of the arm, from 0.
-        ball: number of its ball joint, from 1.
-        axis: axis of rotation, a unit vector in the joint's own frame, x along the link.
-        limit: bound on the absolute angle [rad]: the bend limit for a bend, half a turn for other revolutes.
-        starts_ball: whether it is the first revolute of its ball joint.
-        carries_link: whether it is the last revolute of its ball joint, which carries the link.
-        rotor_inertia: rotor inertia of its drive [kg m²].
+        ball: number of the ball joint, from 1.
+        axis: axis of rotation, a unit vector in the joint's frame, x along the link, shape (3,).
+        limit: limit of the absolute angle [rad]: the joint limit for a revolute that bends the arm, else half a turn.
+        starts_ball: whether the revolute is the first one written of its ball joint.
+        carries_link: whether the revolute is the last one written of its ball joint, which carries the link.
+        rotor_inertia: rotor inertia of the drive, reflected to the joint [kg m²].
         friction: viscous friction [N m s/rad].
     """
 
@@ -58,12 +58,12 @@ class Revolute:
 
 
 def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
-    """Yield the revolutes from the base outward.
+    """Yield the revolute joints of an arm from the base outward.
 
     Args:
         arm: the arm.
-        bends_only: whether to yield only the revolutes that bend the arm: one per ball joint in the plane, so that the
-            arm stays in it, and two in space, so that links do not roll.
+        bends_only: whether to yield only the revolutes that bend the arm: one per ball joint of a planar arm, which
+            then stays in its plane, and two in space, so that links do not roll.
     """
     axes = REVOLUTE_AXES[arm.axes]
     coordinates = arm.coordinates
@@ -90,17 +90,17 @@ def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
 
 
 def visual_radius(arm: Arm) -> float:
-    """Return the radius with which links are drawn [m]: the arm's own, or a thin one for an arm of zero radius."""
+    """Return the radius with which links are displayed [m]: the arm's, or a small one for an arm of zero radius."""
     return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
 
 
 def checked_share(arm: Arm, k: int) -> float:
-    """Return the fraction of link ``k``, counted from 0, inside the mount, which may touch walls; from 0 to 1."""
+    """Return the fraction of link ``k`` (from 0) inside the mount, the first part of the arm, which may touch walls."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
 
 
 def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
-    """Return the roll, pitch and yaw [rad] of a rotation, shape (3, 3): turns about the fixed x, then y, then z."""
+    """Return roll, pitch and yaw [rad] of a rotation matrix, shape (3, 3), about the fixed axes x, y, z in turn."""
     level = float(np.hypot(turn[0, 0], turn[1, 0]))
     pitch = float(np.arctan2(-turn[2, 0], level))
     if level < _UPRIGHT:
@@ -110,32 +110,32 @@ def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
 
 
 def number(value: float) -> str:
-    """Return the text of a number, with all the digits needed to read it back exactly."""
+    """Return the text of a number with as many digits as are needed to read the number back exactly."""
     return repr(float(value))
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Return the texts of numbers, separated by blanks."""
+    """Return the exact texts of several numbers, separated by blanks."""
     return " ".join(number(value) for value in values)
 
 
 MESHES = ".meshes"
-"""Suffix that turns the name of a URDF file into that of the folder of its meshes."""
+"""Suffix that, appended to the name of a URDF file, gives the name of the folder of its mesh files."""
 URDF_MESHES = f"arm.urdf{MESHES}"
-"""Name of the folder of meshes in an output folder."""
+"""Name of the folder of the URDF's mesh files in an output folder."""
 _Z_ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Rotation that takes the z axis to the x axis."""
 
 
 @dataclass(frozen=True)
 class _Shape:
-    """The geometry of a link or an obstacle.
+    """The geometry of a link or an obstacle in a robot model.
 
     Attributes:
-        kind: box, sphere, cylinder, capsule or mesh; the axis of round shapes is z.
-        size: sides of a box, or radius and length of the axis [m]; empty for a mesh.
-        place: position of the centre, shape (3,) [m].
-        turn: rotation, shape (3, 3).
+        kind: "box", "sphere", "cylinder", "capsule" or "mesh"; the axis of round shapes is z.
+        size: sides of a box, or radius and axis length of a round shape [m]; empty for a mesh.
+        place: position of the centre in the frame of the link or the world, shape (3,) [m].
+        turn: rotation matrix, shape (3, 3).
     """
 
     kind: str
@@ -158,16 +158,16 @@ def _geometry_element(body: Body) -> _Shape:
 
 
 def _capsule(arm: Arm, begin: float) -> _Shape:
-    """Return the part of a link from ``begin`` [m] to its end, in the link's frame."""
+    """Return the part of a link from the distance ``begin`` [m] behind its joint to its end, in the link's frame."""
     size = (visual_radius(arm), arm.link_length - begin)
     return _Shape("capsule", size, np.array([0.5 * (begin + arm.link_length), 0.0, 0.0]), _Z_ALONG_X)
 
 
 def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
-    """Return the mesh files of a scene by path, in binary STL, in metres and the world frame.
+    """Return the mesh files of all obstacles as binary STL, in metres and world coordinates, by path.
 
     Args:
-        scene: the obstacles.
+        scene: the obstacles as solids.
         folder: folder of the files.
     """
     return {
@@ -179,12 +179,18 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
 
 
 def mesh_file(scene: SolidScene, obstacle: SolidObstacle, k: int) -> str:
-    """Return the name of the mesh file of solid ``k`` of an obstacle; unused where the solid is no mesh."""
+    """Return the name of the mesh file of one solid of an obstacle; unused where the solid is no mesh.
+
+    Args:
+        scene: the obstacles as solids.
+        obstacle: the obstacle.
+        k: index of the solid within the obstacle.
+    """
     return f"{obstacle.slug}-{k + 1}.stl" if scene.extruded else f"{obstacle.slug}.stl"
 
 
 def triangles_stl(corners: FloatArray) -> bytes:
-    """Return triangles, shape (m, 3, 3) [m], in binary STL."""
+    """Return m triangles, given by their corners, shape (m, 3, 3) [m], as the bytes of a binary STL file."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     rows = np.zeros(len(corners), dtype=[("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
@@ -194,13 +200,13 @@ def triangles_stl(corners: FloatArray) -> bytes:
 
 
 def _add_urdf_shapes(link: ET.Element, purpose: str, shape: _Shape, mesh: str = "") -> None:
-    """Add a geometry to a link; URDF has no capsules, so a capsule becomes a cylinder with a ball at either end.
+    """Add a geometry to a link of a URDF model; a capsule is written as a cylinder and two spheres, as URDF has none.
 
     Args:
-        link: element of the link.
+        link: XML element of the link.
         purpose: "visual" or "collision".
         shape: the geometry.
-        mesh: file of a mesh.
+        mesh: path of the mesh file, for a mesh.
     """
     parts = [shape]
     if shape.kind == "capsule":
@@ -224,16 +230,16 @@ def _add_origin(element: ET.Element, place: Iterable[float], angles: Iterable[fl
 
 
 UNLIMITED_EFFORT = 1e6
-"""Effort written where there is no limit, which URDF cannot express [N m] or [N]."""
+"""Effort limit written for unlimited joints, which URDF cannot express [N m] or [N]."""
 UNLIMITED_VELOCITY = 1e3
-"""Velocity written where there is no limit [m/s]."""
+"""Velocity limit written for an unlimited feed axis, which URDF cannot express [m/s]."""
 FRAME_MASS = 2e-15
-"""Mass of moving frames that have none [kg].
+"""Mass given to moving frames that have no mass of their own [kg].
 
-Derived: twice the least that MuJoCo loads; Gazebo requires some, too. Torques change by less than their twelve digits.
+Derived: twice the minimum that MuJoCo loads; Gazebo requires a mass, too. Torques of twelve digits do not change.
 """
 FRAME_INERTIA = 2e-14
-"""Moment of inertia of moving frames that have none, about every axis, likewise [kg m²]."""
+"""Moment of inertia given to moving frames that have none of their own, about every axis [kg m²]."""
 
 
 def urdf_text(
@@ -245,22 +251,22 @@ def urdf_text(
     *,
     bends_only: bool = False,
 ) -> str:
-    """Return the URDF of the arm and of the obstacles around the arm.
+    """Return the URDF model of an arm and its obstacles as text.
 
-    The root link ``world`` is the world frame; base position and heading are in the fixed joint ``base_mount``. All
-    joint frames are parallel at zero angles, which give the straight arm along the base heading. A feed axis is the
-    prismatic joint ``feed`` before all others, a payload a link of its own, and the tip a link without mass, ``tip``.
-    Obstacles are links fixed to the world. The mount, which may touch walls, is visual only. URDF cannot express rotor
-    inertia. Frames between joints have about the least mass and inertia that MuJoCo and Gazebo load.
+    The root link ``world`` is the world frame; the fixed joint ``base_mount`` holds base position and heading. At zero
+    angles all joint frames are parallel and the arm is straight along the base heading. A feed axis is the prismatic
+    joint ``feed`` before all others, a payload a separate link, and the tip the massless link ``tip``. Obstacles are
+    links fixed to the world. The mount (first part of the arm, which may touch walls) is visual only. URDF cannot
+    express rotor inertia. Frames between joints have about the minimum mass and inertia that MuJoCo and Gazebo load.
 
     Args:
         arm: the arm.
         name: name of the robot.
-        limits: limits of the revolutes; without torque limits an effort of 1e6 N m is written.
-        scene: the obstacles; None writes the arm alone.
-        mesh_folder: folder of the obstacles' meshes, relative to the file.
-        bends_only: whether a link has only the revolutes that bend it, one in the plane and two in space, instead of
-            three.
+        limits: limits of all joints; without torque limits an effort of 1e6 N m is written.
+        scene: the obstacles as solids; None writes the arm alone.
+        mesh_folder: folder of the obstacles' mesh files, relative to the URDF file.
+        bends_only: whether a ball joint has only the revolutes that bend the arm, one for a planar arm and two in
+            space, instead of three.
     """
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name="world")
@@ -292,7 +298,7 @@ def urdf_text(
 
 
 def _add_urdf_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> None:
-    """Add a link for every obstacle, fixed to the link ``world``."""
+    """Add a link for every obstacle to a URDF model, fixed to the link ``world``."""
     for obstacle in scene.obstacles:
         link_name = f"obstacle_{obstacle.slug}"
         link = ET.SubElement(robot, "link", name=link_name)
@@ -305,7 +311,7 @@ def _add_urdf_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> No
 
 
 def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
-    """Add the links and joints between the world and the first ball joint; return the link that carries that joint."""
+    """Add the links and joints between world and first ball joint to a URDF model; return the name of the last link."""
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
     _add_joint(robot, "base_mount", "fixed", "world", names[0], arm.base_position, roll_pitch_yaw(arm.base_rotation))
@@ -354,11 +360,11 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
 
 
 def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, across: float) -> None:
-    """Add the mass and inertia of a body of revolution about x to a link.
+    """Add the mass and inertia of a body that is rotationally symmetric about x to a URDF link.
 
     Args:
-        link: element of the link.
-        centre: x coordinate of its centre of mass [m].
+        link: XML element of the link.
+        centre: x coordinate of the centre of mass [m].
         mass: mass [kg].
         axial: moment of inertia about x [kg m²].
         across: moment of inertia about y and z [kg m²].
@@ -372,7 +378,7 @@ def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, acr
 
 _COLOUR = "0.55 0.57 0.6 1"
 _GLASS = "0.55 0.57 0.6 0.4"
-"""Colour of obstacles in space, transparent because they would hide the arm."""
+"""Colour (red, green, blue, opacity) of obstacles in space, transparent since they would otherwise hide the arm."""
 _CONTACT = {"contype": "2", "conaffinity": "1"}
 """Contact bits of obstacles: the arm has contype 1 and conaffinity 0, so it collides with obstacles but not itself."""
 
@@ -386,20 +392,20 @@ def mjcf_text(
     *,
     bends_only: bool = False,
 ) -> str:
-    """Return the MJCF of the arm, with a motor at every revolute, and of the obstacles around the arm.
+    """Return the MJCF model of an arm, with a motor at every revolute joint, and its obstacles as text.
 
-    Links collide with obstacles and anything else that a scene adds, not with each other; the mount, which may touch
-    walls, is visual only. Zero angles give the straight arm along the base heading. A feed axis is the slide joint
-    ``feed`` before all others, a payload a body of its own.
+    Links collide with obstacles and with anything that a user adds to the model, but not with each other; the mount
+    (first part of the arm, which may touch walls) is visual only. At zero angles the arm is straight along the base
+    heading. A feed axis is the slide joint ``feed`` before all others, a payload a separate body.
 
     Args:
         arm: the arm.
         name: name of the model.
         gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
-        scene: the obstacles; None writes the arm alone.
-        mesh_folder: folder of the meshes of obstacles in space, relative to the file.
-        bends_only: whether a link has only the hinges that bend it, one in the plane and two in space, instead of
-            three.
+        scene: the obstacles as solids; None writes the arm alone.
+        mesh_folder: folder of the mesh files of obstacles in space, relative to the MJCF file.
+        bends_only: whether a ball joint has only the hinges that bend the arm, one for a planar arm and two in space,
+            instead of three.
     """
     model = ET.Element("mujoco", model=name)
     ET.SubElement(model, "compiler", angle="radian", autolimits="true")
@@ -453,14 +459,15 @@ def _add_geom(body: ET.Element, shape: _Shape, **attributes: str) -> None:
 def _add_obstacle(
     asset: ET.Element, worldbody: ET.Element, obstacle: SolidObstacle, scene: SolidScene, folder: str
 ) -> None:
-    """Add a static obstacle, which collides with the arm but with no other obstacle.
+    """Add a static obstacle to an MJCF model, which collides with the arm but with no other obstacle.
 
     Args:
-        asset: receives the meshes of extruded obstacles.
-        worldbody: receives a geom for every solid, named after the obstacle, with ``/2`` and so on from the second.
+        asset: XML element that receives the meshes of extruded obstacles.
+        worldbody: XML element that receives a geom for every solid, named after the obstacle, with ``/2``, ``/3``, …
+            appended from the second solid on.
         obstacle: the obstacle.
-        scene: scene of the obstacle.
-        folder: folder of the meshes in space, as ``scene_meshes`` writes them, relative to the MJCF.
+        scene: all obstacles as solids.
+        folder: folder of the mesh files of obstacles in space, relative to the MJCF file.
     """
     for k, solid in enumerate(obstacle.solids):
         name = obstacle.name if k == 0 else f"{obstacle.name}/{k + 1}"
@@ -484,7 +491,7 @@ def _add_obstacle(
 
 
 def _add_body(body: ET.Element, arm: Arm, k: int) -> None:
-    """Add the mass and geometry of link ``k``, from 0; the part in the mount, which may touch walls, is visual only."""
+    """Add the mass and geometry of link ``k`` (from 0) to an MJCF body; the part inside the mount is visual only."""
     across = arm.inertia_transverse[k]
     inertia = numbers((arm.inertia_axial[k], across, across))
     centre = numbers((0.5 * arm.link_length, 0.0, 0.0))

@@ -1,8 +1,9 @@
-"""Schema of a problem file: the tables of workspace, arm in space, start and goal, and the file as a whole.
+"""Schema of problem files: tables of workspace, obstacles, arm in space, start and goal, and the file as a whole.
 
 Rules between keys and checks of positions are in ``rules``, checks between tables in ``table_reading``.
 
-The description of a key gives its meaning; ``docs/write_references.py`` makes the reference tables from it.
+The description of a field gives the meaning of its key; ``docs/write_references.py`` generates the reference from
+these descriptions.
 """
 
 import math
@@ -40,11 +41,11 @@ from ccm_opt.io.schema_tables import (
 from ccm_opt.problem import LengthUnit, Tolerances
 
 CLOSEST_KNOTS = 1e-6
-"""Least distance between knots, as a share of the segment's length; a spline through closer knots oscillates."""
+"""Minimum distance between knots, as a fraction of the segment's length; splines through closer knots oscillate."""
 
 
 class SegmentTable(Table):
-    """A curvature segment, with its length, five curvature values and three knots."""
+    """Table of a curvature segment: length, five curvature values, and three knots."""
 
     length: PositiveLength = Field(
         description="Length of the segment; the lengths add up to that of the arm (to 1e-6)."
@@ -65,7 +66,7 @@ class SegmentTable(Table):
 
 
 class PoseTable(Table):
-    """A pose of the whole arm, given by exactly one of shape, joints_deg and segments."""
+    """Table of a pose of a whole planar arm, given by exactly one of ``shape``, ``joints_deg`` and ``segments``."""
 
     rules = Rules(exactly_one=("shape", "joints_deg", "segments"), needs={"heading_deg": ("segments",)})
 
@@ -94,7 +95,7 @@ class PoseTable(Table):
 
 
 class GoalTable(PoseTable):
-    """Where the motion ends: a pose, or a position of the tip."""
+    """Table of the goal of a planar motion: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
         exactly_one=("position", "joints_deg", "shape", "segments"), needs={"heading_deg": ("position", "segments")}
@@ -116,14 +117,14 @@ class GoalTable(PoseTable):
 
 
 class CircleTable(Table):
-    """A disc."""
+    """Table of a disc-shaped planar obstacle."""
 
     center: Point = Field(description="Centre of the disc.")
     radius: PositiveLength = Field(description="Radius of the disc.")
 
 
 class WallTable(Table):
-    """A wall: the area swept by a disc along a polyline; the disc's diameter is the wall's thickness."""
+    """Table of a planar wall: the area that a disc of the wall's thickness sweeps along a polyline."""
 
     points: Polyline = Field(description="Vertices of the line, in order.")
     thickness: NonNegativeLength = Field(
@@ -132,7 +133,7 @@ class WallTable(Table):
 
 
 class ObstacleTable(Table):
-    """An obstacle, given by exactly one of polygon, box, circle and wall; a polygon may have holes."""
+    """Table of a planar obstacle: exactly one of ``polygon`` (with holes), ``box``, ``circle`` and ``wall``."""
 
     rules = Rules(exactly_one=("polygon", "box", "circle", "wall"))
 
@@ -166,7 +167,7 @@ class ObstacleTable(Table):
 
 
 class SceneTable(Table):
-    """A drawing of obstacles and its placement; lengths stay in the problem file's unit."""
+    """Keys about a drawing of obstacles and its placement, with lengths left in the unit of the problem file."""
 
     file: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
@@ -197,7 +198,7 @@ class SceneTable(Table):
 
 
 class WorkspaceTable(SceneTable):
-    """The workspace, without its obstacles: those are validated one by one."""
+    """Table of a planar workspace, without the list of obstacles, each of which is validated separately."""
 
     rules = Rules(exactly_one=("bounds", "boundary"), otherwise=', or closed = "room" with a drawing of the workspace')
 
@@ -215,7 +216,7 @@ class WorkspaceTable(SceneTable):
 
 
 SHORTEST = 1e-9
-"""Least length of directions and quaternions; the direction of shorter ones is lost in rounding."""
+"""Minimum norm of direction vectors and quaternions; rounding would determine the direction of shorter ones."""
 
 
 def _unit(values: list[float]) -> list[float]:
@@ -243,14 +244,14 @@ Bends: TypeAlias = Annotated[list[Degrees], Field(description="`[a, b]`"), exact
 
 
 class SphereTable(Table):
-    """A sphere."""
+    """Table of a spherical obstacle."""
 
     center: SpacePoint = Field(description="Centre of the sphere.")
     radius: PositiveLength = Field(description="Radius of the sphere.")
 
 
 class BarTable(Table):
-    """A cylinder or capsule, given by the ends of its axis and its radius."""
+    """Table of a cylinder or capsule, given by both ends of its axis and its radius."""
 
     start: Annotated[SpacePoint, Field(alias="from")] = Field(description="First end of the axis.")
     end: Annotated[SpacePoint, Field(alias="to")] = Field(description="Second end of the axis.")
@@ -258,7 +259,7 @@ class BarTable(Table):
 
 
 class PlacementTable(Table):
-    """Placement of a body, which is rotated first and then moved."""
+    """Table of the pose of a solid: a rotation about the origin, followed by a translation."""
 
     rules = Rules(at_most_one=("rotation_deg", "quaternion"))
 
@@ -272,7 +273,7 @@ class PlacementTable(Table):
 
 
 class SpaceObstacleTable(Table):
-    """An obstacle in space, given by exactly one of mesh, box, sphere, cylinder and capsule."""
+    """Table of an obstacle in space: exactly one of ``mesh``, ``box``, ``sphere``, ``cylinder`` and ``capsule``."""
 
     rules = Rules(
         exactly_one=("mesh", "box", "sphere", "cylinder", "capsule"),
@@ -337,7 +338,7 @@ class SpaceObstacleTable(Table):
 
 
 class SpaceWorkspaceTable(Table):
-    """The workspace, without its obstacles: those are validated one by one."""
+    """Table of a workspace in space, without the list of obstacles, each of which is validated separately."""
 
     bounds: Corners | None = Field(
         default=None,
@@ -351,7 +352,7 @@ class SpaceWorkspaceTable(Table):
 
 
 class BaseTable(Table):
-    """Position and orientation of the base of an arm in space."""
+    """Table of the position and orientation of the base of an arm in space."""
 
     position: SpacePoint = Field(
         description="Position of the first joint; it may touch a wall, but not lie inside one."
@@ -369,14 +370,14 @@ class BaseTable(Table):
 
 
 class SpaceArmTable(ChainTable):
-    """The arm in space."""
+    """Table of an arm that moves in three dimensions."""
 
     base: BaseTable = Field(description="`{ position = [x, y, z], direction = [x, y, z], up = [x, y, z] }`.")
     axes: Literal["zyx"] = Field(default="zyx", description="Order of a ball joint's revolutes; the third stays at 0.")
 
 
 class SpacePoseTable(Table):
-    """A pose of the whole arm in space, given by exactly one of shape and joints_deg."""
+    """Table of a pose of a whole arm in space, given by exactly one of ``shape`` and ``joints_deg``."""
 
     rules = Rules(exactly_one=("shape", "joints_deg"))
     segments: ClassVar[None] = None
@@ -398,7 +399,7 @@ class SpacePoseTable(Table):
 
 
 class SpaceGoalTable(SpacePoseTable):
-    """Where the motion ends: a pose, or a position of the tip."""
+    """Table of the goal of a motion in space: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
         exactly_one=("position", "joints_deg", "shape"), needs=dict.fromkeys(("direction", "via"), ("position",))
@@ -433,7 +434,7 @@ OPTIONAL: Mapping[str, type[Table]] = {
     "tolerance": ToleranceTable,
     "verification": VerificationTable,
 }
-"""Optional tables, by name."""
+"""Schemas of the optional tables of a problem file, by name."""
 TABLES: Mapping[bool, Mapping[str, type[Table]]] = {
     False: {
         "workspace": WorkspaceTable,
@@ -454,7 +455,7 @@ TABLES: Mapping[bool, Mapping[str, type[Table]]] = {
         **OPTIONAL,
     },
 }
-"""Tables of a file by name, for arms in the plane under False and in space under True."""
+"""Schemas of the tables of a problem file, by name; planar arms under False, arms in space under True."""
 
 _FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
@@ -470,7 +471,7 @@ def _folder_name(name: str) -> str:
 
 
 class RootTable(Table):
-    """The whole file: the keys above the first table, and the tables, which are validated separately."""
+    """Schema of a whole problem file: the keys above the first table, and the tables, each validated separately."""
 
     schema_version: Literal[1] = Field(alias="schema", description="Version of the format.")
     space: Literal[2, 3] = Field(

@@ -1,8 +1,8 @@
-"""Types of the quantities in a problem file, and the tables common to arms in the plane and in space.
+"""Types of the quantities in a problem file, and the tables common to planar arms and arms in space.
 
-The types convert between the units of a file and SI units: on validation lengths are multiplied by ``scale`` of the
-context, the metres per unit of the file; on serialisation they are written in the ``unit`` of the context. The
-description of a type, used by the documentation, says which values are valid.
+The types convert between the units of a file and SI units. On validation, lengths are multiplied by ``scale`` of the
+context, the metres per unit of the file; on serialisation, lengths are written in the ``unit`` of the context. The
+description of a type says which values are valid and is used by the documentation.
 """
 
 import math
@@ -43,11 +43,11 @@ from ccm_opt.problem import (
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 
 MAX_LENGTH = 1e9
-"""Largest coordinate [m]; beyond it double precision no longer resolves a micrometre."""
+"""Maximum absolute coordinate [m]; double precision no longer resolves a micrometre beyond this value."""
 
 LARGEST = 1e12
-"""Largest number of any kind; no length, angle or limit of an arm comes near it, and the squares of far larger numbers
-overflow."""
+"""Maximum absolute value of any number; no length, angle or limit of a real arm comes near, and the squares of much
+larger numbers overflow."""
 
 
 def _scale(info: ValidationInfo) -> float:
@@ -69,7 +69,7 @@ def _to_inverse_metres(value: float, info: ValidationInfo) -> float:
 
 
 def _lengths(values: npt.ArrayLike, info: SerializationInfo) -> Any:
-    """Return lengths or points [m] in the unit of the context, as a number or nested lists."""
+    """Return lengths or points [m] in the ``unit`` of the serialisation context, as a number or nested lists."""
     metres = np.asarray(values, dtype=np.float64)
     given = np.array([in_unit(value, (info.context or {})["unit"]) for value in metres.flat])
     return given.reshape(metres.shape).tolist()
@@ -97,10 +97,10 @@ def _ordered_box(corners: list[float]) -> list[float]:
 
 
 def _simple_ring(points: list[list[float]]) -> list[list[float]]:
-    """Return an outline unchanged, or refuse one that crosses itself or has no area.
+    """Return an outline (list of corners) unchanged if it is a simple polygon with area.
 
     Raises:
-        ValueError: the outline is refused; the message names the nearest corner.
+        ValueError: the outline crosses itself or has no area; the message names the corner nearest to the crossing.
     """
     if max(abs(value) for point in points for value in point) > LARGEST:
         raise ValueError(f"expected coordinates of at most {LARGEST:g}")
@@ -131,7 +131,7 @@ def _points_to_metres(points: list[list[float]], info: ValidationInfo) -> list[l
 
 
 def exactly(count: int) -> AfterValidator:
-    """Return a validator that accepts lists of exactly ``count`` entries."""
+    """Return a pydantic validator that accepts only lists of exactly ``count`` entries."""
 
     def check(values: list[float]) -> list[float]:
         if len(values) != count:
@@ -142,18 +142,20 @@ def exactly(count: int) -> AfterValidator:
 
 
 def _is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number; booleans, which are numbers to Python, do not count."""
+    """Return whether a value is a finite number; booleans do not count, although Python treats them as numbers."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
     return abs(value) <= sys.float_info.max
 
 
 def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
-    """Return a validator for a positive number or a list of them; pydantic's own union would report defects twice.
+    """Return a pydantic validator for a positive number or a list of positive numbers.
+
+    Pydantic's own validation of such a union would report each defect twice.
 
     Args:
-        expected: what is expected, in words, for the message.
-        zero: whether 0 is allowed.
+        expected: description of a valid number, for the message.
+        zero: whether 0 is valid.
     """
 
     def check(value: object) -> object:
@@ -208,24 +210,24 @@ PositiveEach: TypeAlias = Annotated[
     Field(description="number above 0, or list of such numbers"),
     _numbers_each("a positive number", zero=False),
 ]
-"""One positive number for all, or a list with one for each."""
+"""A positive number for all joints or links, or a list with one positive number for each."""
 NonNegativeEach: TypeAlias = Annotated[
     float | list[float],
     Field(description="number, 0 or more, or list of such numbers"),
     _numbers_each("a number that is not negative", zero=True),
 ]
-"""One non-negative number for all, or a list with one for each."""
+"""A non-negative number for all joints, or a list with one non-negative number for each."""
 NonNegative: TypeAlias = Annotated[float, Field(ge=0.0)]
 
 
 class Rules(NamedTuple):
-    """Rules between the keys of a table.
+    """Rules between the keys of one table of a problem file.
 
     Attributes:
         exactly_one: keys of which exactly one must be given; empty for no such rule.
-        otherwise: another way to satisfy ``exactly_one``, in words, appended to its message.
+        otherwise: another way to satisfy ``exactly_one``, in words, appended to the error message.
         at_most_one: two keys of which at most one may be given.
-        needs: for a key, the keys of which at least one must be given with it.
+        needs: for each key with companions, the keys of which at least one must be given too.
     """
 
     exactly_one: tuple[str, ...] = ()
@@ -235,7 +237,7 @@ class Rules(NamedTuple):
 
 
 class Table(BaseModel):
-    """Base class of all tables, which refuses unknown keys, wrong types, and numbers not finite or too large."""
+    """Base class of the tables of a problem file; refuses unknown keys, wrong types, and infinite or huge numbers."""
 
     rules: ClassVar[Rules] = Rules()
 
@@ -249,11 +251,11 @@ class Table(BaseModel):
 
     @classmethod
     def of(cls, part: object, **own: object) -> Self:
-        """Return the table of an object, whose attributes have the names of the keys without the suffix ``_deg``.
+        """Return a table filled from an object, whose attributes are named like the keys without the suffix ``_deg``.
 
         Args:
-            part: the object.
-            own: values of keys that are not attributes of the object; None leaves a key out.
+            part: the object; None where all values come from ``own``.
+            own: values of keys that are not attributes of the object; None omits a key.
         """
         nested = table_models(cls)
         said = {name: getattr(part, name.removesuffix("_deg"), None) for name in cls.model_fields} | own
@@ -261,12 +263,12 @@ class Table(BaseModel):
         return cls.model_construct(**{name: value for name, value in values.items() if value is not None})
 
     def written(self, unit: LengthUnit) -> dict[str, Any]:
-        """Return the keys that are set, with lengths in ``unit`` and angles in degrees."""
+        """Return the keys that are set as plain data, with lengths in ``unit`` and angles in degrees."""
         return self.model_dump(by_alias=True, exclude_unset=True, context={"unit": unit}, warnings=False)
 
     @property
     def values(self) -> dict[str, Any]:
-        """All values in SI units and radians, by their keys without the suffix ``_deg``."""
+        """All values of the table in SI units and radians, by key without the suffix ``_deg``."""
         return {name.removesuffix("_deg"): getattr(self, name) for name in type(self).model_fields}
 
     @field_validator("*")
@@ -278,7 +280,7 @@ class Table(BaseModel):
 
 
 def _plain(value: object, table: type[BaseModel] | None) -> object:
-    """Return a value as plain lists and numbers, with objects converted to the given kind of table."""
+    """Return a value as plain lists and numbers, with objects converted to a nested table of the given class."""
     if isinstance(value, (list, tuple)):
         return [_plain(each, table) for each in value]
     if table is not None and issubclass(table, Table) and value is not None and not isinstance(value, Table):
@@ -287,7 +289,7 @@ def _plain(value: object, table: type[BaseModel] | None) -> object:
 
 
 def _floats(value: object) -> Iterator[float]:
-    """Yield a value that is a float, or all floats in nested lists."""
+    """Yield the value itself if it is a float, else all floats in nested lists."""
     if isinstance(value, float):
         yield value
     elif isinstance(value, (list, tuple)):
@@ -296,11 +298,11 @@ def _floats(value: object) -> Iterator[float]:
 
 
 MAX_LINKS = 400
-"""Largest number of links, far above any real arm; planning for more would take hours."""
+"""Maximum number of links, far above that of real arms; planning for more would take hours."""
 
 
 class InertiaTable(Table):
-    """Moments of inertia of the links about their centres [kg m²], each one value for all links or one per link."""
+    """Table of the links' moments of inertia about their centres [kg m²], one value for all links or one per link."""
 
     axial: PositiveEach = Field(description="Moment about the link's axis [kg m²].")
     transverse: PositiveEach = Field(description="Moment about an axis across the link, through its centre [kg m²].")
@@ -313,7 +315,7 @@ def _even(links: int) -> int:
 
 
 class FeedTable(Table):
-    """A linear axis that carries the base along the base heading."""
+    """Table of the feed axis, a linear axis that moves the base along the base heading."""
 
     range: Annotated[list[Length], exactly(2)] = Field(
         description="`[lower, upper]` limit of the base's position on the axis."
@@ -332,7 +334,7 @@ class FeedTable(Table):
 
 
 class ChainTable(Table):
-    """Keys that arms in the plane and in space have in common."""
+    """Keys that the tables of planar arms and of arms in space have in common."""
 
     rules = Rules(at_most_one=("link_mass", "masses"))
 
@@ -386,7 +388,7 @@ class ChainTable(Table):
 
 
 class ArmTable(ChainTable):
-    """An arm in the plane."""
+    """Table of a planar arm."""
 
     base: Point = Field(description="Position of the first joint; it may touch a wall, but not lie inside one.")
     base_heading_deg: Degrees = Field(default=0.0, description="Heading of the straight arm.")
@@ -396,7 +398,7 @@ class ArmTable(ChainTable):
 
 
 class PointLimitTable(Table):
-    """Bounds on the speed and the acceleration of a point of the arm."""
+    """Table of the limits on speed and acceleration of one point of the arm."""
 
     at: NonNegativeLength = Field(description="Arc length of the point from the base, along the links.")
     velocity: PositiveSpeed | None = Field(default=None, description="Limit on the point's speed. Default: none.")
@@ -406,7 +408,7 @@ class PointLimitTable(Table):
 
 
 class LimitsTable(Table):
-    """Limits of joints (one for all, one per ball joint, or one per revolute), of the feed axis, and of points."""
+    """Table of limits of joints (one value for all, per ball joint, or per revolute), feed axis, and points."""
 
     velocity: PositiveEach = Field(description="Joint velocity [rad/s].")
     acceleration: PositiveEach = Field(description="Joint acceleration [rad/s²].")
@@ -437,7 +439,7 @@ class LimitsTable(Table):
 
 
 class GainsTable(Table):
-    """Gains of the PD law for every joint, proportional [N m/rad] and derivative [N m s/rad]; by default tuned."""
+    """Table of the PD gains of every joint, proportional [N m/rad] and derivative [N m s/rad]; by default tuned."""
 
     proportional: Positive | None = Field(
         default=None, description="Proportional gain [N m/rad]. Default: tuned for the arm, or to the other gain."
@@ -448,7 +450,7 @@ class GainsTable(Table):
 
 
 class DisturbancesTable(Table):
-    """Differences between the simulated arm and the controller's model."""
+    """Table of the differences between the simulated arm and the model that the controller uses."""
 
     mass_error: Annotated[float, Field(gt=-1.0)] = Field(
         default=Disturbances.mass_error,
@@ -475,7 +477,7 @@ class DisturbancesTable(Table):
 
 
 class SimulationTable(Table):
-    """Settings of the simulation of the timed motion."""
+    """Table of the settings for simulating the timed motion under closed-loop control."""
 
     gravity: Vector = Field(
         default_factory=SimulationOptions().gravity.tolist,
@@ -506,7 +508,7 @@ Weight = Annotated[float, Field(ge=0.0)]
 
 
 class WeightsTable(Table):
-    """Weights of the costs that planning minimises."""
+    """Table of the weights of the costs that planning minimises."""
 
     path_length: Weight = Field(default=Weights.path_length, description="Joint travel along the motion.")
     smoothness: Weight = Field(
@@ -530,7 +532,7 @@ class WeightsTable(Table):
 
 
 class PlannerTable(Table):
-    """Choice of the planner, its time limit and its options."""
+    """Table of the choice of planner, its time limit and its options."""
 
     method: MethodName = Field(
         default=PlannerOptions.method,
@@ -614,7 +616,7 @@ class PlannerTable(Table):
 
 
 class ToleranceTable(Table):
-    """Errors under which the motion must stay collision-free."""
+    """Table of the joint errors under which the motion must remain collision-free."""
 
     joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), _RADIANS, _DEGREES] = Field(
         default=0.0,
@@ -626,7 +628,7 @@ class ToleranceTable(Table):
 
 
 class VerificationTable(Table):
-    """Settings that determine how strictly plans are verified."""
+    """Table of the settings that determine how strictly plans are verified."""
 
     contact_tolerance: PositiveLength | None = Field(
         default=VerificationOptions.contact_tolerance,
