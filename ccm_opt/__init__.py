@@ -1,4 +1,4 @@
-"""ccm_opt: certified, timed and simulated motions of highly redundant manipulators.
+"""ccm_opt: planning, certification, timing and simulation of motions of highly redundant manipulators.
 
 Public names are imported on first use, which keeps ``import ccm_opt`` fast::
 
@@ -120,20 +120,20 @@ _NAMES = {
     "ccm_opt.ik.quantities": ("Quantities",),
     "ccm_opt.ik.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
 }
-"""Public names grouped by the module that defines them under the same name."""
+"""Public names, by the module that defines them under equal names."""
 _HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names}
 _HOMES["check"] = ("ccm_opt.verification.verifier", "verify")
-"""Module and name of each public object."""
+"""Defining module, and name in that module, of each public object."""
 _MODULES = {"errors": "ccm_opt.core.errors", "plotting": "ccm_opt.viz"}
-"""Public modules."""
+"""Public modules, by their public name."""
 
 
 _MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "solve"))
-"""Names through which a caller can obtain a ``Solution``."""
+"""Public names through which a caller can obtain a ``Solution``."""
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name on first use.
+    """Return a public object, importing the module that defines it on first use.
 
     Raises:
         AttributeError: the package has no such name.

@@ -1,4 +1,4 @@
-"""The planning problem as data, and the checks that every problem must pass."""
+"""The planning problem as immutable data, and the checks that every problem must pass."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
@@ -29,14 +29,14 @@ from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import PlaneShape, Workspace
 
 UNIT_ROUNDING = 1e-9
-"""Rounding allowed in the length of a unit vector, and in the cosine of a right angle."""
+"""Allowed rounding error of the length of a unit vector, and of the cosine of a right angle."""
 _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
 
 
 def defects(problem: "Problem") -> Iterator[str]:
-    """Yield a sentence for every defect in the values of a problem, whether from a file or made in Python.
+    """Yield a sentence for every invalid value of a problem, whether read from a file or made in Python.
 
-    Problem files are checked more closely when they are read, see ``ccm_opt.io``.
+    Types must have been checked before; problem files are checked more closely when they are read, see ``ccm_opt.io``.
     """
     d = problem.workspace.dimension
     if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
@@ -62,7 +62,7 @@ _MOST_CONTACT_WORDS = "a thousandth of the arm's length"
 
 
 def _broken(*rules: tuple[bool | np.bool_, str]) -> Iterator[str]:
-    """Yield the message of every rule that is violated; a rule is a pair (holds, message)."""
+    """Yield the message of every violated rule, each rule given as a pair (holds, message)."""
     yield from (line for holds, line in rules if not holds)
 
 
@@ -155,7 +155,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
-    """Yield the defects of masses, limits and options, whose meaning is the same in the plane and in space."""
+    """Yield a sentence for every invalid mass, limit, or option, by rules common to planar arms and arms in space."""
     for name, value, shape in _positive_arrays(arm, limits):
         yield from array_defects(name, value, shape, positive=True)
     for key, name, names in (
@@ -189,7 +189,7 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
 
 
 def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
-    """Yield the defects of limits on points: points off the arm, values not positive, and points limited twice."""
+    """Yield a sentence for every invalid limit on a point of the arm: off the arm, not positive, empty, or repeated."""
     for k, point in enumerate(limits.points):
         name = f"limits.points[{k}]"
         others = [other.at for other in limits.points[:k]]
@@ -204,17 +204,17 @@ def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
 
 
 def _positive(name: str, value: float | None) -> tuple[bool, str]:
-    """Return the rule (holds, message) that a limit must be positive where it is given."""
+    """Return the rule, as a pair (holds, message), that a limit must be positive where it is given."""
     return value is None or value > 0.0, f"{name} must be positive, got {value}; leave it out for no limit"
 
 
 def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
-    """Yield the defects of a feed axis, its limits, and the feed positions of named poses.
+    """Yield a sentence for every invalid value of the feed axis, of its limits, and of the feeds of poses.
 
     Args:
-        arm: the arm; without a feed axis, every position but 0 is a defect.
+        arm: the arm; without a feed axis, every feed but 0 is invalid.
         limits: limits of the drives, including the feed axis.
-        placed: name and feed position [m] of each pose.
+        placed: name and feed (position of the base on the axis) of each pose [m].
     """
     if not arm.base_axes:
         yield from (
@@ -254,7 +254,14 @@ def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
 
 
 def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
-    """Yield the first defect of an array that must have a given shape and finite, optionally positive, values."""
+    """Yield a sentence for the first defect of an array: wrong type or shape, or values not finite or not positive.
+
+    Args:
+        name: name of the array, for the message.
+        value: the array.
+        shape: required shape.
+        positive: whether all values must be positive.
+    """
     if not hasattr(value, "shape"):
         yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
     elif value.shape != shape:
@@ -271,37 +278,37 @@ def _name_defects(key: str, value: str, names: tuple[str, ...]) -> Iterator[str]
 
 
 WANTED_SHARE_OF_LENGTH = 0.015
-"""Clearance that plans aim for unless the problem sets one, as a share of the arm's length."""
+"""Default preferred clearance, as a fraction of the arm's length."""
 WANTED_SHARE_OF_RADIUS = 0.5
-"""The same clearance as a share of the arm's radius; the smaller of the two applies."""
+"""Default preferred clearance, as a fraction of the arm's radius; applies where less than that by length."""
 
 
 @dataclass(frozen=True, repr=False)
 class Problem:
-    """One planning problem, planar or spatial according to its arm and workspace.
+    """A motion-planning problem for a planar arm or an arm in space, in SI units and radians.
 
     Attributes:
         name: name of the problem and of its output folder.
         description: one line for human readers.
         workspace: boundary, obstacles and required clearance.
         arm: the jointed arm.
-        limits: bounds on joint speed, acceleration and torque.
-        start: pose at which the motion begins.
+        limits: limits of joint velocity, acceleration, torque and jerk, of the feed axis, and of points of the arm.
+        start: pose in which the motion begins.
         goal: goal at which the motion ends.
-        tolerances: how close to the goal the motion must end.
+        tolerances: maximum deviation from the goal at the end of the motion.
         stops: intermediate goals, in order.
         planner: planner options.
         simulation: simulation options.
-        joint_error: error of any joint at any time despite which the motion must stay collision-free [rad]; 0 requires
-            no such margin.
-        verification: how strictly plans are judged.
+        joint_error: deviation of any joint, at any time, under which the motion must remain collision-free [rad]; 0 for
+            no such requirement.
+        verification: verification options.
         source: text of the problem file, kept for the record; empty for problems built in Python or with a drawing.
-        length_unit: unit in which messages state lengths, taken from the problem file: ``m``, ``mm`` or ``in``. All
-            values are in metres regardless.
+        length_unit: unit of lengths in messages, taken from the problem file: ``m``, ``mm`` or ``in``; values are
+            always in metres.
         drawing: report on the drawing from which obstacles were imported; None without a drawing.
 
     Raises:
-        ProblemError: a field has the wrong type or shape, or is out of bounds; the message lists every such field.
+        ProblemError: an attribute has a wrong type or shape, or an invalid value; the message lists all of them.
     """
 
     name: str
@@ -323,25 +330,25 @@ class Problem:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point, 2 in the plane and 3 in space."""
+        """Dimension of the arm's motion, 2 for a planar arm and 3 for an arm in space."""
         return self.arm.dimension
 
     @property
     def via_reach(self) -> float:
-        """Distance within which the tip must pass each place of ``goal.via``, which marks a bore or a gap [m]."""
+        """Maximum distance at which the tip must pass each via point of the goal [m]."""
         return max(self.tolerances.position, self.arm.link_length)
 
     @property
     def contact_tolerance(self) -> float:
-        """Shortfall in clearance that is accepted before a motion is refused, normally just rounding [m]."""
+        """Maximum shortfall of the required clearance that the verifier accepts, meant for rounding [m]."""
         asked = self.verification.contact_tolerance
         return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
 
     @property
     def wanted_gap(self) -> float:
-        """Clearance beyond radius and required clearance that planning aims for where the scene allows it [m].
+        """Preferred clearance beyond the required clearance, kept by plans where the scene allows it [m].
 
-        0 for the paper's planner (hill climbing), which has no notion of a preferred clearance.
+        0 for the hill-climbing planner of the paper, which ignores clearance preferences.
         """
         if self.planner.method != "nlp":
             return 0.0
@@ -349,10 +356,10 @@ class Problem:
 
     @property
     def default_gap(self) -> float:
-        """Preferred clearance if options set none, 1.5 % of the arm's length or half the radius if that is less [m].
+        """Default preferred clearance, the lesser of 1.5 % of the arm's length and half its radius [m].
 
-        This is about the distance that one would keep around a hose of the arm's size. An arm of zero radius gets 1.5 %
-        of its length.
+        This is about the distance that one would keep around a hose of the arm's size. For an arm of zero radius the
+        value is 1.5 % of its length.
         """
         share = WANTED_SHARE_OF_LENGTH * self.arm.length
         return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
@@ -367,12 +374,12 @@ class Problem:
 
     @property
     def goals(self) -> Sequence[Stop]:
-        """All goals in order, the stops, then the final goal, which has no pause."""
+        """All goals in order, namely the intermediate ones and then the final goal, without pause."""
         return (*self.stops, Stop(self.goal, self.tolerances))
 
     @staticmethod
     def expected(value: object) -> None:
-        """Refuse a value that is not a problem.
+        """Raise an error for a value that is no ``Problem``, with advice for the caller.
 
         Raises:
             ProblemError: the value is no ``Problem``; the message states its type and how to load a problem.

@@ -1,4 +1,4 @@
-"""Checks of the types of a problem's fields, and the record of an imported drawing."""
+"""Type checks of the attributes of a problem, and the report on an imported drawing."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -32,20 +32,20 @@ _PARTS: Mapping[str, tuple[type, ...]] = {
     "arm.feed": (Feed, type(None)),
     "planner.weights": (Weights,),
 }
-"""Allowed types of the parts of a problem, by dotted name."""
+"""Allowed types of a problem's attributes, by dotted name."""
 _NUMBERS = (
     *("joint_error", "workspace.clearance"),
     *(f"arm.{name}" for name in ("links", "link_length", "radius", "joint_limit", "base_limit")),
     *("arm.mount_length", "arm.payload", "arm.base_heading", "tolerances.position", "tolerances.heading"),
     *("planner.time_limit", "planner.effort_share", "simulation.step", "simulation.bandwidth"),
 )
-"""Parts of a problem that must be finite numbers, by dotted name."""
+"""Dotted names of a problem's attributes that must be finite numbers."""
 _ENTRIES: Mapping[str, type] = {"stops": Stop, "workspace.obstacles": Obstacle}
-"""Type of every entry of a part that is a tuple."""
+"""Required type of the entries of a problem's tuple attributes, by dotted name."""
 
 
 def wrong_types(problem: object) -> Iterator[str]:
-    """Yield a line for every part of a problem that has the wrong type."""
+    """Yield a sentence for every attribute of a problem that has a wrong type."""
     broken: set[str] = set()
     for name, kinds in _PARTS.items():
         value = _part(problem, name, broken)
@@ -64,11 +64,11 @@ def wrong_types(problem: object) -> Iterator[str]:
 
 
 _NOTHING = object()
-"""Value of a part whose parent already has the wrong type, so that one defect is not reported twice."""
+"""Placeholder for an attribute whose parent already has a wrong type, so that one defect is not reported twice."""
 
 
 def _part(problem: object, name: str, broken: set[str]) -> object:
-    """Return a part of a problem by its dotted name; ``_NOTHING`` where a parent of that part is in ``broken``."""
+    """Return an attribute of a problem by its dotted name; ``_NOTHING`` where a parent attribute is in ``broken``."""
     value: object = problem
     at = ""
     for key in name.split("."):
@@ -80,15 +80,15 @@ def _part(problem: object, name: str, broken: set[str]) -> object:
 
 
 ODD_RATIO = 100.0
-"""Ratio of sizes from which a drawing is suspected of having the wrong scale. Derived: millimetres mistaken for metres
-give a factor of a thousand, and no drawing that fits its arm is ten times smaller or larger than the arm."""
+"""Ratio between the sizes of drawing and arm from which a wrong scale is suspected. Derived: millimetres mistaken for
+metres give a factor of a thousand, and no drawing that fits its arm is ten times smaller or larger than the arm."""
 
 
 def odd_times(ratio: float) -> str | None:
-    """Return a phrase for how many times larger or smaller than the arm a drawing is; None for a plausible size.
+    """Return a phrase such as "1e+03 times larger" for an implausible ratio of sizes; None for a plausible one.
 
     Args:
-        ratio: size of the drawing divided by the length of the arm.
+        ratio: size of a drawing or mesh divided by the length of the arm.
     """
     if ODD_RATIO**-1 < ratio < ODD_RATIO:
         return None
@@ -111,21 +111,20 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class ImportedDrawing:
-    """Report on the import of a drawing.
+    """Report on the import of obstacles from a drawing.
 
     Attributes:
         file: name of the drawing's file.
         obstacles: number of obstacles imported.
-        box: bounding box of these obstacles as placed in the workspace, shape (4,): least x and y, then greatest x
-            and y [m].
-        layers: names of layers, or of the outermost named groups, with the number of obstacles on each; empty where
-            the drawing has none.
+        box: bounding box of the obstacles in the workspace: (x low, y low, x high, y high) [m].
+        layers: names of layers, or of outermost named groups, with the number of shapes on each; empty where the
+            drawing has none.
         left_out: elements that were not imported, in the order of the drawing.
-        unit: unit of length stated in the drawing, for information only: the scale in the problem file decides; empty
-            where the drawing states none.
-        metres: length of one unit of the drawing as it was read [m].
-        stated_metres: length of one unit according to the drawing's stated physical size [m]; None where the drawing
-            states none.
+        unit: unit of length stated in the drawing, for information only, since the scale in the problem file applies;
+            empty where the drawing states none.
+        metres: length of one unit of the drawing as imported [m].
+        stated_metres: length of one unit according to the physical size stated in the drawing [m]; None where the
+            drawing states none.
     """
 
     file: str
@@ -139,12 +138,12 @@ class ImportedDrawing:
 
     @property
     def extent(self) -> float:
-        """Longer side of the bounding box [m]."""
+        """Longer side of the bounding box of the imported obstacles [m]."""
         xmin, ymin, xmax, ymax = self.box
         return max(xmax - xmin, ymax - ymin)
 
     def odd_size(self, arm_length: float) -> str | None:
-        """Return a warning if the drawing's size, compared with the arm's, suggests a wrong scale; else None.
+        """Return a warning if the drawing's size, compared with the arm's length, suggests a wrong scale; else None.
 
         Args:
             arm_length: length of the arm [m].

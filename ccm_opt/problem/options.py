@@ -1,4 +1,4 @@
-"""Options of a problem for planning, simulation and verification."""
+"""Planner, simulation and verification options of a problem."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -10,10 +10,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import MappingName
 
 CONTACT_SHARE_OF_LENGTH = 1e-6
-"""Default contact tolerance, as a share of the arm's length: far below manufacturing tolerances, and above the rounding
-left by the certificate and by the chords between samples."""
+"""Default contact tolerance, as a fraction of the arm's length: far below manufacturing tolerances, but above the
+errors of the certificate and of linear interpolation between samples."""
 MOST_CONTACT_SHARE_OF_LENGTH = 1e-3
-"""Largest contact tolerance allowed, as a share of the arm's length: with more, a plan could pass through obstacles."""
+"""Maximum contact tolerance, as a fraction of the arm's length; with more, a plan could pass through obstacles."""
 
 MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "none"]
@@ -23,16 +23,17 @@ ControllerName = Literal["computed-torque", "pd"]
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the planner's costs: 1 is the usual weight, 0 drops a cost, 10 makes it count ten times as much.
+    """Weights of the planner's costs, relative to their usual weight of 1; 0 drops a cost.
 
-    All of them apply to the optimisation of motions; bending and clearance apply to that of the goal pose too.
+    All weights apply to the optimisation of motions; bending and clearance also apply to that of the goal pose.
 
     Attributes:
-        path_length: joint rotation along the motion.
-        smoothness: change of joint rotation from one step to the next.
-        bending: curvature of the arm.
-        clearance: closeness to obstacles; by default the motion only respects the workspace's required clearance.
-        duration: surrogate for the duration: each joint's rotation, and change of rotation, relative to its limits.
+        path_length: weight of joint travel along the motion.
+        smoothness: weight of changes of the joint steps from one keyframe to the next.
+        bending: weight of the arm's curvature.
+        clearance: weight of proximity to obstacles; with 0 motions only respect the required clearance.
+        duration: weight of a surrogate for the duration, namely each joint's steps, and their changes, relative to the
+            joint's limits.
     """
 
     path_length: float = 1.0
@@ -44,25 +45,27 @@ class Weights:
 
 @dataclass(frozen=True)
 class PlannerOptions:
-    """Choice of planner and its settings.
+    """Choice of the planner and its settings.
 
     Attributes:
         method: name of the planner.
-        mapping: how joints are fitted to a curve.
-        time_limit: CPU time of this process after which the search stops [s]; three times as much wall time stops it
-            too.
-        routes: number of corridors tried, shortest first.
-        seed: seed of every random choice and of the order of candidates; 0 tries the most promising first.
+        mapping: name of the method that fits the joints to a backbone curve.
+        time_limit: CPU time of this process after which the search stops [s]; three times as much wall time also stops
+            the search.
+        routes: number of homotopy classes (corridors) that are tried, shortest first; for planar arms only.
+        seed: seed of all random choices and of the order of candidates; 0 tries the most promising candidate first.
         tries: number of plans made, with ``seed`` and the seeds after it; the best plan is kept.
-        optimiser: how the motion found is optimised over all its keyframes; "none" keeps the motion with its detours.
-        retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
-        weights: weights of the costs when configurations and motions are optimised.
-        wanted_gap: clearance beyond radius and required clearance that goal pose and motion aim for where the scene
-            allows it [m]; 0 asks for none, None for ``Problem.default_gap``.
-        effort_share: fraction of every drive's limits on velocity, acceleration, jerk and effort that plans may use,
-            above 0 and at most 1, so that feedback has a reserve; raised where gravity alone takes nearly as much.
-        follow_within: maximum deviation of an arm on a feed axis from the path of its tip [m], kept by every plan; None
-            for no bound.
+        optimiser: method that optimises the motion over all keyframes; "none" keeps the motion as found.
+        retiming: method that times the path: "toppra", as fast as the limits allow, or "paul", by Paul's transitions
+            between keyframes.
+        weights: weights of the costs in the optimisation of goal pose and motion.
+        wanted_gap: preferred clearance of goal pose and motion beyond the required clearance, kept where the scene
+            allows it [m]; 0 for no preference, None for ``Problem.default_gap``.
+        effort_share: fraction of the drives' limits of velocity, acceleration, jerk and effort that plans may use,
+            above 0 and at most 1; the rest is a reserve for feedback. Raised where gravity alone takes nearly that
+            fraction.
+        follow_within: maximum deviation of an arm on a feed axis from the tip path [m], kept by every plan; None for no
+            limit.
     """
 
     method: MethodName = "nlp"
@@ -96,19 +99,19 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
         for name in ("optimiser", "weights", "wanted_gap", "follow_within")
     ),
 )
-"""Options without effect for a kind of problem: (option, value without effect, kinds of problem, reason). None as the
-value stands for any value but the default."""
+"""Planner options without effect: (option, value without effect, kinds of problem, reason). The value None stands for
+any value but the default."""
 
 
 def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:
-    """Yield the planner options that were set but have no effect, in the plane or in space.
+    """Yield the planner options that were set although they have no effect.
 
     Args:
-        options: options of the problem; those at their defaults count as not set.
-        in_space: whether the arm moves in space rather than in the plane.
+        options: options of the problem; a default value counts as not set.
+        in_space: whether the arm moves in three dimensions.
 
     Yields:
-        The name of an option, and why it has no effect.
+        Name of the option, and the reason why it has no effect.
     """
     kinds = {options.method, *(("in space",) if in_space else ())}
     for name, idle, where, why in _WITHOUT_EFFECT:
@@ -120,16 +123,16 @@ def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterat
 
 @dataclass(frozen=True)
 class Disturbances:
-    """How the simulated arm differs from the model that its controller uses.
+    """Differences between the simulated arm and the model that its controller uses, and noise of the sensors.
 
     Attributes:
         mass_error: fraction by which the links are heavier than modelled, above -1.
         payload: unmodelled point mass at the tip [kg].
-        friction: unmodelled viscous friction of every revolute [N m s/rad].
-        angle_noise: standard deviation of measured angles [rad]; of the bends alone while the arm stays in its plane.
-        velocity_noise: standard deviation of measured joint speeds [rad/s]; of the bends alone while the arm stays in
-            its plane.
-        start_delay: time for which brakes still hold the arm after the motion begins [s].
+        friction: unmodelled viscous friction of every revolute joint [N m s/rad].
+        angle_noise: standard deviation of measured joint angles [rad]; for planar arms, of the bend angles only.
+        velocity_noise: standard deviation of measured joint velocities [rad/s]; for planar arms, of the bend
+            velocities only.
+        start_delay: time for which brakes still hold the arm after the planned motion has begun [s].
         seed: seed of the noise.
     """
 
@@ -144,16 +147,18 @@ class Disturbances:
 
 @dataclass(frozen=True)
 class SimulationOptions:
-    """How the timed motion is simulated.
+    """Settings for the closed-loop simulation of a timed motion.
 
     Attributes:
-        gravity: gravitational acceleration, shape (3,) [m/s²]; the plane of motion is x-z.
+        gravity: gravitational acceleration, shape (3,) [m/s²]; planar arms move in the x-z plane.
         step: integration step [s].
-        controller: tracking law, computed torque or PD.
-        bandwidth: natural frequency ωn for which both laws are tuned [1/s].
-        proportional_gain: gain of the PD law for every joint [N m/rad]; None chooses a gain for this arm and bandwidth.
-        derivative_gain: damping gain of the PD law for every joint [N m s/rad]; None chooses a gain as well.
-        disturbances: differences between the simulated arm and the controller's model.
+        controller: control law, computed torque or PD.
+        bandwidth: natural frequency ωn for which both control laws are tuned [1/s].
+        proportional_gain: proportional gain of the PD law for every joint [N m/rad]; None for a gain tuned to arm and
+            bandwidth.
+        derivative_gain: derivative gain of the PD law for every joint [N m s/rad]; None for a gain tuned to arm and
+            bandwidth.
+        disturbances: differences between the simulated arm and the controller's model, and sensor noise.
     """
 
     gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
@@ -167,11 +172,11 @@ class SimulationOptions:
 
 @dataclass(frozen=True)
 class VerificationOptions:
-    """How strictly plans are judged.
+    """Settings that determine how strictly plans are verified.
 
     Attributes:
-        contact_tolerance: shortfall in clearance accepted before a motion is refused [m]; None for a millionth of the
-            arm's length.
+        contact_tolerance: maximum shortfall of the required clearance with which a motion is accepted [m]; None for a
+            millionth of the arm's length.
     """
 
     contact_tolerance: float | None = None

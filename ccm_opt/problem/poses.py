@@ -1,4 +1,4 @@
-"""Start poses, goals and stops of a motion, with the tolerances on reaching them."""
+"""Start poses, goals and intermediate goals of a motion, with the tolerances of reaching them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ from ccm_opt.robot.mapping import map_curve
 
 @dataclass(frozen=True)
 class JointPose:
-    """A pose of the whole arm, given by its joints; as a goal, it makes no further demand on the tip.
+    """A pose of the whole arm, given by its joint angles; may be the start or a goal of a motion.
 
     Attributes:
-        bends: joint angles, shape (links,) [rad]; in space each joint bends about its local z, then about the new y,
-            shape (links, 2).
+        bends: bend angles of the joints of n links, shape (n,) [rad]; in space, angles about the local z axis and then
+            the new y axis, shape (n, 2).
         feed: position of the base on its feed axis [m]; 0 without one.
-        curve: curve along which the arm is laid, placed for a feed of 0; None where the joints alone define the pose.
-            A motion has reached the pose when the arm lies along the curve, by whichever mapping.
-        mapping: how joints are fitted to the curve.
+        curve: backbone curve to which the joints were fitted, positioned for a feed of 0; None where the joint angles
+            alone define the pose. A motion reaches the pose when the arm follows the curve, by any mapping.
+        mapping: name of the method that fits the joints to the curve.
     """
 
     bends: FloatArray
@@ -40,17 +40,17 @@ class JointPose:
 
     @property
     def for_joints(self) -> "JointPose":
-        """This pose, as a goal for all joints."""
+        """This pose as a goal for all joints, in contrast to a goal for the tip."""
         return self
 
     @classmethod
     def along(cls, arm: Arm, curve: Configuration, mapping: MappingName = "least-squares", feed: float = 0.0) -> Self:
-        """Return the pose of an arm laid along a curve in the plane.
+        """Return the pose of a planar arm whose joints are fitted to a backbone curve.
 
         Args:
             arm: the arm, as long as the curve.
-            curve: the curve, placed for a feed of 0.
-            mapping: how joints are fitted to the curve.
+            curve: the backbone curve, positioned for a feed of 0.
+            mapping: name of the method that fits the joints to the curve.
             feed: position of the base on its feed axis [m]; 0 without one.
 
         Raises:
@@ -66,15 +66,15 @@ class JointPose:
         feed: float = 0.0,
         unit: LengthUnit = "m",
     ) -> "JointPose":
-        """Return a pose from bends in degrees and a feed in a unit of choice.
+        """Return a pose from joint angles in degrees and a feed in a unit of choice.
 
         Args:
-            bends_deg: bend of each joint, shape (links,), in space (links, 2) [deg].
+            bends_deg: bend angles of the joints of n links, shape (n,), in space (n, 2) [deg].
             feed: position of the base on its feed axis, in ``unit``; 0 without one.
             unit: unit of the feed: "m", "mm" or "in".
 
         Raises:
-            ProblemError: an argument cannot be used; the message lists every defect.
+            ProblemError: an argument is invalid; the message lists every defect.
         """
         given = Arguments("this pose", unit)
         found = finite_array(bends_deg)
@@ -87,41 +87,46 @@ class JointPose:
         return cls(np.deg2rad(np.asarray(found)), carried)
 
     def headings(self, arm: Arm) -> FloatArray:
-        """Return the headings of the links of a planar arm in this pose, shape (links,) [rad]."""
+        """Return the headings of the n links of a planar arm in this pose, shape (n,) [rad]."""
         return arm.headings(self.bends)
 
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
-        """Return the pose of a configuration ``q``, shape (c,) [rad, m]."""
+        """Return the pose that corresponds to a configuration.
+
+        Args:
+            q: configuration with c coordinates, shape (c,) [rad, m].
+            coordinates: layout of the coordinates.
+        """
         bends = q[coordinates.bends]
         if coordinates.bends_a_joint > 1:
             bends = bends.reshape(-1, coordinates.bends_a_joint)
         return cls(bends.copy(), float(coordinates.advance(q)))
 
     def configuration(self, arm: Arm) -> FloatArray:
-        """Return the pose as a configuration of ``arm``, shape (c,) [rad, m]."""
+        """Return the pose as a configuration of the given arm, with one entry per coordinate, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
 
     def whole(self, arm: Arm) -> FloatArray | None:
-        """Return the configuration required of the whole arm, shape (c,) [rad, m]."""
+        """Return the configuration that this goal requires of the whole arm, shape (c,) [rad, m]."""
         return self.configuration(arm)
 
     def tip(self, arm: Arm) -> FloatArray:
-        """Return the position of the tip in this pose, shape (d,) [m]."""
+        """Return the position of the tip in this pose, shape (2,) or (3,) [m]."""
         return np.asarray(arm.joint_positions_at(self.configuration(arm))[-1])
 
 
 @dataclass(frozen=True)
 class TipGoal:
-    """A goal for the tip alone.
+    """A goal for position and direction of the arm's tip, which leaves all other joints free.
 
-    In the plane ``heading`` is the angle of ``direction``: either may be given, and the heading wins where both are.
+    In the plane ``heading`` is the angle of ``direction``. Either may be given; where both are, ``heading`` applies.
 
     Attributes:
-        position: position of the tip, shape (d,) [m].
-        direction: direction of the last link, a unit vector of shape (d,); None when any direction will do.
-        via: places that the tip passes on its way, in this order, each of shape (d,) [m]; none in the plane.
-        heading: heading of the last link in the plane [rad]; None in space, and when any heading will do.
+        position: position of the tip, shape (2,) or (3,) [m].
+        direction: unit vector along the last link, shape (2,) or (3,); None where any direction is allowed.
+        via: positions that the tip must pass before the goal, in order, each of shape (3,) [m]; empty in the plane.
+        heading: heading of the last link in the plane [rad]; None in space, and where any heading is allowed.
     """
 
     position: FloatArray
@@ -132,7 +137,7 @@ class TipGoal:
 
     @property
     def for_tip(self) -> "TipGoal":
-        """This goal, as a goal for the tip alone."""
+        """This goal as a goal for the tip, in contrast to a goal for all joints."""
         return self
 
     def __post_init__(self) -> None:
@@ -143,11 +148,11 @@ class TipGoal:
             object.__setattr__(self, "heading", float(np.arctan2(self.direction[1], self.direction[0])))
 
     def whole(self, _arm: Arm) -> FloatArray | None:
-        """Return None: this goal does not prescribe the whole arm."""
+        """Return None, since a goal for the tip does not determine the configuration of the whole arm."""
         return None
 
     def tip(self, _arm: Arm) -> FloatArray:
-        """Return the required position of the tip, shape (d,) [m]."""
+        """Return the required position of the tip, shape (2,) or (3,) [m]."""
         return self.position
 
     @classmethod
@@ -159,16 +164,16 @@ class TipGoal:
         direction: Sequence[float] | FloatArray | None = None,
         unit: LengthUnit = "m",
     ) -> "TipGoal":
-        """Return a goal for the tip, with its position in a unit of choice and a planar heading in degrees.
+        """Return a goal for the tip from a position in a unit of choice and, in the plane, a heading in degrees.
 
         Args:
             position: position of the tip, (x, y), or (x, y, z) in space, in ``unit``.
-            heading_deg: heading of the last link in the plane [deg]; None when any heading will do.
-            direction: direction of the last link in space, a vector of any length; None when any direction will do.
+            heading_deg: heading of the last link in the plane [deg]; None where any heading is allowed.
+            direction: direction of the last link in space, a vector of any length; None where any direction is allowed.
             unit: unit of the position: "m", "mm" or "in".
 
         Raises:
-            ProblemError: an argument cannot be used; the message lists every defect.
+            ProblemError: an argument is invalid; the message lists every defect.
         """
         given = Arguments("this goal", unit)
         found = finite_array(position)
@@ -192,7 +197,7 @@ Goal: TypeAlias = TipGoal | JointPose
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances at the goal on the position of the tip [m] and on the heading of the last link [rad]."""
+    """Maximum deviations at a goal, of the tip position [m] and of the heading or direction of the last link [rad]."""
 
     position: float = 1e-3
     heading: float = float(np.deg2rad(1.0))
@@ -200,12 +205,12 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Stop:
-    """An intermediate goal, at which the motion comes to rest.
+    """An intermediate goal, at which the arm comes to rest.
 
     Attributes:
         goal: goal at which the arm stops.
-        tolerances: how close to the goal the arm must stop.
-        pause: how long the arm rests there [s].
+        tolerances: maximum deviation from the goal.
+        pause: time for which the arm rests at the goal [s].
     """
 
     goal: Goal

@@ -1,6 +1,7 @@
-"""Pictures of plans, simulations and comparisons, films, and the page; nothing else in the package draws.
+"""Pictures, films and HTML reports of plans and simulations.
 
-Users import it as ``ccm_opt.plotting``. The names in ``__all__`` are public; each loads matplotlib on first use::
+Users import this package as ``ccm_opt.plotting``. The names in ``__all__`` are public; each loads matplotlib on first
+use::
 
     from ccm_opt import plotting
 
@@ -8,8 +9,8 @@ Users import it as ``ccm_opt.plotting``. The names in ``__all__`` are public; ea
     plotting.draw_poses(figure.axes[0], solution.problem.arm.joint_positions_at(solution.trajectory.positions[::50]))
     figure.savefig("plan.pdf")
 
-Functions that take ``axes`` draw in metres. Figures are matplotlib's own, so that everything can be changed afterwards.
-``solution.plot()`` is short for the call of ``plan_figure``.
+Functions that take ``axes`` draw in metres. Figures are matplotlib figures, so that everything can be changed later.
+``solution.plot()`` is short for ``plan_figure``. Other parts of ``ccm_opt`` do not draw.
 """
 
 from importlib import import_module
@@ -54,11 +55,11 @@ _NAMES = {
     "pose_picture": ("pose_figure", "reach_figure"),
     "settings": ("FilmSettings",),
 }
-"""Public names by the module that defines them."""
+"""Public names, by the module that defines them."""
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name on first use."""
+    """Return a public name of the package, importing the module that defines it on first use."""
     for module, names in _NAMES.items():
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)

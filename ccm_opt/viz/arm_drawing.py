@@ -1,4 +1,4 @@
-"""Drawing the arm, its poses and its workspace, in the plane and in views of space."""
+"""Drawing of arms, poses, tip paths and planar workspaces with matplotlib, and projections of scenes in space."""
 
 from dataclasses import dataclass
 
@@ -21,18 +21,18 @@ from ccm_opt.viz.settings import PICTURES
 _NAME_SIZE = 6.5
 """Font size of obstacles' names [points]."""
 _WIDTH_OF_LETTER = 0.62
-"""Mean width of a letter, rounded up, as a share of the font size."""
+"""Mean width of a letter, rounded up, as a fraction of the font size."""
 _INSIDE = 0.9
-"""Least share of a name's box that must lie in its obstacle."""
+"""Minimum fraction of a name's bounding box that must lie inside the obstacle for the name to be shown."""
 
 
 def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None = None) -> None:
-    """Draw boundary and obstacles; if there are only a few obstacles, also those names that fit into them.
+    """Draw boundary and obstacles of a planar workspace, with the names of a few obstacles where they fit.
 
     Args:
         axes: axes to draw in, with their final size and position in the figure.
         workspace: workspace to draw.
-        window: lower left and upper right corner of the visible part, shape (2, 2) [m]; the whole workspace when None.
+        window: lower left and upper right corner of the visible part, shape (2, 2) [m]; None for the whole workspace.
     """
     low, high = whole_workspace(workspace) if window is None else window
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -52,7 +52,7 @@ def whole_workspace(workspace: Workspace) -> FloatArray:
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
-    """Draw the exact outline of one obstacle."""
+    """Draw the exact outline of one planar obstacle."""
     outline = obstacle.outline()
     if isinstance(outline, shapely.Polygon):
         patch = polygon_patch(outline, facecolor=style.WALL, edgecolor=style.WALL_EDGE, linewidth=0.8, zorder=1)
@@ -63,13 +63,13 @@ def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
 
 
 def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
-    """Return a filled polygon with its holes."""
+    """Return a polygon with holes as a matplotlib patch with the given style."""
     rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
     return PathPatch(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)), **look)
 
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:
-    """Write an obstacle's name into its largest visible part, rotated in tall parts; omit names that do not fit."""
+    """Write an obstacle's name inside its largest visible part, rotated in tall parts; omit names that do not fit."""
     left, right, low, high = *axes.get_xlim(), *axes.get_ylim()
     parts = shapely.get_parts(shapely.intersection(obstacle.outline(), shapely.box(left, low, right, high)))
     seen = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -93,14 +93,14 @@ def _name(axes: Axes, obstacle: Obstacle) -> None:
 def draw_body(
     axes: Axes, points: FloatArray, radius: float, face: str, edge: str, *, label: str, zorder: float
 ) -> None:
-    """Draw the arm in one pose.
+    """Draw a pose of the arm: the outline of the body, links and joints.
 
     Args:
         axes: axes to draw in.
-        points: joint and tip positions, shape (links + 1, 2) [m].
-        radius: radius of the capsules [m]; 0 draws a line.
+        points: positions of joints and tip of n links, shape (n + 1, 2) [m].
+        radius: radius of the capsule-shaped links [m]; 0 draws a line.
         face: colour of the body.
-        edge: colour of its outline, links and joints.
+        edge: colour of outline, links and joints.
         label: label in the legend.
         zorder: drawing order; higher is nearer the viewer.
     """
@@ -122,7 +122,7 @@ def draw_body(
 
 
 def draw_poses(axes: Axes, poses: FloatArray) -> None:
-    """Draw poses, shape (k, links + 1, 2) [m], as thin lines with colours from early to late."""
+    """Draw k poses of n links, shape (k, n + 1, 2) [m], as thin lines coloured from early to late."""
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(poses)))
     axes.add_collection(LineCollection(list(poses), colors=shades, linewidths=1.1, alpha=0.9, zorder=5))
     middle = shades[len(shades) // 2]
@@ -130,7 +130,7 @@ def draw_poses(axes: Axes, poses: FloatArray) -> None:
 
 
 def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
-    """Draw the path of the tip through positions of shape (T, 2) [m]."""
+    """Draw the path of the tip through T positions, shape (T, 2) [m]."""
     axes.plot(
         tips[:, 0],
         tips[:, 1],
@@ -144,13 +144,13 @@ def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
 
 @dataclass(frozen=True)
 class Side:
-    """A direction from which a scene is viewed; ``PLANE`` leaves the positions of planar scenes unchanged.
+    """A parallel projection of a scene to the picture plane; ``PLANE`` leaves planar scenes unchanged.
 
     Attributes:
         name: name of the view.
-        across: weights of the coordinates for the axis to the right, shape (d,).
-        up: weights of the coordinates for the axis upwards, shape (d,).
-        labels: labels of both axes.
+        across: weights of the coordinates in the picture's horizontal coordinate, shape (2,) or (3,).
+        up: weights of the coordinates in the picture's vertical coordinate, shape (2,) or (3,).
+        labels: labels of the horizontal and the vertical axis.
     """
 
     name: str
@@ -159,40 +159,40 @@ class Side:
     labels: tuple[str, str]
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Project positions, shape (..., d), to the picture plane, shape (..., 2) [m]."""
+        """Return positions, shape (..., d) with d = 2 or 3, projected to the picture plane, shape (..., 2) [m]."""
         return np.stack((points @ self.across, points @ self.up), axis=-1)
 
 
 PLANE = Side("", np.array([1.0, 0.0]), np.array([0.0, 1.0]), ("x", "y"))
-"""The only view of the plane."""
+"""Projection of planar scenes, which leaves positions unchanged."""
 _X, _Y, _Z = np.eye(3)
 SIDES = (
     Side("from above", _X, _Y, ("x", "y")),
     Side("from the front", _X, _Z, ("x", "z")),
     Side("from the left", _Y, _Z, ("y", "z")),
 )
-"""The three views in a plan's picture."""
+"""Projections of the three views in the picture of a plan in space."""
 SLANTED = Side(
     "slanted",
     np.array([np.cos(0.6), -np.sin(0.6), 0.0]),
     np.array([0.42 * np.sin(0.6), 0.42 * np.cos(0.6), np.sqrt(1.0 - 0.42**2)]),
     ("", ""),
 )
-"""From the front and above, as a film shows it."""
+"""Projection from the front and above, as films show scenes in space."""
 
 
 @dataclass(frozen=True)
 class PlanDrawing:
-    """Data of a plan that pictures show.
+    """Data of a plan that pictures and films show.
 
     Attributes:
-        problem: the original problem.
+        problem: the problem.
         trajectory: the motion.
-        points: joints and tip at every sample, shape (T, links + 1, d) [m].
-        curves: curves behind the planner's keyframes, in order; may be empty.
-        nearest: position of the least gap; None if the gap was not measured or nothing is near.
-        simulated: joints and tip of the simulated arm of a planar plan, in space, shape (T, links + 1, 3) [m]; None if
-            it was not simulated.
+        points: positions of joints and tip of n links at T samples, shape (T, n + 1, d) with d = 2 or 3 [m].
+        curves: backbone curves to which the planner's keyframes were fitted, in order; may be empty.
+        nearest: time and bodies of the minimum clearance; None if it was not measured or nothing is near.
+        simulated: positions of joints and tip of the simulated arm of a planar plan, shape (T, n + 1, 3) [m]; None
+            where the arm was not simulated.
     """
 
     problem: Problem
@@ -204,16 +204,16 @@ class PlanDrawing:
 
     @classmethod
     def from_solution(cls, solution: Solution) -> "PlanDrawing":
-        """Return the drawing data of a solution."""
+        """Return the data of a solution that pictures and films show."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
         return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
 
     @property
     def planar_problem(self) -> Problem:
-        """The original problem, if the problem is in the plane.
+        """The problem, provided that it is planar.
 
         Raises:
-            TypeError: the problem is in space.
+            TypeError: the problem is three-dimensional.
         """
         if self.problem.dimension == 3:
             raise TypeError(f"this figure is available in the plane only; '{self.problem.name}' is in space")

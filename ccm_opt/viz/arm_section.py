@@ -1,7 +1,7 @@
-"""The section along an arm in space: distances to surfaces above, below, left and right of it.
+"""Section along an arm in space: a chart of the distances to surfaces above, below, left and right of the arm.
 
-The directions are carried along the arm by the smallest rotation from link to link, like the curve's own frame, so that
-up stays up as far as the arm allows.
+The four directions are transported from link to link by the smallest rotation (as in a rotation-minimising frame), so
+that up remains up as far as the arm allows.
 """
 
 from dataclasses import dataclass
@@ -17,26 +17,26 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.viz import figure_files as style
 
 _SECTION_SHARE = 0.12
-"""Search distance of the section, as a share of the arm's length."""
+"""Maximum distance measured from the arm's axis, as a fraction of the arm's length."""
 
 _PLACES = 100
-"""Number of places along the arm at which the section measures. Taste."""
+"""Number of positions along the arm at which distances are measured. Taste."""
 _TOUCHING = 1e-5
-"""Share of the search distance within which a ray counts as touching: distances near zero carry rounding."""
+"""Distance from a surface at which a ray ends, as a fraction of the search distance: distances near zero have rounding
+errors."""
 _STEPS = 40
-"""Steps along a ray, after which it is within a thousandth of a surface that it meets at 10 degrees. Derived."""
+"""Maximum number of steps along a ray. Derived: they reach a surface at an angle of 10 degrees to within a thousandth
+of the distance."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmSection:
-    """Free lengths of rays perpendicular to the arm, at several positions along its axis.
+    """Free lengths of rays perpendicular to an arm in space, at N positions along the arm's axis.
 
     Attributes:
-        place: arc length along the arm, shape (N,) [m].
-        free: length of the rays in four directions, up, left, down, right, at most the search distance, shape (N, 4)
-            [m].
-        nearest: distance of the axis from the nearest surface in any direction, even between the rays; at most the
-            search distance, shape (N,) [m].
+        place: arc lengths of the positions from the base, shape (N,) [m].
+        free: lengths of the rays up, left, down and right to the first surface, at most ``reach``, shape (N, 4) [m].
+        nearest: distances from the axis to the nearest surface in any direction, at most ``reach``, shape (N,) [m].
         reach: search distance [m].
     """
 
@@ -47,12 +47,12 @@ class ArmSection:
 
 
 def section_along(problem: Problem, points: FloatArray, count: int, reach: float) -> ArmSection:
-    """Measure the free space around the arm in a pose.
+    """Return the distances from an arm in a given pose to the surfaces around the arm.
 
     Args:
-        problem: problem with the surfaces.
-        points: joints and tip, shape (links + 1, 3) [m].
-        count: number of positions along the arm.
+        problem: the problem, which gives the arm of n links and the surfaces.
+        points: positions of joints and tip, shape (n + 1, 3) [m].
+        count: number N of positions along the arm.
         reach: search distance [m].
     """
     arm = problem.arm
@@ -70,7 +70,12 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
 
 
 def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
-    """Return an upward direction per link, carried from link to link by the smallest rotation, shape (links, 3)."""
+    """Return an upward unit vector for each link, transported from link to link by the smallest rotation, shape (n, 3).
+
+    Args:
+        along: unit vectors along the n links, shape (n, 3).
+        first: upward direction at the base, shape (3,).
+    """
     found = [first - (first @ along[0]) * along[0]]
     for before, after in pairwise(along):
         axis = np.cross(before, after)
@@ -82,15 +87,14 @@ def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
 
 
 def free_lengths(tree: SurfaceTree, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
-    """Return the length of each ray to the first surface that it meets, at most the search distance, shape (N,) [m].
+    """Return the length of each of N rays up to the first surface, at most the search distance, shape (N,) [m].
 
-    Each step along a ray is as long as the distance to the nearest surface in any direction (Hart, *Sphere tracing*,
-    1996).
+    Sphere tracing (Hart, 1996): each step along a ray is as long as the distance to the nearest surface.
 
     Args:
         tree: tree of the surfaces.
         origins: start points of the rays, shape (N, 3) [m].
-        rays: unit vectors, shape (N, 3).
+        rays: unit vectors along the rays, shape (N, 3).
         reach: search distance [m].
     """
     free = np.zeros(len(origins))
@@ -107,13 +111,13 @@ def draw_section(
     pose: FloatArray,
     title: str = "section along the arm at the goal",
 ) -> None:
-    """Draw the surfaces around the straightened arm, and the distance to the nearest surface in any direction.
+    """Draw the surfaces around an arm in space as if the arm were straight, and the distance to the nearest surface.
 
     Args:
         axes: axes to draw in.
-        problem: arm and scene.
-        pose: joints and tip, shape (links + 1, 3) [m].
-        title: title above the section and its legend.
+        problem: the problem, which gives the arm of n links and the surfaces.
+        pose: positions of joints and tip, shape (n + 1, 3) [m].
+        title: title above the drawing and the legend.
     """
     arm = problem.arm
     reach = max(_SECTION_SHARE * arm.length, 4.0 * arm.radius)

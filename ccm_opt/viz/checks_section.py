@@ -1,4 +1,4 @@
-"""The section of a page on the checks of a plan."""
+"""The section of a report about the verifier's checks of a plan."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -46,35 +46,35 @@ _ORDER = (
     "following",
     "tip",
 )
-"""Prefixes of the checks that matter to a user, the most important first."""
+"""Prefixes of the names of checks that matter to a user, the most important first."""
 _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
 )
-"""Checks of the plan against itself, and of the share of limits that planning leaves to the controller."""
+"""Names of checks of a plan's consistency, and of the fraction of limits that planning leaves to the controller."""
 _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
-"""Place on the path where a constraint comes nearest to its bounds; used only if no time is given."""
+"""Path parameter at which a constraint comes nearest to its bounds; used only where no time is given."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
 _PAUSE = re.compile(r"stop (\d+) pause")
-"""The only check whose value must be at least its limit."""
+"""Name of the only check whose value must be at least its limit: the rest at an intermediate goal."""
 
 
 _BOUND = 1e-5
-"""Distance from its bound at which a value counts as at the bound; ten times the allowed violation of a constraint."""
+"""Distance from a constraint's bound up to which a value counts as at the bound: ten times the allowed violation."""
 
 
 @dataclass(frozen=True)
 class CheckWords:
-    """Texts that describe one check.
+    """One check of the verifier as texts for a table.
 
     Attributes:
         title: name of the checked quantity.
-        worst: worst value found, with its unit.
-        limit: text for the limit.
-        used: fraction of the limit that is used, at least 0; None if the limit is a least gap or 0.
-        where: link or joint, and obstacle.
-        time: time of the worst value [s], or None.
+        worst: worst value found, with unit.
+        limit: the limit, with unit.
+        used: ratio of the worst value to the limit, at least 0; None where the limit is a minimum clearance or 0.
+        where: link or joint, and obstacle, at which the worst value was found.
+        time: time of the worst value [s]; None where there is none.
         passed: whether the check passed.
-        of_itself: whether the plan is only checked for consistency with itself.
+        of_itself: whether the check only concerns the consistency of the plan's own data.
     """
 
     title: str
@@ -88,12 +88,12 @@ class CheckWords:
 
 
 def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
-    """Return the texts of all checks, the most important first, checks of the plan's own consistency last.
+    """Return all checks of a plan as texts, the most important first, checks of the plan's consistency last.
 
     Args:
         checks: checks of the verifier.
         units: units of the page.
-        in_space: whether joints have two bends, with names of their own.
+        in_space: whether joints have two bend angles, which have separate names.
     """
     ordered = sorted(checks, key=lambda check: (_self_check_rows(check), check.passed, _rank(check.name)))
     return [_in_words(check, units, in_space=in_space) for check in ordered]
@@ -108,11 +108,11 @@ def _rank(name: str) -> int:
 
 
 def joint_in_words(where: str, *, in_space: bool) -> str:
-    """Return readable text for the place of a check; a joint has one bend in the plane, and bends a and b in space.
+    """Return the place of a check in readable form: names of revolute joints are dropped, or become a and b in space.
 
     Args:
         where: place as the verifier names it, such as ``joint 3 (ball03_yaw)``.
-        in_space: whether joints have two bends.
+        in_space: whether joints have two bend angles.
     """
     if in_space:
         return re.sub(r" \(ball\d+_(yaw|bend)\)", lambda name: " a" if name[1] == "yaw" else " b", where)
@@ -156,7 +156,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
 
 
 def check_title(name: str) -> str:
-    """Return the readable title of a check."""
+    """Return the readable title of a check of the verifier, given the check's name."""
     if name in _WORDS:
         return _WORDS[name]
     if stop := _PAUSE.fullmatch(name):
@@ -173,9 +173,9 @@ def check_title(name: str) -> str:
 
 
 def _constraint_value(check: Check) -> str:
-    """Return the violation of a user's constraint, or its distance from its bounds.
+    """Return the violation of a user's constraint, or the distance from its bounds, in words.
 
-    Every violation of a soft constraint is stated, although the constraint passes the check with any violation.
+    A soft constraint passes its check with any violation, but the violation is stated nevertheless.
     """
     allowed = 0.0 if check.name.startswith("soft") else check.limit
     if not check.worst <= allowed:
@@ -184,7 +184,7 @@ def _constraint_value(check: Check) -> str:
 
 
 def checks_section(solution: Solution, units: PageUnits) -> Markup:
-    """Return the section on the checks.
+    """Return the section of a report about the checks of a plan, and about its simulation.
 
     Args:
         solution: the plan.
@@ -217,7 +217,7 @@ def _row(check: CheckWords) -> tuple[Child, ...]:
 
 
 def _place(check: CheckWords) -> Markup:
-    """Return where the worst value was found, with a button that moves the page to its time."""
+    """Return where the worst value of a check was found, with a button that moves the report's player to its time."""
     if check.time is None:
         return joined((check.where,))
     between = ", " if check.where else ""
@@ -226,7 +226,7 @@ def _place(check: CheckWords) -> Markup:
 
 
 def used_bar(share: float | None) -> Markup | None:
-    """Return the used fraction of a limit as a bar with its number; None if there is no such fraction."""
+    """Return the used fraction of a limit as a bar with its percentage; None where there is no fraction."""
     if share is None:
         return None
     width = 100.0 * min(share, 1.0)
@@ -235,7 +235,7 @@ def used_bar(share: float | None) -> Markup | None:
 
 
 def _simulation(verdict: SimulationVerdict) -> Markup:
-    """Return the simulation's verdict on the plan, with remedies if the arm did not follow."""
+    """Return the outcome of the simulation of a plan, with remedies if the simulated arm did not follow the plan."""
     step = f"with steps of {1e3 * verdict.step:g} ms"
     if verdict.followed:
         return element("p", element("span", "Followed", cls="holds"), f" in the simulation, {step}.")

@@ -1,4 +1,4 @@
-"""Clearance and survived errors in words, and as sections of pages."""
+"""Clearance and tolerated errors of a plan in words, as a section of the HTML report, and as chart data."""
 
 import re
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
 _PREFERRED_CLEARANCES_SHOWN = 4.0
-"""Range of the chart of gaps, in multiples of the preferred clearance."""
+"""Range of the chart of clearance over time, in multiples of the preferred clearance."""
 
 _BOUNDS = {
     "start": "the start pose allows no more",
@@ -37,12 +37,12 @@ _CAUSES = {
 
 
 def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
-    """Yield sentences on the clearance of a motion, the most important first.
+    """Yield sentences about the clearance of a motion, the most important first.
 
     Args:
-        room: the record.
+        room: clearance of the motion over time.
         units: units of lengths.
-        most: maximum number of stretches below the preferred clearance to mention, those farthest below first.
+        most: maximum number of time intervals below the preferred clearance that are mentioned, worst ones only.
     """
     yield _least_gap(room, units)
     worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]
@@ -60,7 +60,7 @@ def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) 
 
 
 def _least_gap(room: ClearanceRecord, units: PageUnits) -> str:
-    """Return a sentence on the least gap of the motion and its position."""
+    """Return a sentence about the minimum clearance of a motion: value, time, and the two bodies."""
     near = room.nearest
     if not near.link:
         return f"least gap above {units.given(room.reach, 'm')}, the largest gap measured"
@@ -72,7 +72,7 @@ def _least_gap(room: ClearanceRecord, units: PageUnits) -> str:
 
 
 def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
-    """Return a sentence on where, when and by how much the clearance is below the preferred clearance."""
+    """Return a sentence about a time interval below the preferred clearance: value, times, cause, and both bodies."""
     near = part.nearest
     gap = f"{units.length(near.gap)} of the preferred {units.given(near.wanted, 'm')}"
     times = f"{part.begin:.2f} to {part.end:.2f} s"
@@ -80,7 +80,7 @@ def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
 
 
 def _bound(possible: PossibleGap, units: PageUnits) -> str:
-    """Return a sentence on the upper bound for the gap of every motion."""
+    """Return a sentence about the upper bound on the clearance of any motion that solves the problem."""
     most = units.length(possible.value)
     if possible.walls:
         one, other = possible.walls
@@ -89,10 +89,10 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
 
 
 def clearance_section(room: ClearanceRecord | None, units: PageUnits) -> Markup | None:
-    """Return the section on clearance; None if clearance was not measured.
+    """Return the section of the report about clearance; None if clearance was not measured.
 
     Args:
-        room: the record.
+        room: clearance of the motion over time.
         units: units of the page.
     """
     if room is None:
@@ -109,7 +109,7 @@ def clearance_section(room: ClearanceRecord | None, units: PageUnits) -> Markup 
 
 
 def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | None:
-    """Return the mark of the least gap for the scene, with its position and text; None if nothing is near."""
+    """Return position and text of the mark for the minimum clearance in the report's scene; None if nothing is near."""
     room = solution.room
     if room is None or not room.nearest.link:
         return None
@@ -118,7 +118,13 @@ def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | No
 
 
 def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
-    """Return the midpoint between the two bodies at the least gap, shape (2,) [m]."""
+    """Return the midpoint between the two bodies of a planar motion at minimum clearance, shape (2,) [m].
+
+    Args:
+        problem: the problem, which gives arm and obstacles.
+        trajectory: the motion.
+        near: time and bodies of the minimum clearance.
+    """
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
     points = problem.arm.joint_positions_at(np.array(at))
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
@@ -147,12 +153,12 @@ _TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
 
 
 def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
-    """Return texts for the kind of a tolerated error, its largest value, and the limiting check with its time.
+    """Return a tolerated error as texts: its kind, its maximum size, and the check that limits it with time.
 
     Args:
         error: the tolerated error, with the check that limits it.
         units: units of the page or table.
-        in_space: whether joints have two bends, with names of their own.
+        in_space: whether joints have two bend angles, which have separate names.
     """
     where = _TIME.sub(lambda time: f" at {float(time[1]):.2f} s", error.where)
     least = "" if error.limited else "≥ "
@@ -164,10 +170,10 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
 
 
 def gap_data(room: ClearanceRecord) -> dict[str, object]:
-    """Return the record of a motion's clearance in the form that the page's script reads; lengths [m], times [s].
+    """Return the clearance of a motion over time as data for the report's chart; lengths [m], times [s].
 
     Args:
-        room: the record.
+        room: clearance of the motion over time.
     """
     gaps = np.concatenate((room.wall_gaps, room.self_gaps))
     step = step_for(gaps)
@@ -187,7 +193,7 @@ def gap_data(room: ClearanceRecord) -> dict[str, object]:
 
 
 def chart_top(room: ClearanceRecord) -> float:
-    """Return the gap at the top of the chart [m]: a multiple of the preferred or least gap, at most the largest gap."""
+    """Return the clearance at the top of the chart [m]: a multiple of the preferred or of the minimum clearance."""
     # The record caps gaps at its search distance; capped values are not shown as if they were gaps.
     largest = 1.1 * float(room.gaps.max())
     shown = max(_PREFERRED_CLEARANCES_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach

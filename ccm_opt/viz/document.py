@@ -1,4 +1,4 @@
-"""HTML documents: elements, units and numbers of a page, and its header."""
+"""Construction of HTML reports: elements, formatting of numbers and units, page header, and compact arrays."""
 
 import json
 from base64 import b64encode
@@ -23,27 +23,27 @@ NONE = "\N{EN DASH}"
 _UNITS_OF_LENGTH = (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6))
 _PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9))
 _LARGE_ARM = 20.0
-"""Arm length from which lengths are given in metres [m]."""
+"""Arm length from which lengths are shown in metres [m]."""
 _SMALL_ARM = 0.02
-"""Arm length below which lengths are given in micrometres [m]."""
+"""Arm length below which lengths are shown in micrometres [m]."""
 _LEAST_MASS = 0.1
-"""Mass below which masses are given in grams [kg]."""
+"""Mass below which masses are shown in grams [kg]."""
 _FINEST_SHARE = 4e-6
-"""Resolution of lengths on the page, as a share of the arm's length."""
+"""Resolution of lengths in a report, as a fraction of the arm's length."""
 _FINEST_OF_SCALE = 1e-3
-"""Resolution of other quantities, as a share of their greatest value."""
+"""Resolution of other quantities in a report, as a fraction of their maximum."""
 
 
 NUMBER_STEP = 1e-4
-"""Resolution of the numbers in a page, as a share of the range of their chart."""
+"""Resolution of chart values in a report, as a fraction of the chart's range."""
 _ROUNDING = 1e-5
-"""Values below this share of the last decimal are rounding errors and shown as 0."""
+"""Fraction of the last decimal below which values count as rounding errors and are shown as 0."""
 
 
 def three_digits(value: float, finest: int) -> str:
-    """Return a number with three significant digits, limited to a number of decimals.
+    """Return the text of a number with three significant digits, but at most a given number of decimals.
 
-    A number that this would round to 0 is given with two digits instead; NaN and infinity become a dash.
+    A number that would be rounded to 0 is shown with two significant digits; NaN and infinity become a dash.
 
     Args:
         value: the number.
@@ -61,7 +61,7 @@ def three_digits(value: float, finest: int) -> str:
 
 @dataclass(frozen=True)
 class PageUnits:
-    """Units of a page: lengths in a unit that suits the arm or is the file's, angles in degrees.
+    """Units of a report: lengths in the unit of the problem file or one that suits the arm, angles in degrees.
 
     Attributes:
         name: name of the unit of length.
@@ -75,7 +75,7 @@ class PageUnits:
 
     @classmethod
     def of_arm(cls, length: float) -> "PageUnits":
-        """Return the units for an arm of a given length [m]."""
+        """Return units of length that suit an arm of the given length [m]."""
         name, metres = _UNITS_OF_LENGTH[1]
         if length >= _LARGE_ARM:
             name, metres = _UNITS_OF_LENGTH[0]
@@ -86,42 +86,42 @@ class PageUnits:
 
     @classmethod
     def of_file(cls, length_unit: LengthUnit, length: float) -> "PageUnits":
-        """Return the units that use a problem file's unit of length, for an arm of a given length [m]."""
+        """Return units with a problem file's unit of length, for an arm of the given length [m]."""
         metres = METRES[length_unit]
         finest = floor(-log10(_FINEST_SHARE * length / metres))
         return cls(length_unit, metres, min(max(finest, 0), 6))
 
     @classmethod
     def of_page(cls, problem: Problem) -> "PageUnits":
-        """Return the units of a problem's page, which are those of the problem file.
+        """Return the units of the report on a problem.
 
-        For a file in metres, the units are chosen to suit the arm.
+        The unit of length is that of the problem file; for a file in metres, one that suits the arm.
         """
         length = problem.arm.length
         return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
 
     def data(self) -> dict[str, object]:
-        """Return the unit of length in the form that the page's scripts read."""
+        """Return the unit of length as data for the report's scripts."""
         return {"name": self.name, "metres": self.metres, "decimals": self.decimals}
 
     def length(self, value: float) -> str:
-        """Return a length [m] with its unit."""
+        """Return the text of a length [m], with its unit."""
         return f"{three_digits(value / self.metres, self.decimals)} {self.name}"
 
     def given(self, value: float, unit: str) -> str:
-        """Return the text of a value that the user chose, such as a limit, without trailing zeros."""
+        """Return the text of a value that the user chose, such as a limit, with its unit and without trailing zeros."""
         number, _, rest = self.shown(value, unit).partition(" ")
         digits = number.rstrip("°")
         whole = digits.rstrip("0").rstrip(".") if "." in digits else digits
         return f"{whole}{number[len(digits) :]} {rest}".rstrip()
 
     def shown(self, value: float, unit: str, scale: float = 0.0) -> str:
-        """Return a value with a unit that is easy to read.
+        """Return the text of a value with a unit that is easy to read.
 
         Args:
             value: the value in ``unit``.
-            unit: SI unit of the value; lengths and their rates are converted to the page's unit, angles to degrees.
-            scale: greatest of several values to be compared, which sets their common prefix and resolution.
+            unit: SI unit of the value; lengths and their rates are converted to the report's unit, angles to degrees.
+            scale: maximum of several values to be compared, which determines their common prefix and resolution.
         """
         if unit in {"m", "m/s", "m/s²", "m/s³"}:
             return f"{self.length(value)}{unit[1:]}"
@@ -140,11 +140,11 @@ class PageUnits:
 
 
 _WHOLE_UNITS = frozenset(("", "s", "names", "tolerances", "rad/s", "rad/s²", "rad/s³", "1/m"))
-"""Units that take no prefix."""
+"""Units that are shown without prefixes such as milli."""
 
 
 class Markup(str):
-    """HTML text that is not escaped when it is put into an element; all other text is."""
+    """HTML text that is inserted into elements as it stands, while all other text is escaped."""
 
     __slots__ = ()
 
@@ -156,11 +156,11 @@ _VOID = frozenset(("input", "br", "hr"))
 
 
 def element(name: str, *children: Child, **attributes: str | float | bool | None) -> Markup:
-    """Return an HTML element.
+    """Return an HTML element with the given content and attributes.
 
     Args:
         name: name of the element.
-        children: its content; texts are escaped.
+        children: content of the element; texts are escaped.
         attributes: attributes by name; ``cls`` stands for ``class``, an underscore for a hyphen; None and False are
             left out.
     """
@@ -174,20 +174,20 @@ def element(name: str, *children: Child, **attributes: str | float | bool | None
 
 
 def joined(children: Iterable[Child]) -> Markup:
-    """Return several pieces of content concatenated; texts are escaped."""
+    """Return several pieces of HTML content concatenated; texts are escaped."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children if child))
 
 
 def table(
     heads: Iterable[Child], rows: Iterable[Iterable[Child]], *, cls: str = "", numbers: Iterable[int] = ()
 ) -> Markup:
-    """Return a table that scrolls horizontally where it is too wide for the page.
+    """Return an HTML table that scrolls horizontally where the page is too narrow.
 
     Args:
-        heads: column heads; empty for a table without them.
+        heads: column heads; empty for a table without heads.
         rows: rows of cells.
-        cls: class of the table.
-        numbers: indices of columns that hold numbers, from 0.
+        cls: CSS class of the table.
+        numbers: indices, from 0, of columns that hold numbers.
     """
     right = frozenset(numbers)
 
@@ -211,23 +211,23 @@ _CHARTS = ("axes", "chart", "joint_charts", "gap_chart", "phase_chart", "curvatu
 
 
 def scene_scripts(dimension: int, *, moves: bool) -> tuple[str, ...]:
-    """Return the scripts of a page with a scene, in loading order.
+    """Return the names of the scripts of a report with a scene, in loading order.
 
     Args:
-        dimension: dimension of the scene.
+        dimension: dimension of the scene, 2 or 3.
         moves: whether there is a motion, with charts.
     """
     return (*_SCENE, *_VIEWS[dimension], *(_CHARTS if moves else ()), "page")
 
 
 def html_document(title: str, body: Markup, data: Mapping[str, object], scripts: Sequence[str]) -> str:
-    """Return a complete HTML page.
+    """Return a complete HTML page that loads no other files.
 
     Args:
         title: title of the window, plain text.
         body: body of the page.
-        data: data that its scripts read, as JSON.
-        scripts: names of files in ``script``, without suffix, in loading order.
+        data: data that the scripts read, as JSON.
+        scripts: names of the scripts, without suffix, in loading order.
     """
     script = '"use strict";\n' + "\n".join(_resource(f"script/{name}.js") for name in scripts)
     digest = b64encode(sha256(script.encode()).digest()).decode()
@@ -249,7 +249,7 @@ def html_document(title: str, body: Markup, data: Mapping[str, object], scripts:
 
 
 def json_for_html(data: Mapping[str, object]) -> str:
-    """Return JSON with <, > and & escaped, so that it cannot open or close an HTML element."""
+    """Return data as JSON text in which <, > and & are escaped, so that the text is safe inside an HTML element."""
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -260,17 +260,20 @@ def _resource(name: str) -> str:
 
 
 CodedArray = dict[str, object]
-"""``step``, and integers ``d`` whose running sums are the values in steps."""
+"""An array encoded as a ``step`` and integers ``d``, whose cumulative sums times the step are the values."""
 
 
 def coded(values: FloatArray, step: float) -> CodedArray:
-    """Encode an array of shape (T,) as differences of integers; the error of every value is at most half a step."""
+    """Return an array of shape (T,) encoded as integer differences, with an error of at most half a step per value."""
     whole = np.round(np.asarray(values, dtype=np.float64) / step).astype(np.int64)
     return {"step": step, "d": np.diff(whole, prepend=0).tolist()}
 
 
 def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
-    """Return a step: the largest power of ten up to a fraction of the largest magnitude; 1 if all values are zero."""
+    """Return the step for encoding values: the largest power of ten up to ``share`` times their maximum magnitude.
+
+    The step is 1 where all values are zero.
+    """
     extent = float(np.max(np.abs(values), initial=0.0))
     if extent == 0.0:
         return 1.0
@@ -278,14 +281,14 @@ def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
 
 
 Figure = tuple[str, str]
-"""A value with its unit, and its description."""
+"""A key figure of a plan: value with unit, and description."""
 
 
 def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Figure], units: PageUnits) -> Markup:
-    """Return the header of a page: name, badges, description and figures.
+    """Return the header of a report: name of the problem, badges, description and key figures.
 
     Args:
-        problem: the original problem.
+        problem: the problem.
         badges: verdicts shown next to the name.
         figures: key figures shown below the description.
         units: units of the page.
@@ -300,12 +303,12 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
 
 
 def badge(words: str, *, good: bool) -> Markup:
-    """Return the badge for a verdict of one or a few words."""
+    """Return an HTML badge with a verdict of one or a few words."""
     return element("span", words, cls="badge" if good else "badge poor")
 
 
 def plan_badges(solution: Solution) -> Markup:
-    """Return badges with the verdicts of the verifier and the simulation on a plan."""
+    """Return badges with the verdicts of verifier and simulation on a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
     first = badge("solved and verified" if verified else "rejected by the verifier", good=verified)
@@ -314,7 +317,7 @@ def plan_badges(solution: Solution) -> Markup:
 
 
 def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
-    """Return the key figures of a plan; figures that the plan does not have are left out."""
+    """Return the key figures of a plan for the report's header; figures that the plan does not have are left out."""
     metrics = solution.metrics
     found = [(f"{solution.trajectory.duration:.2f} s", "duration")]
     room = solution.room
@@ -347,7 +350,7 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
 
 
 def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
-    """Yield the peak torque, with its limit where there is one."""
+    """Yield the peak joint torque of a plan, with the torque limit where there is one."""
     peak = solution.metrics.get("peak_torque_Nm")
     if peak is None:
         return

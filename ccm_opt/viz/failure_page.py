@@ -1,4 +1,4 @@
-"""The HTML page of a problem without a plan."""
+"""The HTML report of a problem for which no plan was found."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,17 +24,19 @@ from ccm_opt.viz.page_sections import problem_section, stage_section, timings_ta
 from ccm_opt.viz.scene_data import scene_data
 
 Mark = dict[str, object]
-"""A mark in the scene: its ``kind``, its places [m], and optionally words with the place ``at`` which they stand."""
+"""A mark in the report's scene: ``kind``, positions [m], and optionally ``words`` with their position ``at``."""
 _IN_A_WORD = {"contact": "in contact", "blocked": "no passage", "hemmed in": "hemmed in"}
-"""Short labels for kinds of findings that need no more than a name and a place."""
+"""Short labels of findings for which a label at the position is enough, by kind of finding."""
 
 
 def finding_marks(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
-    """Return the scene marks of all findings; the first finding's text is shown in the scene, the others' in tooltips.
+    """Return the marks of all findings of a diagnosis for the report's scene.
+
+    Only the first finding's text is shown in the scene, that of the others in tooltips.
 
     Args:
-        problem: the original problem.
-        diagnosis: reasons why there is no plan.
+        problem: the problem.
+        diagnosis: reasons why no plan was found.
         units: units of the page.
     """
     marks: list[Mark] = []
@@ -53,10 +55,10 @@ def finding_marks(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> l
 
 
 def best_attempt(problem: Problem, diagnosis: Diagnosis) -> FloatArray | None:
-    """Return joints and tip at the end of the best failed attempt, shape (links + 1, d) [m].
+    """Return the pose in which the best failed attempt ended, as positions of joints and tip, shape (n + 1, d) [m].
 
     Returns:
-        None if there was no search, or infeasibility is proved.
+        None where there was no search, or infeasibility is proved. The arm has n links, and d = 2 or 3.
     """
     found = diagnosis.evidence.get("nearest_pose")
     if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
@@ -80,7 +82,7 @@ def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mar
 
 
 def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield marks: the way that is longer than the arm, or a circle of the arm's reach and the gap to the goal."""
+    """Yield marks for an arm that is too short: the shortest path to the goal, or the circle of reach and the gap."""
     if finding.measured is None or finding.place is None:
         return
     missing = f"arm {units.length(finding.measured - problem.arm.length)} too short"
@@ -99,7 +101,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
-    """Return the base position within the feed range that is nearest to a point [m]."""
+    """Return the position of the base within the range of the feed axis that is nearest to a point [m]."""
     arm = problem.arm
     low, high = arm.base_range
     along = float(np.clip((np.array(place) - arm.base) @ arm.direction, low, high)) if arm.feed else 0.0
@@ -107,7 +109,7 @@ def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
 
 
 def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield marks: the gap between the two nearest walls, and a disc of the arm with clearance, which does not fit."""
+    """Yield marks for an arm that is too thick: a disc of the arm with clearance, and the gap between two walls."""
     if finding.place is None or finding.measured is None or finding.allowed is None:
         return
     tight = {"radius": 0.5 * finding.allowed, "room": 0.5 * finding.measured}
@@ -130,7 +132,7 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield marks: the circle that the tip cannot enter, or the arm with every joint at its limit."""
+    """Yield marks for joint limits that are too small: the circle that the tip cannot enter, or the most bent arm."""
     arm = problem.arm
     if finding.unit == "m" and finding.allowed is not None:
         base = _listed(arm.base)
@@ -149,7 +151,10 @@ def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
-    """Return the points that the initial view has to show: start, goals and obstructions, shape (m, d) [m]."""
+    """Return the points that the initial view of a failure report must contain, shape (m, d) with d = 2 or 3 [m].
+
+    These are the start pose, the goals, the obstructions, and the pose in which the best attempt ended.
+    """
     arm = problem.arm
     poses = (problem.start.configuration(arm), *(stop.goal.whole(arm) for stop in problem.goals))
     found = [arm.joint_positions_at(pose) for pose in poses if pose is not None]
@@ -178,13 +183,13 @@ def failure_html(
     diagnosis: Diagnosis,
     timings: Mapping[str, float] | None = None,
 ) -> str:
-    """Return the HTML report of a problem without a plan.
+    """Return the HTML report of a problem for which no plan was found.
 
     Args:
-        problem: the original problem.
+        problem: the problem.
         status: how the search ended, as in ``solution.json``.
-        diagnosis: reasons why there is no plan.
-        timings: CPU times of the stages that ran [s].
+        diagnosis: reasons why no plan was found.
+        timings: CPU time of each stage that ran, by stage name [s].
 
     Returns:
         A complete HTML page that loads no other files.
@@ -206,7 +211,7 @@ def failure_html(
 
 
 def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> dict[str, object]:
-    """Return all data that the scripts of a failure's page read."""
+    """Return all data that the scripts of a failure report read."""
     blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
     return {
         "unit": units.data(),
@@ -217,7 +222,7 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
 
 
 def reason_section(diagnosis: Diagnosis) -> Markup:
-    """Return the section on the reason why there is no plan, and on the other obstructions."""
+    """Return the section of a failure report about the reason why no plan was found, and about further obstructions."""
     others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
     first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
     also = [element("h3", "Other findings")] if others else []
@@ -236,7 +241,12 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
 
 
 def _sentences(reason: str, before: Markup | None = None) -> Iterator[Markup]:
-    """Yield the markup of a reason: its first sentence, and the details as a list."""
+    """Yield a reason as HTML: its first sentence, then the details as a list.
+
+    Args:
+        reason: the reason, of one or more sentences.
+        before: markup put in front of the first sentence.
+    """
     first, *details = sentences(reason)
     yield element("p", before, f"{first}.")
     if details:
@@ -253,7 +263,7 @@ def _finding(finding: Finding) -> Markup:
 
 
 def help_section(diagnosis: Diagnosis) -> Markup:
-    """Return the section on remedies: the changes that were tried successfully, and further advice."""
+    """Return the section of a failure report about remedies: changes tried with success, and further advice."""
     solved = [element("li", relaxation.words) for relaxation in diagnosis.relaxations]
     tried = [element("li", line) for line in diagnosis.advice]
     parts: list[Markup] = []
@@ -271,7 +281,7 @@ def help_section(diagnosis: Diagnosis) -> Markup:
 
 
 def search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
-    """Return the section on the search: options, times, and the figures behind the reason."""
+    """Return the section of a failure report about the search: options, CPU times, and evidence for the reason."""
     evidence = None
     if diagnosis.evidence:
         text = json.dumps(diagnosis.evidence, indent=2, ensure_ascii=False, default=str)

@@ -1,4 +1,4 @@
-"""Rendering of figures to files, their colours and fonts, and axis labels in the problem's unit."""
+"""Rendering of matplotlib figures to files, colours and fonts of all figures, and axis labels in units of length."""
 
 from collections.abc import Callable
 from io import BytesIO
@@ -27,50 +27,50 @@ TIP_PATH = "#c1440e"
 GOAL_MARK = "#1b7f3b"
 LEAST_GAP = "#b3261e"
 GOAL_TINT = "#dcefe2"
-"""Disc of places within the goal's tolerance."""
+"""Colour of the disc of tip positions within a goal's tolerance."""
 POSE_COLOURS = "plasma"
-"""Colour map of the poses on the way, early to late."""
+"""Colour map of the poses along a motion, early to late."""
 
 FONT_FAMILY = "DejaVu Sans"
-"""matplotlib's own font, so that pictures look the same everywhere."""
+"""Font of all figures, which matplotlib includes, so that pictures look alike everywhere."""
 FONT_SIZE = 8
-"""[points]."""
+"""Font size of all figures [points]."""
 
 FREE = "#e3eef4"
 REGION = "#2a6f97"
 REGION_TINT = "#dbe7ee"
 FOLD = "#f0b429"
 PRESSED = "#b5179e"
-"""Sides that a pose leans on."""
+"""Colour of obstacle sides that constrain a pose, and of the limiting place of errors."""
 HEADING_COLOURS = "YlGnBu"
-"""Colour map of reachable cells, from few headings to all of them."""
+"""Colour map of reachable grid cells, from few tip headings to all."""
 LEAST_SHADE = 0.12
-"""Place in that colour map of the fewest headings, so that they differ from white."""
+"""Position in ``HEADING_COLOURS`` of the fewest headings, above 0 so that the colour differs from white."""
 NOT_FOUND = "#f2b8a0"
-"""Cells in which no pose was found, though one may exist."""
+"""Colour of grid cells in which no pose was found, although one may exist."""
 PROVED = "#efedea"
-"""Cells that are proved to be out of reach."""
+"""Colour of grid cells that are proved to be out of reach."""
 
 
 FigureFormat = Literal["png", "svg", "pdf"]
 """File formats of still pictures."""
 _COMPRESSION = 3
-"""Compression level of PNG files, from 1 to 9. Measured: 87 kB in 13 ms; level 6, the usual one, takes 83 kB in 18 ms.
-Taste."""
+"""Compression level of PNG files, from 1 to 9. Taste. Measured: 87 kB in 13 ms; the usual level 6 takes 83 kB in
+18 ms."""
 
 
 def figure_pixels(figure: Figure) -> Image.Image:
-    """Render a figure to RGB pixels on white; an alpha channel would only make files larger."""
+    """Return a figure rendered to RGB pixels on white; an alpha channel would only make files larger."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
 
 def figure_file(draw: Callable[[], Figure], kind: FigureFormat) -> bytes:
-    """Return the file content of a figure; equal figures result in identical files.
+    """Return a figure as the bytes of a picture file; equal figures give identical files.
 
     Args:
-        draw: makes the figure; the call and the rendering both use the package's fonts.
+        draw: function that returns the figure; called with the fonts of this package set.
         kind: file format.
     """
     buffer = BytesIO()
@@ -87,22 +87,22 @@ def figure_file(draw: Callable[[], Figure], kind: FigureFormat) -> bytes:
 
 
 _ROUND = (1, 2, 2.5, 5, 10)
-"""Steps between ticks, times powers of ten."""
+"""Allowed distances between ticks, times powers of ten."""
 
 
 def label_axes(axes: Axes, problem: Problem) -> None:
-    """Label both axes and their ticks in the unit of the problem's file.
+    """Label both axes of a planar drawing, and their ticks, in the unit of length of a problem.
 
     Args:
         axes: axes in metres, with their limits set.
-        problem: problem that names the unit.
+        problem: the problem, which names the unit.
     """
     for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):
         label_axis(axis, letter, problem.length_unit)
 
 
 def label_axis(axis: Axis, words: str, unit: LengthUnit) -> None:
-    """Label one axis and its ticks in a unit of length.
+    """Label one axis, and its ticks, in a unit of length.
 
     Args:
         axis: axis in metres, with its limits set.

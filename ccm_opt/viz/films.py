@@ -1,4 +1,4 @@
-"""Films of a motion."""
+"""Films of the motion of a plan, as animated GIF or MP4."""
 
 import shutil
 import subprocess
@@ -26,30 +26,30 @@ from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
 from ccm_opt.viz.views import SceneViews, draw_base, view_box, view_window
 
 _TOLD_FACTOR = 1.05
-"""Films that run faster than the motion by more than this factor say so."""
+"""Ratio to real time above which a film shows its speed."""
 _MOST_VIDEO_FRAMES = 1500
-"""Most frames of a video; longer motions are shown faster than real time."""
+"""Maximum number of frames of a video; longer motions are shown faster than real time."""
 
 _HUNDREDTH = 10
 """Resolution of frame times in GIF [ms]."""
 _DOTS_PER_INCH = 100.0
-"""Resolution of a film of the default size; larger films are the same picture, scaled up."""
+"""Resolution of a film of the default size [1/inch]; larger films are scaled up."""
 _STRIP = 32
 """Height of the strip below the drawing for the time and the progress bar [pixel of a film of the default size]."""
 
 
 @dataclass(frozen=True)
 class Film:
-    """A film of a motion, which draws the frames.
+    """A film of a motion: a fixed background and the poses of the arm, from which frames are drawn.
 
     Attributes:
         figure: background behind the arm, above a strip for the time.
         axes: axes in which the arm is drawn.
-        points: joints and tip in the picture at the samples of the motion, shape (T, links + 1, 2) [m].
+        points: positions in the picture of joints and tip of n links at T samples, shape (T, n + 1, 2) [m].
         time: times of the samples, shape (T,) [s].
         radius: radius of the arm [m].
         settings: sizes and frame rates.
-        shown: samples that are shown, one per frame.
+        shown: indices of the samples shown, one per frame.
         seconds: total duration of all frames but the last [s].
     """
 
@@ -63,7 +63,7 @@ class Film:
     seconds: float
 
     def frames(self) -> Iterator[Image.Image]:
-        """Draw the frames as RGB images of equal size."""
+        """Yield the frames of the film as RGB images of equal size."""
         figure, axes = self.figure, self.axes
         arm = _arm(axes, self.points[0], self.radius, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
         for line in arm:
@@ -90,7 +90,7 @@ class Film:
             yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
     def gif(self) -> bytes:
-        """Return the film as the content of an animated GIF file."""
+        """Return the film as the bytes of an animated GIF file."""
         frames = list(self.frames())
         # One palette for all frames: palettes of their own would make the colours flicker.
         palette = frames[-1].quantize(self.settings.colours)
@@ -104,7 +104,15 @@ class Film:
 
 
 def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str], opacity: float) -> list[Line2D]:
-    """Draw an arm's body, a union of capsules, and its axis."""
+    """Draw an arm's body, a union of capsules, and its axis, and return both lines.
+
+    Args:
+        axes: axes to draw in.
+        points: positions of joints and tip in the picture, shape (n links + 1, 2) [m].
+        radius: radius of the arm [m].
+        colours: colours of body and axis.
+        opacity: opacity of the body, from 0 to 1.
+    """
     left, right = axes.transData.transform([(0.0, 0.0), (2.0 * radius, 0.0)])[:, 0]
     width = max(72.0 / axes.figure.dpi * float(right - left), 1.0)
     body, axis = (
@@ -121,8 +129,8 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
 
     Args:
         plan: the plan.
-        settings: size and number of the frames; when None the defaults of the plane or of space.
-        scene: bodies in space, if already prepared for another picture of the problem; None to prepare them here.
+        settings: size and number of the frames; None for the defaults.
+        scene: obstacles in space prepared for drawing; None to prepare them here.
     """
     problem, points, time = plan.problem, plan.points, plan.trajectory.time
     settings = settings or _usual_settings(plan)
@@ -153,7 +161,7 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
 
 
 def _usual_settings(plan: PlanDrawing) -> FilmSettings:
-    """Return the default film settings of the plane or of space."""
+    """Return the default film settings for a plan of a planar arm or of an arm in space."""
     return SPACE_FILM if plan.problem.dimension == 3 else FILM
 
 
@@ -161,24 +169,29 @@ _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", 
 
 
 def encoder() -> str | None:
-    """Return the path of ffmpeg; None if ffmpeg is not installed."""
+    """Return the path of the program ffmpeg; None if ffmpeg is not installed."""
     return shutil.which("ffmpeg")
 
 
 def motion_gif(plan: PlanDrawing, scene: SceneViews | None = None) -> bytes:
-    """Return the content of an animated GIF file of a plan's motion, in real time unless the motion is too long."""
+    """Return a film of a plan's motion as the bytes of an animated GIF, in real time unless the motion is too long.
+
+    Args:
+        plan: the plan.
+        scene: obstacles in space prepared for drawing; None to prepare them here.
+    """
     return make_film(plan, scene=scene).gif()
 
 
 def motion_mp4(plan: PlanDrawing, settings: FilmSettings | None = None) -> bytes:
-    """Return the content of an MP4 file of a plan's motion, in real time unless the motion is too long.
+    """Return a film of a plan's motion as the bytes of an MP4 file, in real time unless the motion is too long.
 
     Args:
         plan: the plan.
-        settings: size and number of the frames; when None the defaults of the plane or of space.
+        settings: size and number of the frames; None for the defaults.
 
     Raises:
-        ProblemError: there is no ffmpeg, or it cannot encode.
+        ProblemError: ffmpeg is missing, or cannot encode the video.
     """
     program = encoder()
     if program is None:

@@ -1,4 +1,4 @@
-"""The HTML page of a plan."""
+"""The HTML report of a plan."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -39,30 +39,30 @@ from ccm_opt.viz.scene_data import route_layers, scene_data
 from ccm_opt.viz.time_series import phase_data, series_data
 
 _PLACES_PER_SEGMENT = 24
-"""Points at which each segment of the goal pose's curve is sampled for drawing."""
+"""Number of points at which each segment of the goal pose's backbone curve is sampled for drawing."""
 
 _REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
 _BEND = re.compile(r"joint (\d+): bend (left|right)")
 _NEAR = 3.0
-"""Multiples of the preferred clearance within which a body next to a link is named. Taste."""
+"""Distance up to which the body next to a link is named, in multiples of the preferred clearance. Taste."""
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 
 BindingRow = tuple[str, float, str]
-"""A constraint that binds a pose, how much the cost would fall if it were relaxed by a unit, and the unit."""
+"""An active constraint of a pose in words, the decrease of cost if it were relaxed by one unit, and this unit."""
 
 
 def binding_rows(
     solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
 ) -> list[BindingRow]:
-    """Return the most binding constraints of a goal pose; constraints between the same link and wall are merged.
+    """Return the active constraints of a goal pose with the largest multipliers; those of one link and wall are merged.
 
     Args:
         solution: the plan.
-        record: record of the goal-pose NLP.
-        points: base, joints and tip of the pose, shape (n + 1, 2) [m].
+        record: record of the optimisation (NLP) of the goal pose.
+        points: positions of joints and tip of n links, shape (n + 1, 2) [m].
         units: units of the page.
-        most: maximum number of constraints to return.
+        most: maximum number of constraints returned.
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
@@ -75,7 +75,10 @@ def binding_rows(
 def _row(
     solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray, units: PageUnits
 ) -> BindingRow:
-    """Return one constraint in words; multipliers refer to one arm's length, one radian, or the whole limit."""
+    """Return one active constraint of a goal pose in words, with the cost saved per unit and this unit.
+
+    In the NLP multipliers refer to one arm length, one radian, or the whole limit.
+    """
     if region := _REGION.fullmatch(name):
         link = int(region[1])
         end = points[link if region[2] == "end" else link - 1]
@@ -92,7 +95,15 @@ def _row(
 
 
 def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray, reach: float) -> str:
-    """Return the body nearest to the end of a link: a wall, or a link that is not adjacent."""
+    """Return the body nearest to one end of a link, in words: a wall, or a link that is not adjacent.
+
+    Args:
+        solution: the plan.
+        points: positions of joints and tip of n links, shape (n + 1, 2) [m].
+        link: number of the link, from 1.
+        end: position of the link's end, shape (2,) [m].
+        reach: distance beyond which no body is named [m].
+    """
     # A side of a region is a plane, and its obstacle may touch it far from the link; so the nearest body is found anew.
     problem = solution.problem
     place = shapely.Point(end)
@@ -123,11 +134,11 @@ _COSTS = {
     "knots": "uneven knots",
     "bows": "variation of curvature",
 }
-"""Names of the cost terms on the page."""
+"""Readable names of the cost terms of the goal-pose optimisation."""
 
 
 def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
-    """Return the section on the goal pose; None if no goal-pose NLP was solved.
+    """Return the section of a report about the optimised goal pose; None if no goal pose was optimised.
 
     Args:
         solution: the plan.
@@ -147,7 +158,7 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
 
 
 def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
-    """Return text on how the goal pose was found, and on whether the motion ends in that pose."""
+    """Return sentences about how the goal pose was found, and whether the motion ends in that pose."""
     variables, rows = record.size
     solved = (
         f"The goal-pose program ({variables} variables, {rows} constraints) found this pose in "
@@ -162,7 +173,7 @@ def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
 
 
 def goal_pose_data(solution: Solution) -> dict[str, object] | None:
-    """Return joints and curve segments of the goal pose for the page to draw; None if there is none."""
+    """Return joints and curve segments of the goal pose as data for the report's scripts; None if there is none."""
     record = solution.path.goal_pose
     if record is None:
         return None
@@ -179,9 +190,9 @@ def goal_pose_data(solution: Solution) -> dict[str, object] | None:
 
 
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
-    """Return base, joints and tip of the goal pose, shape (n + 1, 2) [m].
+    """Return the positions of joints and tip in the optimised goal pose, shape (n + 1, 2) [m].
 
-    The pose may have been computed with fewer links than the arm has.
+    The number n of links may be less than that of the arm, since poses are also optimised for coarser arms.
     """
     arm = solution.problem.arm
     headings = arm.base_heading + np.cumsum(record.configuration)
@@ -192,7 +203,7 @@ def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
 
 
 def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """Return a table of the curve's segments, with their colours in the picture."""
+    """Return a table of the segments of the goal pose's backbone curve, with their colours in the picture."""
     rows = []
     for number, segment in enumerate(record.curve.segments):
         dot = element("i", cls="dot", style=f"background:{_colour(number)}")
@@ -202,7 +213,7 @@ def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
 
 
 def _costs(record: GoalPoseRecord) -> Markup:
-    """Return a table of the cost terms, the largest first, with bars for their fractions of the total."""
+    """Return a table of the cost terms of the goal pose, largest first, with bars for their fractions of the total."""
     total = sum(abs(value) for value in record.costs.values()) or 1.0
     rows = []
     for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
@@ -212,14 +223,14 @@ def _costs(record: GoalPoseRecord) -> Markup:
 
 
 def cost_words(name: str) -> str:
-    """Return readable text for a cost term; the user's own terms are named as the user named them."""
+    """Return the readable name of a cost term; the user's own terms keep their names."""
     if name.startswith("user: "):
         return f"your cost '{name.removeprefix('user: ')}'"
     return _COSTS.get(name, name)
 
 
 def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """Return a table of the constraints that bind the pose, strongest first, with the cost saved by relaxing them."""
+    """Return a table of the goal pose's active constraints, strongest first, with the cost saved by relaxing each."""
     found = binding_rows(solution, record, pose_points(solution, record), units)
     rows = [(words, f"{gain:.2g}", f"per {unit}") for words, gain, unit in found]
     if not rows:
@@ -232,12 +243,12 @@ def _colour(number: int) -> str:
 
 
 def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:
-    """Return the section on tolerated errors; None if there are none.
+    """Return the section of a report about the errors that a plan tolerates; None if none were determined.
 
     Args:
         errors: tolerated errors, with the checks that limit them.
         units: units of the page.
-        in_space: whether joints have two bends, with names of their own.
+        in_space: whether joints have two bend angles, which have separate names.
     """
     if not errors:
         return None
@@ -247,12 +258,12 @@ def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_s
 
 
 _JOINTS = (("bends", ""), ("velocities", ""), ("accelerations", ""), ("torques", "simulated-torques"))
-"""Groups with a curve for every joint, and the group drawn next to the selected joint."""
+"""Keys of charts with a curve for every joint, each with the key of a chart drawn next to the selected joint's."""
 _OTHERS = ("feed", "feed-velocity", "feed-force", "tip-speed")
 
 
 def timing_section() -> Markup:
-    """Return the section on the limits that determine the speed of the motion."""
+    """Return the section of a report about the limits that determine the speed of the motion."""
     return element(
         "section",
         element("h2", "Timing: what limits the speed"),
@@ -261,10 +272,10 @@ def timing_section() -> Markup:
 
 
 def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup:
-    """Return the section with joints, base, tip and curvature over time.
+    """Return the section of a report with charts of joints, feed axis, tip and curvature over time.
 
     Args:
-        groups: keys of the available groups of curves.
+        groups: keys of the available charts.
         curvature: whether there is a chart of the curvature along the arm.
     """
     choice = element("select", element("option", "all joints", value=""), id="joint", aria_label="joint")
@@ -287,7 +298,7 @@ def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup
 
 
 def simulation_section(groups: Collection[str]) -> Markup | None:
-    """Return the section that compares plan and simulation; None if there is no simulated motion."""
+    """Return the section of a report that compares plan and simulation; None if the motion was not simulated."""
     if "tracking" not in groups:
         return None
     words = (
@@ -309,8 +320,8 @@ def report_html(
 
     Args:
         solution: the plan.
-        pictures: names of the files next to the page that show the motion, the still picture first.
-        plans: all plans of the problem if there are several.
+        pictures: names of the files next to the report that show the motion, the still picture first.
+        plans: all plans of the problem, if there are several.
 
     Returns:
         A complete HTML page that loads no other files.
@@ -342,11 +353,11 @@ def report_html(
 
 
 def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
-    """Return all data that the scripts of a plan's page read.
+    """Return all data that the scripts of a plan's report read.
 
     Args:
         solution: the plan.
-        units: units of the page.
+        units: units of the report.
     """
     problem, points = solution.problem, solution.joint_positions
     data: dict[str, object] = {

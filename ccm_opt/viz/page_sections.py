@@ -1,4 +1,4 @@
-"""Sections of pages: the scene and its player, the problem, the making of a plan, and other plans."""
+"""Sections of HTML reports: scene and player, the problem, how the plan was made, output files, and other plans."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,12 +26,12 @@ _KEYS = (
 
 
 def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
-    """Return the empty element of a page in which the page's script draws the scene.
+    """Return the section of a report in which the report's script draws the scene, with its controls.
 
     Args:
         label: description of the scene for screen readers.
-        moves: whether there is a motion, with its figures at the selected time.
-        in_space: whether the scene can be turned, and obstacles cut open.
+        moves: whether there is a motion, with a readout at the selected time.
+        in_space: whether the scene is three-dimensional, so that it can be rotated and obstacles can be cut open.
     """
     reach = ("show the motion", "show all obstacles") if in_space else ("show the motion", "show the whole workspace")
     looks = (("fit", "Fit", f"{reach[0]} (0)"), ("room", "Show all", f"{reach[1]} (r)"))
@@ -68,20 +68,27 @@ def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
 
 
 def _slider(name: str, words: str, value: float, most: float) -> Markup:
-    """Return a slider for the opacity of obstacles or the position of a cut."""
+    """Return a slider with a label, for the opacity of obstacles or the position of a cut.
+
+    Args:
+        name: id of the slider.
+        words: label.
+        value: initial value.
+        most: maximum value; the minimum is 0.
+    """
     bar = element("input", id=name, type="range", min="0", max=str(most), step="0.01", value=str(value))
     return element("label", words, " ", bar)
 
 
 def _cut() -> tuple[Markup, Markup]:
-    """Return the controls for the position and the axis of the cut through the obstacles."""
+    """Return the controls for position and axis of the plane that cuts obstacles open."""
     options = [element("option", name, value=str(k), selected=k == 1) for k, name in enumerate("xyz")]
     axis = element("select", *options, id="cut-axis", aria_label="axis of the section")
     return _slider("cut", "cut", 1.0, 1.0), element("label", "across ", axis)
 
 
 def player_bar() -> Markup:
-    """Return the playback controls, which stay at the lower edge of the window."""
+    """Return the playback controls of a report, which stay at the lower edge of the window."""
     slider = element("input", id="time", type="range", min="0", max="1", value="0", aria_label="time")
     return element(
         "div",
@@ -95,7 +102,7 @@ def player_bar() -> Markup:
 
 
 def goal_times(solution: Solution) -> list[dict[str, object]]:
-    """Return the times at which the arm rests at each goal [s]."""
+    """Return the times at which the arm reaches each goal [s], as data for the report's scripts."""
     time = solution.trajectory.time
     numbers = [*solution.trajectory.stops, len(time) - 1]
     single = len(numbers) == 1
@@ -113,16 +120,16 @@ _FILES = {
     "arm.urdf": "arm for RViz and other programs",
     "arm.mjcf.xml": "arm for MuJoCo",
 }
-"""Files next to the page that it links to."""
+"""Descriptions of the files next to a report to which the report links, by file name."""
 
 Row = tuple[Child, Child]
 
 
 def problem_section(problem: Problem, units: PageUnits) -> Markup:
-    """Return the section on the problem: arm, limits, workspace, start and goals.
+    """Return the section of a report about the problem: arm, limits, workspace, goals and gravity.
 
     Args:
-        problem: the original problem.
+        problem: the problem.
         units: units of the page.
     """
     rows = [
@@ -155,7 +162,7 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    """Yield table rows for the limits of the motion and the fraction of them that plans may use."""
+    """Yield table rows for the limits of the motion, and for the fraction of them that plans may use."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
     yield "joint accelerations", _bounds(limits.acceleration, "rad/s²")
@@ -225,7 +232,7 @@ def _direction(vector: FloatArray) -> str:
 
 
 def making_section(solution: Solution) -> Markup:
-    """Return the section on how the plan was made: method, tactic, seed, versions, CPU times."""
+    """Return the section of a report about how the plan was made: method, candidate, seed, versions, CPU times."""
     problem = solution.problem
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
     rows: list[Row] = [
@@ -246,7 +253,7 @@ def making_section(solution: Solution) -> Markup:
 
 
 def tries_table(solution: Solution) -> Markup | None:
-    """Return a table of all attempts to plan, if there were several."""
+    """Return a table of all planning attempts with their seeds; None where there was only one."""
     if not solution.tries:
         return None
     rows = [
@@ -262,7 +269,7 @@ def tries_table(solution: Solution) -> Markup | None:
 
 
 def timings_table(timings: Mapping[str, float]) -> Markup | None:
-    """Return a table of the CPU times of the stages, the longest first."""
+    """Return a table of the CPU times of the stages, the longest first; None without timings."""
     if not timings:
         return None
     longest = max(*timings.values(), 1e-9)
@@ -278,11 +285,11 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
 
 
 def files_section(name: str, pictures: Sequence[str]) -> Markup:
-    """Return the section with links to the files next to the page, and further commands.
+    """Return the section of a report with links to the files next to it, and further commands.
 
     Args:
         name: name of the output folder.
-        pictures: names of the files that show the motion.
+        pictures: names of the picture and film files that show the motion.
     """
     shown = {file: "motion as a film" if file.endswith(".gif") else "motion in one picture" for file in pictures}
     files = {**_FILES, **shown}
@@ -299,11 +306,11 @@ def files_section(name: str, pictures: Sequence[str]) -> Markup:
 
 @dataclass(frozen=True)
 class PlanPages:
-    """Several plans of a problem, and links to their pages from the page of one of them.
+    """Several plans of one problem, with links to their reports from the report of one of them.
 
     Attributes:
         found: all plans.
-        links: links to the plans' pages, in order; empty for the current page, and where there is no plan.
+        links: links to the plans' reports, in order; empty for the current report, and where there is no plan.
     """
 
     found: ParetoPlans
@@ -311,7 +318,7 @@ class PlanPages:
 
 
 def plans_section(pages: PlanPages | None, units: PageUnits) -> Markup | None:
-    """Return the table of plans; None if there is only one plan.
+    """Return the section of a report that compares several plans of the problem; None if there is only one.
 
     Args:
         pages: the plans.

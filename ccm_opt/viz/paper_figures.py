@@ -1,7 +1,7 @@
-"""Figures like the paper's, and of Pareto plans.
+"""Figures in the style of the paper by Hayashi, Park and Kuipers, and figures of Pareto-optimal plans.
 
-A. Hayashi, J. Park and B. J. Kuipers, *Toward Planning and Control of Highly Redundant Manipulators* (1990): curves
-like Figures 3 and 4, steps like Figure 5, links like Figure 7, space like Figures 8 to 10.
+The paper is *Toward Planning and Control of Highly Redundant Manipulators* (1990). The picture ``curves`` corresponds
+to its Figures 3 and 4, ``steps`` to Figure 5, ``links`` to Figure 7, and ``space`` to Figures 8 to 10.
 """
 
 from collections.abc import Sequence
@@ -40,43 +40,43 @@ from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SceneViews, action_window, draw_pose, view_box, view_window
 
 _CURVES_SIDE = 3.6
-"""Side of the square drawings of curves and of curvatures [inch]."""
+"""Side of the square drawings of backbone curves and of curvatures [inch]."""
 _STEPS = 4
-"""Steps into which a motion without stops is divided. Taste."""
+"""Number of steps into which a motion without intermediate goals is divided. Taste."""
 _POSES_A_STEP = 4
-"""Poses drawn between the ends of a step."""
+"""Number of poses drawn between the ends of a step."""
 _ALL_POSES = 22
-"""Poses drawn of the whole motion in the last picture."""
+"""Number of poses drawn of the whole motion in the last picture."""
 _STEP_WIDTH = 2.9
 """Width of the picture of a step [inch]."""
 _LINK_POSES = 16
-"""Poses drawn between the ends of the motion."""
+"""Number of poses drawn between the ends of the motion in the picture of links."""
 _LINKS_SIDE = 6.0
 """Longest side of the drawing of links [inch]."""
 _SPACE_POSES = 5
-"""Poses of the simulated arm in each of the three pictures. Taste."""
+"""Number of poses of the simulated arm in each of the three pictures. Taste."""
 _SPACE_SIDE = 3.6
 """Width of each of the three pictures [inch]."""
 
 _SCHEMA_SIDE = 2.5
-"""Width and height of one drawing of schemas [inch]."""
+"""Width and height of one drawing of a schema's curves or curvatures [inch]."""
 _ARROW = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
-"""How the direction of a goal is drawn."""
+"""Style of the arrow along a goal's direction."""
 _POINTS = 161
-"""Points at which a curve is sampled for drawing."""
+"""Number of points at which a backbone curve is sampled for drawing."""
 _MOST_CURVES = 14
-"""Most curves drawn of a plan, evenly chosen, the first and the last included."""
+"""Maximum number of a plan's backbone curves drawn, evenly spaced, the first and the last included."""
 
 
 def curves_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
-    """Draw the curves behind the keyframes next to their curvatures, early to late.
+    """Return a picture of the backbone curves of a plan's keyframes next to their curvatures, early to late.
 
     Args:
         plan: the plan.
         kind: file format.
 
     Raises:
-        ProblemError: the plan was made without curves.
+        ProblemError: the plan has no backbone curves.
     """
     if not plan.curves:
         raise ProblemError("the keyframes of this plan have no curves; choose other figures")
@@ -102,7 +102,13 @@ def _curves_figure(plan: PlanDrawing) -> Figure:
 
 
 def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> None:
-    """Draw evenly spaced curves of a motion, early to late, and their curvatures."""
+    """Draw evenly spaced backbone curves of a motion, early to late, and their curvatures over arc length.
+
+    Args:
+        room: axes of the curves.
+        along: axes of the curvatures.
+        curves: backbone curves in the order of the motion.
+    """
     shown = np.unique(np.linspace(0, len(curves) - 1, _MOST_CURVES).round().astype(int))
     for k, colour in zip(shown, colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(shown))), strict=True):
         arc = np.linspace(0.0, curves[k].length, _POINTS)
@@ -117,14 +123,14 @@ def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> No
 
 @dataclass(frozen=True)
 class SchemaPanel:
-    """One panel of a schematic figure.
+    """One panel of a schematic figure: backbone curves of a motion next to their curvatures.
 
     Attributes:
         title: title above the panel.
-        configurations: configurations to draw, in the order of the motion.
-        goal: goal, drawn as an arrow, or None.
-        workspace: workspace with its obstacles, or None in open space.
-        subgoal: intermediate goal, drawn as a hollow arrow, or None.
+        configurations: backbone curves in the order of the motion.
+        goal: goal, drawn as a filled ring with an arrow; None for no goal.
+        workspace: workspace with obstacles; None for open space.
+        subgoal: intermediate goal, drawn as a hollow ring with an arrow; None for no such goal.
         unit: unit of length on the axes.
     """
 
@@ -137,14 +143,14 @@ class SchemaPanel:
 
 
 def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1) -> bytes:
-    """Draw schematic panels in the style of the paper's Figures 3 to 5: curves next to their curvatures.
+    """Return a figure of several schematic panels, each with backbone curves next to their curvatures.
 
     Args:
         panels: the panels, row by row.
         columns: number of panels in a row.
 
     Returns:
-        The content of a PNG file.
+        Bytes of a PNG file.
     """
     return figure_file(lambda: _schemas_figure(panels, columns), "png")
 
@@ -184,7 +190,7 @@ def _draw_panel(room: Axes, along: Axes, panel: SchemaPanel) -> None:
 
 
 def steps_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
-    """Draw the motion in numbered steps: start and goals, each stretch in turn, and the whole motion.
+    """Return a picture of a motion in numbered steps: start and goals, each part of the motion, and the whole motion.
 
     Args:
         plan: the plan.
@@ -216,7 +222,10 @@ def _steps_figure(plan: PlanDrawing) -> Figure:
 
 
 def _step_boundaries(plan: PlanDrawing, count: int) -> IntArray:
-    """Return the samples that bound the steps: the stops of a tour, or else samples with equal travel between them."""
+    """Return the indices of the samples that bound the steps of a motion, from the first to the last sample.
+
+    Steps end at the intermediate goals, or else are ``count`` steps of about equal joint travel.
+    """
     stops = plan.trajectory.stops
     last = len(plan.points) - 1
     if stops:
@@ -225,7 +234,7 @@ def _step_boundaries(plan: PlanDrawing, count: int) -> IntArray:
 
 
 def _draw_step(axes: Axes, plan: PlanDrawing, samples: IntArray, title: str) -> None:
-    """Draw the poses of one step, the first in grey, the last in colour."""
+    """Draw the poses of one step of a motion, the first in grey, the last in colour."""
     problem = plan.planar_problem
     draw_workspace(axes, problem.workspace, action_window(problem, plan.points))
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
@@ -243,7 +252,7 @@ def _draw_step(axes: Axes, plan: PlanDrawing, samples: IntArray, title: str) -> 
 
 
 def links_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
-    """Draw the jointed arm with its individual links, in equally spaced poses.
+    """Return a picture of a motion that shows the individual links of the arm in evenly spaced poses.
 
     Args:
         plan: the plan.
@@ -274,9 +283,9 @@ def _links_figure(plan: PlanDrawing) -> Figure:
 
 
 def space_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
-    """Draw the simulated arm in space, in three pictures that each show a third of the motion's time.
+    """Return three-dimensional views of the simulated planar arm, one for each third of the motion's time.
 
-    The planned arm is drawn if there is no simulation.
+    Without simulation, the planned arm is drawn.
 
     Args:
         plan: the plan.
@@ -305,7 +314,7 @@ def _space_figure(plan: PlanDrawing) -> Figure:
 
 
 def _draw_poses_in_space(axes: Any, plan: PlanDrawing, poses: FloatArray) -> None:
-    """Draw poses early to late, the last at full width, with the outlines of nearby obstacles in the arm's plane."""
+    """Draw poses of a planar arm in a three-dimensional view, early to late, with the outlines of nearby obstacles."""
     window = action_window(plan.planar_problem, plan.points)
     seen = shapely.box(*window.ravel())
     for obstacle in plan.planar_problem.workspace.obstacles:
@@ -333,29 +342,29 @@ def _draw_poses_in_space(axes: Any, plan: PlanDrawing, poses: FloatArray) -> Non
 
 
 _PARETO_WIDTH = 9.6
-"""Width of the picture of several plans [inch]."""
+"""Width of the picture of Pareto-optimal plans [inch]."""
 _PARETO_MARGINS = 1.55
-"""Total height of the margins above, between and below its two parts [inch]."""
+"""Total height of the margins of the picture of Pareto-optimal plans [inch]."""
 _CHART_HEIGHT = 2.6
-"""Height of the chart of duration against gap [inch]."""
+"""Height of the chart of duration against minimum clearance [inch]."""
 _MOST_THUMBNAIL = 2.6
-"""Greatest height of the picture of one plan [inch]."""
+"""Maximum height of the picture of one plan [inch]."""
 
 
 def pareto_png(found: ParetoPlans) -> bytes:
-    """Return the picture of a Pareto trade-off.
+    """Return the picture of a set of Pareto-optimal plans, as drawn by ``pareto_figure``.
 
     Args:
         found: the plans of the trade-off.
 
     Returns:
-        The content of a PNG file.
+        Bytes of a PNG file.
     """
     return figure_file(lambda: pareto_figure(found), "png")
 
 
 def pareto_figure(found: ParetoPlans) -> Figure:
-    """Return the picture of a Pareto trade-off as a matplotlib figure, made without pyplot."""
+    """Return a matplotlib figure of the trade-off between duration and clearance, with a picture of every plan."""
     problem, count = found.problem, len(found.plans)
     side = SLANTED if problem.dimension == 3 else PLANE
     ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
@@ -380,7 +389,7 @@ def pareto_figure(found: ParetoPlans) -> Figure:
 
 
 def _draw_front(axes: Axes, found: ParetoPlans) -> None:
-    """Draw a point for each plan, the line of non-dominated plans, and the limit on the recommended plan's duration."""
+    """Draw duration and clearance of every plan, the Pareto front, and the maximum duration of the recommended plan."""
     metres = METRES[found.problem.length_unit]
     plans = [(number, plan) for number, plan in enumerate(found.plans, start=1) if plan.solution is not None]
     front = sorted((plan.duration, plan.gap / metres) for _, plan in plans if not plan.dominated_by)
@@ -408,7 +417,7 @@ def _draw_front(axes: Axes, found: ParetoPlans) -> None:
 
 
 def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, recommended: bool) -> None:
-    """Draw a plan with its number: filled on the front, hollow when dominated, ringed when recommended."""
+    """Draw a plan as a numbered point: filled on the Pareto front, hollow when dominated, ringed when recommended."""
     place = (plan.duration, plan.gap / metres)
     face = "white" if plan.dominated_by else style.GOAL_ARM
     edge = style.WALL_EDGE if plan.dominated_by else style.GOAL_ARM_EDGE
@@ -425,7 +434,7 @@ def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, rec
 
 
 def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -> None:
-    """Set the title of a plan's picture to the plan's figures, or "no plan", and frame the recommended plan."""
+    """Set the title of a plan's picture to its duration and clearance, or "no plan", and frame the recommended plan."""
     axes.set_xticks([])
     axes.set_yticks([])
     recommended = number == found.recommended
@@ -444,7 +453,7 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
 
 
 def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
-    """Draw the start, the end and the path of the tip of a plan, if there is one."""
+    """Draw start pose, final pose and tip path of a plan; nothing where no plan was found."""
     if solution is None:
         return
     points, radius = solution.joint_positions, solution.problem.arm.radius

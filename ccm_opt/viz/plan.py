@@ -1,4 +1,4 @@
-"""The picture of a plan, in the plane or in three views of space."""
+"""The picture of a plan, for planar arms in one view, for arms in space in three views and a section along the arm."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,21 +16,29 @@ from ccm_opt.viz.figure_files import FigureFormat, figure_file
 from ccm_opt.viz.views import ARROW_SHARE, SceneViews, Sheet, draw_base, draw_pose, view_box
 
 ARROW_IN_LINKS = 3.0
-"""Length of a goal's arrow in space, in links, since the views differ in scale."""
+"""Length of a goal's arrow in views of space, in link lengths, since the views differ in scale."""
 _LABEL_SIZE = 7.5
-"""Size of labels in the drawing [points]."""
+"""Font size of labels in the drawing [points]."""
 _POSES_ON_THE_WAY = 7
-"""Poses drawn between start and goal."""
+"""Number of poses drawn between start and goal."""
 _LEAST_DISC = 0.012
-"""Share of the picture's width above which a goal's position tolerance is drawn."""
+"""Minimum position tolerance of a goal that is drawn, as a fraction of the picture's width."""
 _LEAST_SEEN = 0.1
-"""Directions foreshortened to less than this share of their length are drawn without an arrow."""
+"""Foreshortening of a direction (fraction of its length) up to which the number of a goal ignores the arrow."""
 _LEAST_WEDGE = 0.05
-"""Heading tolerance above which it is drawn [rad]."""
+"""Minimum heading tolerance of a goal that is drawn [rad]."""
 
 
 def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: int, size: float) -> None:
-    """Draw the number of a goal in a disc behind the goal's arrow."""
+    """Draw the number of a goal in a disc behind the goal's arrow, or above the goal where there is no arrow.
+
+    Args:
+        axes: axes to draw in.
+        place: position of the goal in the picture, shape (2,) [m].
+        heading: angle of the arrow in the picture [rad]; None without an arrow.
+        number: number of the goal.
+        size: font size [points].
+    """
     away = 0.5 * np.pi if heading is None else heading + np.pi
     offset = (11.0 * np.cos(away), 11.0 * np.sin(away))
     axes.annotate(
@@ -41,25 +49,27 @@ def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: in
 
 
 def plan_picture(plan: PlanDrawing, kind: FigureFormat = "png", scene: SceneViews | None = None) -> bytes:
-    """Return the picture of a plan: workspace, start, poses on the way, goals, path of the tip, least gap.
+    """Return the picture of a plan, as drawn by ``plan_figure``, as the bytes of a file.
 
     Args:
         plan: the plan.
         kind: file format.
-        scene: bodies in space, if already prepared for another picture of the problem; None to prepare them here.
+        scene: obstacles in space prepared for drawing; None to prepare them here.
 
     Returns:
-        The content of a file of that format.
+        Bytes of a file of the given format.
     """
     return figure_file(lambda: plan_figure(plan, scene), kind)
 
 
 def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
-    """Return the picture of a plan as a matplotlib figure, made without pyplot; see ``plan_picture``.
+    """Return a figure of a plan: workspace, start pose, poses along the motion, goals, tip path, minimum clearance.
+
+    The matplotlib figure is made without pyplot.
 
     Args:
         plan: the plan.
-        scene: bodies in space, if already prepared for another picture of the problem; None to prepare them here.
+        scene: obstacles in space prepared for drawing; None to prepare them here.
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
@@ -92,13 +102,13 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
 
 
 def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool = True) -> None:
-    """Draw all goals, numbered if there are several, and optionally the arm at the intermediate goals.
+    """Draw all goals of a plan, numbered if there are several, and optionally the arm at intermediate goals.
 
     Args:
         axes: axes with their limits set.
         plan: plan with the goals.
-        side: direction of view.
-        poses: whether to draw the arm at the intermediate goals.
+        side: projection to the picture plane; ``PLANE`` for a planar arm.
+        poses: whether to draw the arm at intermediate goals.
     """
     problem = plan.problem
     reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
@@ -120,12 +130,12 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
-    """Choose samples between start and end such that the mean travel of all joints between them is about equal.
+    """Return indices of samples between which the mean distance travelled by all joints is about equal.
 
     Args:
-        points: joints and tip at all samples, shape (T, links + 1, d) [m].
-        count: number of samples between the ends.
-        ends: whether to add the first and the last sample.
+        points: positions of joints and tip of n links at T samples, shape (T, n + 1, d) with d = 2 or 3 [m].
+        count: number of samples to choose between the first and the last.
+        ends: whether to include the first and the last sample.
     """
     moved = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
     travelled = np.concatenate(([0.0], np.cumsum(moved)))
@@ -142,18 +152,18 @@ def draw_goal(
     side: Side = PLANE,
     reach: float = 0.0,
 ) -> None:
-    """Draw a goal as a ring, with an arrow along the goal's direction if there is one.
+    """Draw a goal as a ring, with an arrow along the required tip direction.
 
-    There is no arrow if every direction is admissible, or for a whole pose. Tolerances large enough to see are drawn:
-    the disc of positions, and in the plane the wedge of headings. Crosses mark the via points.
+    There is no arrow where every direction is allowed. Tolerances large enough to see are drawn: the disc of
+    positions, and in the plane the wedge of headings. Crosses mark the via points.
 
     Args:
         axes: axes with their limits set.
         goal: goal to draw.
         tolerances: tolerances of the goal.
-        tip: goal position of the tip, shape (d,) [m].
-        label: label in the legend, which then also has an entry for via points; empty for none.
-        side: direction of view.
+        tip: goal position of the tip, shape (2,) or (3,) [m].
+        label: label of the goal in the legend, which then also has an entry for via points; empty for no entries.
+        side: projection to the picture plane; ``PLANE`` for a planar arm.
         reach: length of the arrow [m]; 0 for a fraction of the axes' width, which differs between views.
     """
     place = side(tip)

@@ -1,4 +1,4 @@
-"""Pictures of goal poses, and of reach maps."""
+"""Pictures of static poses at the goal, and of reachability maps."""
 
 from typing import Any
 
@@ -21,20 +21,20 @@ from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SceneViews, Sheet, draw_base, draw_pose, dress_view, figure_layout, view_box
 
 _SCALE_WIDTH = 0.9
-"""Width of the colour scale at the right [inch]."""
+"""Width of the colour scale on the right side [inch]."""
 _CURVE_PLACES = 401
-"""Points at which a curve is sampled for drawing."""
+"""Number of points at which a backbone curve is sampled for drawing."""
 _BAR_SHARE = 0.02
-"""Half the length of the bar on a side that a pose leans on, as a share of the arm's length."""
+"""Half length of the bar that marks an active obstacle side, as a fraction of the arm's length."""
 
 
 def pose_png(found: StaticPose) -> bytes:
-    """Return the content of a PNG file with the picture of a pose."""
+    """Return the picture of a static pose as the bytes of a PNG file."""
     return figure_file(lambda: pose_figure(found), "png")
 
 
 def pose_figure(found: StaticPose) -> Figure:
-    """Return the picture of a pose as a matplotlib figure, made without pyplot."""
+    """Return a matplotlib figure of a static pose: arm, backbone curve, goal, and active obstacle sides."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
     sheet = Sheet.of(problem, view_box(problem, points) if in_space else whole_workspace(problem.workspace))
@@ -61,7 +61,7 @@ def _pose_title(found: StaticPose) -> str:
 
 
 def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
-    """Draw the curve and the ends of its segments, given as positions in the picture, shape (n, 2) [m]."""
+    """Draw a backbone curve and the ends of its segments, given as positions in the picture, shape (n, 2) [m]."""
     axes.plot(*line.T, color=style.TIP_PATH, linewidth=1.3, zorder=7, label="curve")
     axes.plot(
         *ends.T, linestyle="none", marker="D", markersize=4, markerfacecolor="white",
@@ -70,7 +70,7 @@ def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
 
 
 def _draw_binding(axes: Axes, found: StaticPose) -> None:
-    """Draw a bar, at clearance distance, for each wall that constrains a link; wider bars bind more strongly."""
+    """Draw a bar for each obstacle side that constrains a link of a pose; wider bars have larger multipliers."""
     if not found.binding:
         return
     strongest = max(side.multiplier for side in found.binding)
@@ -81,7 +81,7 @@ def _draw_binding(axes: Axes, found: StaticPose) -> None:
 
 
 def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
-    """Return both ends of the bar that is drawn at a side of a link."""
+    """Return both ends [m] of the bar that marks an active obstacle side next to a link."""
     arm = found.problem.arm
     normal = np.array(side.towards)
     middle = np.array(side.place) + (arm.radius + max(found.pose.gap, 0.0)) * normal
@@ -91,12 +91,12 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
 
 
 def reach_png(found: ReachMap) -> bytes:
-    """Return the content of a PNG file with the picture of a reach map."""
+    """Return the picture of a reachability map as the bytes of a PNG file."""
     return figure_file(lambda: reach_figure(found), "png")
 
 
 def reach_figure(found: ReachMap) -> Figure:
-    """Return the picture of a reach map as a matplotlib figure, made without pyplot."""
+    """Return a matplotlib figure of a reachability map, planar or as three slices through space."""
     return _reach_in_space(found) if found.problem.dimension == 3 else _reach_in_plane(found)
 
 
@@ -118,7 +118,7 @@ def _reach_in_plane(found: ReachMap) -> Figure:
 
 
 def _draw_cells(axes: Axes, found: ReachMap) -> None:
-    """Draw every cell in its colour, under the obstacles."""
+    """Draw every grid cell of a planar reachability map in the colour of its result, beneath the obstacles."""
     shares = found.taken.mean(axis=2)
     colours = colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * shares)
     colours[~found.reachable] = to_rgba(style.NOT_FOUND)
@@ -136,14 +136,14 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
 
 
 def _name_colour(axes: Axes, colour: Any, label: str) -> None:
-    """Add a cell colour to the legend."""
+    """Add a colour of grid cells to the legend."""
     axes.plot(
         [], [], linestyle="none", marker="s", markersize=8, color=colour, markeredgecolor=style.WALL_EDGE, label=label
     )
 
 
 def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
-    """Draw the colour scale of reachable cells."""
+    """Draw the colour scale of reachable grid cells: the range of headings that the tip can take."""
     shades = colormaps[style.HEADING_COLOURS](np.linspace(style.LEAST_SHADE, 1.0, 256))
     axes = figure.add_axes((left, bottom, 0.02, height))
     axes.imshow(shades[:, None], origin="lower", aspect="auto", extent=(0.0, 1.0, 0.0, 360.0))
@@ -155,7 +155,7 @@ def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
 
 
 _ACROSS = (2, 1, 0)
-"""Axis that each of the three views looks along."""
+"""Index of the coordinate axis along which each of the three views looks."""
 
 
 def _reach_in_space(found: ReachMap) -> Figure:
@@ -192,7 +192,7 @@ def _reach_in_space(found: ReachMap) -> Figure:
 
 
 def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
-    """Draw the legend of the cell colours below the views."""
+    """Draw the legend of the colours of grid cells below the views."""
     with words_in(found.problem.length_unit):
         seen = short_length(found.seen)
     meanings = (
@@ -208,13 +208,13 @@ def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
 
 
 def _shades(found: ReachMap, gap: FloatArray) -> FloatArray:
-    """Return the colours of reachable cells by their clearance, shape (..., 4)."""
+    """Return the colours (red, green, blue, opacity) of reachable grid cells by clearance [m], shape (..., 4)."""
     share = np.clip(gap / found.seen, 0.0, 1.0)
     return np.asarray(colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * share))
 
 
 def _colours(found: ReachMap) -> FloatArray:
-    """Return the colours of all cells, shape (nx, ny, nz, 4)."""
+    """Return the colours (red, green, blue, opacity) of all grid cells of a map in space, shape (nx, ny, nz, 4)."""
     colours = _shades(found, np.nan_to_num(found.gap))
     colours[~found.reachable] = to_rgba(style.NOT_FOUND)
     colours[found.proved] = to_rgba(style.PROVED)
@@ -222,7 +222,7 @@ def _colours(found: ReachMap) -> FloatArray:
 
 
 def _draw_cloud(axes: Axes, found: ReachMap, scene: SceneViews) -> None:
-    """Draw all reachable positions from back to front, together with the bodies near them."""
+    """Draw all reachable tip positions in oblique view, from back to front, together with the obstacles near them."""
     side: Side = SLANTED
     places = found.places[found.reachable]
     about = np.vstack((places, found.problem.arm.base))

@@ -1,4 +1,4 @@
-"""Plans in Python: saved to a folder, loaded from one, drawn and animated."""
+"""Python interface to plans: saving to a folder, loading, drawing, and animating."""
 
 import sys
 from dataclasses import dataclass, field
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class SavedPlan:
-    """A plan as read from its folder.
+    """A plan read from an output folder.
 
     Attributes:
         folder: folder that the plan was loaded from.
         problem: problem that the plan solves.
         trajectory: the timed motion.
-        joints: the timed motion of the drives.
+        joints: states of all revolute joints over the motion, with efforts.
         motion: all arrays of the motion.
     """
 
@@ -44,7 +44,7 @@ class SavedPlan:
 
 
 def load(folder: str | Path) -> SavedPlan:
-    """Load a plan from an output folder of ``ccm-opt solve`` or of ``save``.
+    """Return the plan stored in an output folder of ``ccm-opt solve`` or of ``save``.
 
     The plan is not verified again; ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
 
@@ -53,7 +53,7 @@ def load(folder: str | Path) -> SavedPlan:
 
     Raises:
         ProblemError: the folder does not exist or is not readable.
-        VerificationError: the folder holds the record of a failure.
+        VerificationError: the folder holds the record of a run without a plan.
     """
     expect(folder, (str, Path), "the path of an output folder")
     place = Path(folder)
@@ -63,14 +63,14 @@ def load(folder: str | Path) -> SavedPlan:
 
 
 def save(solution: Solution, folder: str | Path) -> Path:
-    """Save a solution to a folder, as ``ccm-opt solve --no-pictures`` does.
+    """Write a plan to an output folder, as ``ccm-opt solve --no-pictures`` does.
 
     Args:
         solution: the plan.
         folder: the output folder; an earlier plan in it is replaced, your own files stay.
 
     Returns:
-        The folder.
+        The folder written.
 
     Raises:
         ProblemError: the folder cannot be written, or holds something other than a plan.
@@ -81,13 +81,13 @@ def save(solution: Solution, folder: str | Path) -> Path:
 
 
 def plot(plan: Solution | SavedPlan) -> "Figure":
-    """Draw a plan: workspace, start, poses on the way, goals, path of the tip, least gap.
+    """Return a figure of a plan: workspace, start pose, poses along the motion, goals, tip path, minimum clearance.
 
     Args:
         plan: a solution, or a plan loaded from its folder.
 
     Returns:
-        A matplotlib figure, which notebooks display and ``savefig`` writes.
+        A matplotlib figure, which notebooks display and whose ``savefig`` writes files.
     """
     from ccm_opt.viz.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
@@ -95,17 +95,17 @@ def plot(plan: Solution | SavedPlan) -> "Figure":
 
 
 def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
-    """Write a film of a plan.
+    """Write a film of the motion of a plan.
 
     Args:
         plan: a solution, or a plan loaded from its folder.
-        file: path of the film, ending with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
+        file: path of the film, with the suffix ``.gif``, or ``.mp4`` where ffmpeg is installed.
 
     Returns:
-        The file.
+        Path of the file written.
 
     Raises:
-        ProblemError: for another ending, without ffmpeg, or if the file cannot be written.
+        ProblemError: the suffix is another, ffmpeg is missing, or the file cannot be written.
     """
     from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
 
@@ -119,7 +119,7 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
 
 
 def drawn(plan: Solution | SavedPlan) -> "PlanDrawing":
-    """Return the data of a plan that pictures show; for a loaded planar plan, with the simulated arm."""
+    """Return the data of a plan that pictures show, with the simulated arm for a planar plan loaded from a folder."""
     from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")

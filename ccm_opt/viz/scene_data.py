@@ -1,4 +1,4 @@
-"""The scene of a problem as data for its page: workspace, obstacles, arm, goals, and the initial view."""
+"""The scene of a problem as data for HTML reports: workspace, obstacles, arm, goals, and the initial view."""
 
 from base64 import b64encode
 
@@ -18,32 +18,32 @@ from ccm_opt.scene.surfaces import sharp_edges, within
 from ccm_opt.scene.workspace import Workspace
 
 _PLACE_STEP = 2e-5
-"""Resolution of places on the page, as a share of the workspace's extent."""
+"""Resolution of planar positions in a report, as a fraction of the workspace's extent."""
 _MOST_NAMED = 16
-"""Most obstacles whose names are shown initially."""
+"""Maximum number of obstacles whose names are shown initially."""
 _MOST_OBSTACLES = 80
-"""Most obstacles for which routes and regions are computed; with more, the search would take too long."""
+"""Maximum number of obstacles for which routes and regions are computed; with more, computing takes too long."""
 
 _MOST_VERTICES = 60_000
-"""Most corners of walls that are drawn exactly; beyond that, outlines are simplified. Taste."""
+"""Maximum number of vertices of planar obstacles that are drawn exactly; more are simplified. Taste."""
 _MOST_TRIANGLES = 60_000
-"""Most triangles of all bodies of a scene in space; beyond that, surfaces are simplified. Taste."""
+"""Maximum number of triangles of all obstacles in space; more are simplified. Taste."""
 _CELL = 2e-3
-"""Width of the cells in which corners are joined first, as a share of the scene's extent. Taste."""
+"""Initial width of the grid cells in which vertices are merged, as a fraction of the scene's extent. Taste."""
 _SHARP = 0.6
-"""Angle between two faces from which their edge is drawn [rad]. Taste."""
+"""Minimum angle between two faces for their common edge to be drawn [rad]. Taste."""
 _ROUND_SIDES = 24
-"""Number of sides with which balls and bars are drawn in space. Taste."""
+"""Number of sides with which spheres, cylinders and capsules are drawn in space. Taste."""
 
 SceneData = dict[str, object]
 
 
 def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
-    """Return arm, start, goals, workspace and obstacles of a problem in the form that the page's scripts read.
+    """Return arm, start, goals, workspace and obstacles of a problem as data for the report's scripts.
 
     Args:
-        problem: problem with the scene.
-        shown: points that the initial view has to show, shape (m, d) [m].
+        problem: the problem.
+        shown: points that the initial view must contain, shape (m, d) with d = 2 or 3 [m].
     """
     arm = problem.arm
     room = _draw_spatial_workspace if problem.dimension == 3 else _draw_planar_workspace
@@ -64,7 +64,7 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
 
 
 def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
-    """Return the position, direction, tolerances and via points of a goal."""
+    """Return position, direction, tolerances and via points of a goal as data for the report's scripts."""
     goal = stop.goal
     return {
         "number": number,
@@ -105,7 +105,7 @@ def _draw_spatial_workspace(problem: Problem, low: FloatArray, high: FloatArray)
 
 
 def _walls(workspace: Workspace) -> SceneData:
-    """Return boundary and obstacles as SVG paths in integer steps from a workspace corner, with the step's length."""
+    """Return boundary and obstacles of a planar workspace as SVG paths in integer steps, with origin and step [m]."""
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
     step = _PLACE_STEP * max(xmax - xmin, ymax - ymin)
     outlines = [obstacle.outline() for obstacle in workspace.obstacles]
@@ -130,7 +130,7 @@ def _walls(workspace: Workspace) -> SceneData:
 
 
 def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
-    """Return a point in an obstacle, and the obstacle's extent from there to the left, right, bottom and top [m]."""
+    """Return a point in an obstacle, and the obstacle's extent from that point to the left, right, bottom, top [m]."""
     box = shapely.bounds(outline)
     x, y = shapely.get_coordinates(shapely.point_on_surface(outline))[0]
     reaches = (x, y), (x - box[0], box[2] - x), (y - box[1], box[3] - y)
@@ -139,7 +139,13 @@ def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
 
 
 def path_in_steps(geometry: shapely.Geometry, origin: FloatArray, step: float) -> str:
-    """Return a polygon or line as an SVG path of relative moves, in integer steps from an origin."""
+    """Return a planar geometry as an SVG path of relative moves, in integer multiples of a step.
+
+    Args:
+        geometry: polygons or lines [m].
+        origin: origin of the path's coordinates, shape (2,) [m].
+        step: length of one unit of the path [m].
+    """
     if isinstance(geometry, shapely.Polygon):
         rings = (geometry.exterior, *geometry.interiors)
         return "".join(f"{_line_in_steps(ring, origin, step)}z" for ring in rings)
@@ -156,18 +162,19 @@ def _line_in_steps(line: shapely.Geometry, origin: FloatArray, step: float) -> s
 
 
 _NO_WIDTH = 1e-6
-"""Radius assumed for an arm of no width, as a share of its length."""
+"""Radius assumed for an arm of zero radius, as a fraction of the arm's length."""
 
 
 def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
-    """Return the arm's taut way around the obstacles in its last pose, and the regions along that way.
+    """Return the shortest path homotopic to the arm's final pose, and convex free regions along this path.
 
     Args:
-        problem: the original problem.
-        end: joints and tip of the last pose, shape (links + 1, 2) [m].
+        problem: the problem.
+        end: positions of joints and tip of n links in the final pose, shape (n + 1, 2) [m].
 
     Returns:
-        ``route``, ``length`` [m] and ``regions``; empty if there are too many obstacles or there is no way around them.
+        ``route``, ``length`` [m] and ``regions``; empty with too many obstacles, or where the final pose lies outside
+        free space.
     """
     if len(problem.workspace.obstacles) > _MOST_OBSTACLES:
         return {}
@@ -185,11 +192,18 @@ def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
 
 
 _CORNER_STEPS = 65535
-"""Resolution of the corners of a body: steps across its extent."""
+"""Number of steps into which the extent of a solid is divided to encode vertices."""
 
 
 def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[str, object]:
-    """Return a body in base 64: corners as 16-bit integers, faces and sharp edges as indices of corners."""
+    """Return a solid as base-64 data: vertices as 16-bit integers, faces and sharp edges as vertex indices.
+
+    Args:
+        name: name of the obstacle.
+        body: the solid.
+        share: maximum number of triangles.
+        extent: lower and upper corner of the scene, shape (2, 3) [m].
+    """
     surface = body.surface(_ROUND_SIDES)
     vertices, faces = within(*surface, max(share, 500), _CELL * float(np.max(np.ptp(extent, axis=0))))
     # Corners shared by several triangles are written once.

@@ -1,23 +1,24 @@
-"""Settings of pictures and films."""
+"""Default sizes and frame rates of pictures and films."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class PictureSettings:
-    """Sizes of still pictures. Taste, all of them.
+    """Sizes of still pictures; all values are a matter of taste.
 
     Attributes:
-        dots_per_inch: resolution.
+        dots_per_inch: resolution [1/inch].
         longest_side: longest side of the drawing of a plan, without its margins [inch].
-        least_height: least height of that drawing [inch].
-        left: margin for axis labels [inch].
-        right: margin [inch].
-        top: margin for the title [inch].
-        bottom: margin for axis labels and legend [inch].
+        least_height: minimum height of the drawing of a plan [inch].
+        left: left margin, for axis labels [inch].
+        right: right margin [inch].
+        top: top margin, for the title [inch].
+        bottom: bottom margin, for axis labels and legend [inch].
         workspace_margin: margin around the whole workspace, as a fraction of the workspace's longest side.
-        most_named_obstacles: number of obstacles beyond which names are left out, since they would hide the picture.
-        least_error: least tracking error on the logarithmic scale, as which smaller errors are drawn [rad] or [m].
+        most_named_obstacles: maximum number of obstacles whose names are shown; more names would hide the picture.
+        least_error: tracking error at the bottom of the logarithmic scale, where smaller errors are drawn too [rad]
+            or [m].
     """
 
     dots_per_inch: int = 120
@@ -34,15 +35,15 @@ class PictureSettings:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """Sizes of films. Taste, all of them.
+    """Sizes and frame rates of films; all values are a matter of taste.
 
     Attributes:
-        longest_side: longest side of a frame [pixel].
-        frames_a_second: frame rate of motions that need no more than ``most_frames`` [1/s]; GIF times count in
-            hundredths of a second.
-        most_frames: maximum number of frames; longer motions are shown faster than real time.
+        longest_side: longest side of a frame of a GIF [pixel].
+        frames_a_second: frame rate of a GIF whose motion needs at most ``most_frames`` [1/s]; the resolution of times
+            in GIF is a hundredth of a second.
+        most_frames: maximum number of frames of a GIF; longer motions are shown faster than real time.
         last_frame: duration of the last frame [ms].
-        colours: number of colours in the palette of the film.
+        colours: number of colours in the palette of a GIF.
         video_side: longest side of a frame of a video [pixel].
         video_frames_a_second: frame rate of a video [1/s].
     """
@@ -59,6 +60,6 @@ class FilmSettings:
 PICTURES = PictureSettings()
 """Default sizes of still pictures."""
 FILM = FilmSettings()
-"""Default sizes of films in the plane."""
+"""Default sizes of films of planar arms."""
 SPACE_FILM = FilmSettings(longest_side=520, frames_a_second=12, most_frames=60, last_frame=1500, colours=128)
-"""Default sizes of films in space: their frames hold more detail, so there are fewer of them."""
+"""Default sizes of films of arms in space, whose frames hold more detail, so that there are fewer of them."""

@@ -1,6 +1,6 @@
-"""Pictures of simulated motions and survived errors.
+"""Pictures of simulated motions and of the joint errors that a plan tolerates.
 
-Each link is drawn as wide as the survived errors may take it, by the certified bound.
+Under tolerated errors each link is drawn with the width of the region that it may cover, by a certified bound.
 """
 
 import numpy as np
@@ -31,25 +31,25 @@ from ccm_opt.viz.views import (
 )
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
-"""Shares of the duration at which the simulated arm is drawn."""
+"""Fractions of the simulated duration at which the arm is drawn."""
 
 
 def simulation_png(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> bytes:
-    """Return the content of a PNG file with the picture of a simulated motion.
+    """Return the picture of a simulated motion and its tracking errors as the bytes of a PNG file.
 
     Args:
-        problem: arm and workspace.
-        trajectory: the plan.
-        joints: the plan for all revolutes.
+        problem: the problem, which gives arm and workspace.
+        trajectory: the planned motion.
+        joints: states of all revolute joints over the planned motion.
         simulated: motion of the simulated arm.
     """
     return figure_file(lambda: _simulation_figure(problem, trajectory, joints, simulated), "png")
 
 
 def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
-    """Return the number of samples that the simulation reached; later samples hold no data."""
+    """Return the number of samples before the simulation diverged; later samples hold no data."""
     verdict = simulated.verdict
     if verdict.outcome != "diverged" or verdict.time is None:
         return len(trajectory.time)
@@ -59,7 +59,15 @@ def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -
 def draw_errors(
     axes: Axes, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion, least: float
 ) -> None:
-    """Draw the largest joint error over time on a logarithmic scale, and when the arm ceased to follow."""
+    """Draw the maximum joint error over time on a logarithmic scale, and the time at which tracking failed.
+
+    Args:
+        axes: axes to draw in.
+        trajectory: the planned motion.
+        joints: states of all revolute joints over the planned motion.
+        simulated: motion of the simulated arm.
+        least: error at the bottom of the scale, where smaller errors are drawn too [rad] or [m].
+    """
     reached = slice(simulated_samples(trajectory, simulated))
     time = trajectory.time[reached]
     errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)[reached]
@@ -79,9 +87,10 @@ def draw_errors(
 def _simulation_figure(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> Figure:
-    """Return the figure of a simulated motion, with its errors over time.
+    """Return the figure of a simulated motion, with the tracking errors over time.
 
-    The figure shows the planned end, simulated poses and the simulated end, in the plane or from above and in front.
+    The figure shows the planned final pose, simulated poses, and the simulated final pose; in space from above and
+    from the front.
     """
     arm, reached = problem.arm, simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
@@ -117,7 +126,11 @@ def _simulation_figure(
 
 
 def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
-    """Return a figure and its grid, for stacked views with extents of shape (2,) [m] and for errors beside them."""
+    """Return a figure and its grid, with stacked views in the left column and the error chart in the right column.
+
+    Args:
+        spans: width and height of each view, each of shape (2,) [m].
+    """
     scale = VIEW_SIDE / float(np.max(spans))
     width = max(scale * spans[0][0], 2.6)
     heights = [max(scale * span[1], 1.3) for span in spans]
@@ -127,12 +140,12 @@ def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
 
 
 def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
-    """Return the content of a PNG file with the picture of the effect of joint errors.
+    """Return the picture of the effect of the tolerated joint errors on a plan as the bytes of a PNG file.
 
     Args:
-        problem: arm and workspace.
-        trajectory: the plan.
-        error: the tolerated joint error.
+        problem: the problem, which gives arm and workspace.
+        trajectory: the planned motion.
+        error: the maximum joint error that the plan tolerates.
     """
     return figure_file(lambda: _tolerance_figure(problem, trajectory, error), "png")
 
@@ -163,12 +176,12 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
 
 
 def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
-    """Draw every link with the width of the region that it may cover under errors.
+    """Draw every link with the width of the region that the link may cover under joint errors.
 
     Args:
         axes: axes with their limits and aspect set.
-        flat: joints and tip in the picture, shape (links + 1, 2) [m].
-        half: distance of each link's edge to either side, shape (links,) [m].
+        flat: positions of joints and tip of n links in the picture, shape (n + 1, 2) [m].
+        half: half width of each link's region, shape (n,) [m].
     """
     scale = points_a_metre(axes)
     for link, width in enumerate(half):
@@ -181,7 +194,7 @@ def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
 
 
 def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
-    """Draw a cross at the position of the contact or limit that determines the largest tolerated error."""
+    """Draw a cross at the contact or limit that determines the maximum tolerated error."""
     if error.place:
         axes.plot(
             *side(np.array(error.place)), marker="x", markersize=8, markeredgewidth=2.0, linestyle="none", zorder=9,

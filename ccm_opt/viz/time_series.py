@@ -1,8 +1,8 @@
-"""Time series of a plan for its page.
+"""Time series of a plan as data for the charts of its report.
 
-The path is measured in bend space, so that the speed along it is the norm of the joint velocities. At every sample,
-each limit has a share: the greatest magnitude of its quantity divided by its bound. The limit with the greatest share
-binds; the velocity limits alone would allow the speed divided by their share.
+Path length is measured in joint space, so that the path speed is the norm of the joint velocities. At every sample, the
+used fraction of a limit is the maximum magnitude of its quantity divided by the limit. The limit with the largest
+fraction determines the speed; the velocity limits alone would allow the path speed divided by their fraction.
 """
 
 import heapq
@@ -18,34 +18,33 @@ from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
 
 _MOST_NUMBERS = 70_000
-"""Most numbers in a chart with all its curves; with more curves, each has fewer samples. Taste."""
+"""Maximum number of values in a chart with all its curves; with more curves, each has fewer samples. Taste."""
 _MOST_SAMPLES = 2000
-"""Most samples of a chart. Taste."""
+"""Maximum number of samples of a chart. Taste."""
 _LEAST_SAMPLES = 120
-"""Samples granted to a chart even where that takes more numbers. Taste."""
+"""Number of samples granted to a chart even where that takes more values. Taste."""
 _MOVING = 0.02
-"""Share of the velocity limits above which the speed that they would allow is given for a sample. Taste."""
+"""Used fraction of the velocity limits above which the path speed that they allow is well defined. Taste."""
 _CURVE_ERROR = 2e-3
-"""Largest distance of a sample from its drawn curve, as a share of the chart's range."""
+"""Maximum distance of a sample from its drawn curve, as a fraction of the chart's range."""
 _POSE_ERROR = 1e-4
-"""Largest distance of a joint bend from its curve, from which the arm is drawn [rad]."""
+"""Maximum distance of a joint angle from its drawn curve, from which the arm is animated [rad]."""
 
 
 def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
-    """Select the samples to keep, as increasing indices.
+    """Return the indices, increasing, of samples whose piecewise linear interpolation approximates all curves.
 
-    The sample farthest from the lines between the kept samples is added, one at a time (Ramer 1972, Douglas and
-    Peucker 1973, here for all columns at once and the worst first). Unlike keeping the minimum and maximum of even
-    stretches of time, this bounds the error, on which the page's drawing of the arm depends, and keeps a tenth of the
-    samples.
+    The sample farthest from the interpolation is added, one at a time (Ramer 1972, Douglas and Peucker 1973, here for
+    all columns at once and the worst first). Unlike keeping the minimum and maximum of equal time intervals, this
+    method bounds the error, on which the animation of the arm depends, and keeps only a tenth of the samples.
 
     Args:
-        time: increasing times of the samples, shape (T,).
-        columns: values of the curves, one curve per column, shape (T, C).
-        tolerance: largest remaining distance of a sample from the lines, unless ``most`` is reached first.
+        time: increasing times of the T samples, shape (T,).
+        columns: values of C curves, one per column, shape (T, C).
+        tolerance: maximum distance of a sample from the interpolation, unless ``most`` is reached first.
         most: maximum number of samples kept in addition to those that are always kept.
-        always: samples that are always kept; so are the first and the last, and the least and the greatest of every
-            column.
+        always: indices of samples that are always kept; also kept are the first and the last sample, and the minimum
+            and maximum of every column.
     """
     kept = {0, len(time) - 1, *np.argmin(columns, axis=0).tolist(), *np.argmax(columns, axis=0).tolist()}
     kept |= set(always.tolist())
@@ -64,9 +63,10 @@ def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most
 
 
 def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
-    """Return (−distance, index, ``begin``, ``end``) of the sample farthest from the line between two samples.
+    """Return the sample between two others that is farthest from the line through those two.
 
-    Return None if there is no sample between ``begin`` and ``end``.
+    Returns:
+        Minus the distance, the index of the sample, ``begin`` and ``end``; None where no sample lies between.
     """
     if end - begin < 2:
         return None
@@ -78,26 +78,26 @@ def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tu
 
 
 _STILL = 1e-9
-"""Revolutes whose peak is no more than this share of the greatest one show rounding, and get no curve."""
+"""Peak of a revolute joint, relative to the largest, up to which its values are rounding errors and get no curve."""
 
 
 _LEAST_TRACKING = 0.01
-"""Least extent of the axis of tracking errors: no instrument could measure smaller ones [°]."""
+"""Minimum extent of the axis of tracking errors, since no instrument could measure smaller ones [°]."""
 
 
 @dataclass(frozen=True)
 class SeriesGroup:
-    """Curves of one quantity over time.
+    """C curves of one quantity over T samples, for one chart.
 
     Attributes:
-        key: name of the group in the page's script.
+        key: name of the chart in the report's scripts.
         title: title above the chart.
         unit: unit of the values.
         names: names of the curves.
         values: values of the curves in ``unit``, shape (T, C).
-        limits: bound on the magnitude of each curve, shape (C,); inf where there is none.
-        error: largest distance of a sample from its drawn curve, in ``unit``; None for a fraction of the range.
-        least: least extent of the axis, in ``unit``, so that negligible values look small.
+        limits: limit of the magnitude of each curve, shape (C,); inf where there is none.
+        error: maximum distance of a sample from its drawn curve, in ``unit``; None for a fraction of the range.
+        least: minimum extent of the vertical axis, in ``unit``, so that negligible values look small.
     """
 
     key: str
@@ -111,7 +111,7 @@ class SeriesGroup:
 
 
 def series_data(solution: Solution) -> list[dict[str, object]]:
-    """Return all groups of curves of a plan, thinned and encoded in the form that the page's script reads.
+    """Return all charts of a plan over time, with few samples and encoded, as data for the report's scripts.
 
     Args:
         solution: the plan.
@@ -122,7 +122,7 @@ def series_data(solution: Solution) -> list[dict[str, object]]:
 
 
 def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield all groups of curves of a plan at every sample, those of the joints first."""
+    """Yield the curves of all charts of a plan at every sample, joint angles first."""
     arm = solution.problem.arm
     trajectory = solution.trajectory
     joints = trajectory.coordinates.names[trajectory.coordinates.bends]
@@ -137,7 +137,7 @@ def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield position, velocity and force of the feed axis, with lengths in the page's unit; none for a fixed base."""
+    """Yield position, velocity and force of the feed axis, lengths in the report's unit; nothing for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
     names = trajectory.coordinates.base_names
@@ -154,7 +154,7 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield velocities, accelerations and torques of the revolutes that move or carry load."""
+    """Yield velocities, accelerations and torques of the revolute joints that move or carry load."""
     states = solution.joints
     limits = solution.problem.limits
     coordinates = solution.trajectory.coordinates
@@ -175,13 +175,13 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_name(number: int) -> str:
-    """Return a name for a revolute that does not bend the arm, according to its position in the ball joint."""
+    """Return a name for a revolute joint that does not bend the arm, from its index among all revolutes."""
     joint, axis = divmod(number, 3)
     return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 
 
 def _tip_speed(solution: Solution) -> SeriesGroup:
-    """Return the curve of the tip's speed from finite differences, in the page's unit, with its limit if any."""
+    """Return the curve of the tip speed, from finite differences and in the report's unit, with any limit."""
     time = solution.trajectory.time
     tips = solution.joint_positions[:, -1]
     velocity = np.gradient(tips, time, axis=0) if len(time) > 1 else np.zeros_like(tips)
@@ -193,7 +193,7 @@ def _tip_speed(solution: Solution) -> SeriesGroup:
 
 
 def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
-    """Yield the tracking errors and the torques of the simulated arm."""
+    """Yield the tracking errors and the joint torques of the simulated arm."""
     simulated = solution.simulation
     if len(simulated.angles) != len(solution.trajectory.time):
         return
@@ -230,12 +230,12 @@ def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict
 
 @dataclass(frozen=True)
 class LimitShare:
-    """Fraction of one kind of limit that a motion uses over time.
+    """Fraction of one kind of limit that a motion uses at each of T samples.
 
     Attributes:
         name: name of the limit.
-        share: greatest used fraction over all drives at each sample, shape (T,).
-        drive: index of the drive with the greatest fraction at each sample, shape (T,).
+        share: maximum used fraction over all drives at each sample, shape (T,).
+        drive: index of the drive with the maximum fraction at each sample, shape (T,).
         drives: names of the drives.
     """
 
@@ -246,7 +246,7 @@ class LimitShare:
 
 
 def limit_shares(solution: Solution) -> list[LimitShare]:
-    """Return the fraction of every kind of limit that a plan uses at each sample."""
+    """Return, for every kind of limit, the fraction that a plan uses at each sample."""
     states = solution.joints
     limits = solution.problem.limits
     trajectory = solution.trajectory
@@ -282,7 +282,7 @@ def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str,
 
 
 def phase_data(solution: Solution) -> dict[str, object]:
-    """Return the phase plane and the used fractions of the limits in the form that the page's script reads.
+    """Return path speed over path length, and the used fractions of all limits, as data for the report's scripts.
 
     Args:
         solution: the plan.
@@ -310,19 +310,19 @@ def phase_data(solution: Solution) -> dict[str, object]:
 
 
 def path_and_speed(solution: Solution) -> tuple[FloatArray, FloatArray]:
-    """Return the path length in bend space so far [rad], and the speed along it [rad/s], each of shape (T,)."""
+    """Return path length in joint space [rad] and path speed [rad/s] at T samples of a plan, each of shape (T,)."""
     trajectory = solution.trajectory
     steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(steps))), np.linalg.norm(trajectory.bend_velocities, axis=1)
 
 
 def speed_at_velocity_limits(speed: FloatArray, shares: list[LimitShare], moving: float) -> FloatArray:
-    """Return the speed along the path that the velocity limits would allow, shape (T,) [rad/s].
+    """Return the path speed that the velocity limits alone would allow at T samples, shape (T,) [rad/s].
 
     Args:
-        speed: speed along the path, shape (T,) [rad/s].
+        speed: path speed in joint space, shape (T,) [rad/s].
         shares: used fractions of all limits.
-        moving: used fraction of the velocity limits up to which the direction of motion is too uncertain; NaN there.
+        moving: used fraction of the velocity limits up to which the arm is nearly at rest and the result is NaN.
     """
     used = np.max([each.share for each in shares if "velocity" in each.name or "speed" in each.name], axis=0)
     return np.where(used > moving, speed / np.maximum(used, 1e-300), np.nan)

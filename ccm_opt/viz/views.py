@@ -1,4 +1,4 @@
-"""Views of a scene: its bodies in space as if of glass, seen from one side, and the arm as a band."""
+"""Views of a scene: obstacles in space as transparent solids, the arm drawn to scale, and the layout of figures."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,48 +19,49 @@ from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import PICTURES
 
 _MOST_TRIANGLES = 6000
-"""Most triangles of all bodies together; beyond that, surfaces are simplified. Taste."""
+"""Maximum number of triangles of all obstacles together; with more, surfaces are simplified. Taste."""
 _CELL = 0.008
-"""Width of the cells in which corners are merged to simplify surfaces, as a share of the scene's extent. Taste."""
+"""Width of the grid cells in which vertices are merged to simplify surfaces, as a fraction of the scene's extent.
+Taste."""
 _ROUND_SIDES = 24
-"""Number of sides with which balls and bars are drawn. Taste."""
+"""Number of sides with which spheres, cylinders and capsules are drawn. Taste."""
 _GLASS = 0.22
-"""Opacity of one body. Taste."""
+"""Opacity of one obstacle. Taste."""
 _SHARP = 0.6
-"""Angle between two faces from which on their edge is drawn [rad]. Taste."""
+"""Minimum angle between two faces for their common edge to be drawn [rad]. Taste."""
 VIEW_SIDE = 4.6
 """Longest side of one view [inch]. Taste."""
 SPACE_DOTS_PER_INCH = 110
-"""Resolution of PNG files of space. Taste."""
+"""Resolution of PNG files of scenes in space [1/inch]. Taste."""
 _LEAST_TRIANGLES = 200
-"""Triangles granted to each body, however many bodies there are."""
+"""Number of triangles granted to each obstacle, however many obstacles there are."""
 _FEWEST_SIDES = 12
-"""Number of sides of balls and bars where there are so many that each may have few triangles only."""
+"""Number of sides of spheres, cylinders and capsules where many obstacles must share the triangles."""
 _GLASS_PIXELS = 700
-"""Pixels of the longer side of a view, at which bodies are rendered."""
+"""Resolution at which obstacles are rendered: pixels of the longer side of a view."""
 
 
 _LEAST_WIDTH = 2.6
-"""Least width of a planar drawing [inch], so that the legend fits."""
+"""Minimum width of a planar drawing, so that the legend fits [inch]."""
 _BESIDE_ACTION = 0.07
-"""Margin around everything that moves, as a share of its longest side."""
+"""Margin around the region of motion, as a fraction of the region's longer side."""
 _LEAST_ASPECT = 0.5
-"""Least ratio of the shorter side of the window to the longer one."""
+"""Minimum ratio of the shorter to the longer side of a planar drawing."""
 _MOST_OF_WORKSPACE = 0.85
-"""Share of both sides of the workspace above which the whole workspace is shown."""
+"""Fraction of both sides of the workspace above which the whole workspace is shown."""
 ARROW_SHARE = 0.09
-"""Length of a goal's arrow, as a share of the width of the axes."""
+"""Length of a goal's arrow, as a fraction of the width of the axes."""
 
 
 def action_window(problem: Problem, points: FloatArray) -> FloatArray:
-    """Return the lower left and upper right corners of the visible part of the plane, shape (2, 2) [m].
+    """Return the visible part of a planar workspace, as lower left and upper right corner, shape (2, 2) [m].
 
     Args:
-        problem: problem whose workspace bounds the window, and whose goals lie in it.
-        points: joints and tip in all poses, shape (..., 2) [m].
+        problem: the problem; its goals are visible, and its workspace bounds the visible part.
+        points: positions of joints and tip in all poses, shape (..., 2) [m].
 
     Returns:
-        The corners; those of the whole workspace if the motion takes up most of it.
+        The region of motion with a margin, or the whole workspace if the motion takes up most of it.
     """
     goals = [stop.goal for stop in problem.goals]
     shown = np.concatenate((points.reshape(-1, 2), [goal.tip(problem.arm) for goal in goals]))
@@ -81,13 +82,13 @@ def action_window(problem: Problem, points: FloatArray) -> FloatArray:
 
 
 def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float, float, float, float]]:
-    """Return the size [inch] of a figure that shows a window of the plane, with margins for labels, title and legend.
+    """Return the layout of a figure that shows part of the plane, with margins for labels, title and legend.
 
     Args:
-        window: lower left and upper right corner, shape (2, 2) [m].
+        window: lower left and upper right corner of that part, shape (2, 2) [m].
 
     Returns:
-        The size (width, height), and the position of the axes in it (left, bottom, width, height as fractions).
+        Width and height of the figure [inch], and left, bottom, width and height of the axes as fractions of these.
     """
     sizes = PICTURES
     wide, high = np.ptp(window, axis=0) * sizes.longest_side / float(np.ptp(window, axis=0).max())
@@ -100,17 +101,17 @@ def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float,
 
 @dataclass(frozen=True)
 class SceneViews:
-    """Triangle meshes of a problem's bodies, simplified enough to be drawn.
+    """Obstacles of a problem prepared for drawing; those in space become triangle meshes, simplified where necessary.
 
     Attributes:
-        problem: problem with the scene.
+        problem: the problem, which gives obstacles and workspace bounds.
     """
 
     problem: Problem
 
     @cached_property
     def bodies(self) -> list[tuple[FloatArray, IntArray]]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3), of every body; the workspace's sides are not bodies."""
+        """Vertices, shape (v, 3) [m], and triangles, shape (m, 3), of every obstacle in space, without bounds."""
         obstacles = self.problem.workspace.obstacles
         extent = float(np.max(np.ptp(self.problem.workspace.extent, axis=0), initial=self.problem.arm.length))
         # A ball of n sides has about n² triangles.
@@ -121,11 +122,17 @@ class SceneViews:
 
     @cached_property
     def edges(self) -> list[FloatArray]:
-        """Ends of the sharp edges of every body, shape (k, 2, 3) [m]."""
+        """Ends of the k sharp edges of every obstacle in space, shape (k, 2, 3) [m]."""
         return [vertices[sharp_edges(vertices, faces, _SHARP)] for vertices, faces in self.bodies]
 
     def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
-        """Draw workspace and obstacles from a side, within a box whose corners have the shape (2, d) [m]."""
+        """Draw workspace and obstacles in one view, and set the limits of the axes.
+
+        Args:
+            axes: axes to draw in.
+            side: projection to the picture plane; ``PLANE`` for a planar scene.
+            window: lower and upper corner of the visible box, shape (2, d) with d = 2 or 3 [m].
+        """
         if side is PLANE:
             draw_workspace(axes, self.problem.workspace, window)
             return
@@ -136,7 +143,7 @@ class SceneViews:
         axes.set_aspect("equal", adjustable="box", anchor="NW")
 
     def draw(self, axes: Axes, side: Side) -> None:
-        """Draw every body as a transparent sheet with its edges; the limits of the axes must be set."""
+        """Draw every obstacle in space as a transparent solid with its edges; the limits of the axes must be set."""
         low = np.array([axes.get_xlim()[0], axes.get_ylim()[0]])
         high = np.array([axes.get_xlim()[1], axes.get_ylim()[1]])
         scale = _GLASS_PIXELS / float(np.max(high - low))
@@ -154,13 +161,13 @@ class SceneViews:
         axes.add_collection(LineCollection(list(ends), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5))
 
     def draw_cut(self, axes: Axes, side: Side, across: int, at: float) -> None:
-        """Draw the outlines in which a plane cuts the bodies.
+        """Draw the outlines in which an axis-parallel plane intersects the obstacles.
 
         Args:
             axes: axes to draw in.
-            side: direction of view.
-            across: number of the coordinate axis that is normal to the plane.
-            at: coordinate of the plane [m].
+            side: projection to the picture plane.
+            across: index of the coordinate axis normal to the cutting plane.
+            at: coordinate of the cutting plane on that axis [m].
         """
         for vertices, faces in self.bodies:
             corners = vertices[faces]
@@ -175,7 +182,7 @@ class SceneViews:
             axes.add_collection(LineCollection(list(side(ends)), colors=style.WALL_EDGE, linewidths=0.9, zorder=1.5))
 
     def draw_bounds(self, axes: Axes, side: Side) -> None:
-        """Draw the outline of the workspace if it is bounded."""
+        """Draw the edges of the workspace bounds in a view of space, if the workspace is bounded."""
         bounds = self.problem.workspace.bounds
         if bounds is None:
             return
@@ -186,12 +193,12 @@ class SceneViews:
 
 
 def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
-    """Increment the number of sheets of glass at all pixels that a body covers.
+    """Increment, at all pixels that an obstacle covers, the number of obstacles seen through each other.
 
     Args:
-        sheets: number of sheets at every pixel, shape (height, width), y up; changed in place.
-        flat: corners of the body, shape (v, 2) [pixel].
-        faces: indices of corners, shape (m, 3).
+        sheets: number of obstacles at every pixel, shape (height, width), y up; changed in place.
+        flat: vertices of the obstacle in the picture, shape (v, 2) [pixel].
+        faces: vertex indices of the triangles, shape (m, 3).
     """
     whole = np.floor(flat[faces]).astype(np.intp)
     # Only the part of the picture that the body may cover is rendered.
@@ -207,24 +214,29 @@ def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
 
 
 def view_window(side: Side, window: FloatArray) -> FloatArray:
-    """Return the lower left and upper right corners in the picture, shape (2, 2), of a box of shape (2, d) [m]."""
+    """Return the bounding rectangle of a projected box, as lower left and upper right corner, shape (2, 2) [m].
+
+    Args:
+        side: projection to the picture plane.
+        window: lower and upper corner of the box, shape (2, d) with d = 2 or 3 [m].
+    """
     seen = side(_corners(window))
     return np.stack((seen.min(axis=0), seen.max(axis=0)))
 
 
 def _corners(box: FloatArray) -> FloatArray:
-    """Return all corners of a box of shape (2, d) [m], in the order of binary numbers, shape (2^d, d)."""
+    """Return all corners, shape (2^d, d), of an axis-parallel box given by two opposite corners, shape (2, d) [m]."""
     dimension = box.shape[1]
     counted = np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1
     return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
 def view_box(problem: Problem, points: FloatArray) -> FloatArray:
-    """Return the corners of the box in which the arm moves, including a margin around the motion, shape (2, d) [m].
+    """Return the visible box around a motion, as lower and upper corner, shape (2, d) with d = 2 or 3 [m].
 
     Args:
-        problem: problem with the scene.
-        points: joints and tip in all poses, shape (..., d) [m].
+        problem: the problem, which gives arm, goals and workspace.
+        points: positions of joints and tip in all poses, shape (..., d) [m].
     """
     points = points.reshape(-1, problem.dimension)
     if problem.dimension == 2:
@@ -242,18 +254,18 @@ def view_box(problem: Problem, points: FloatArray) -> FloatArray:
 
 
 _LEGEND_WIDTH = 8.0
-"""Greatest line width of the arm in the legend [point]."""
+"""Maximum line width of the arm in the legend [points]."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A figure with the scene of a problem: one view of the plane, or three views of space and axes for a section.
+    """A figure of a problem's scene: one view for a planar arm, or three views and a section along an arm in space.
 
     Attributes:
-        problem: problem with the scene.
+        problem: the problem.
         figure: the whole figure.
-        views: axes of each view, and the side from which they show the scene.
-        section: axes of the section; None in the plane.
+        views: axes and projection of each view.
+        section: axes of the section along the arm; None for a planar arm.
     """
 
     problem: Problem
@@ -263,12 +275,12 @@ class Sheet:
 
     @classmethod
     def of(cls, problem: Problem, window: FloatArray, scene: "SceneViews | None" = None) -> "Sheet":
-        """Return a sheet with workspace and obstacles drawn.
+        """Return a figure with workspace and obstacles drawn in every view.
 
         Args:
-            problem: problem with the scene.
-            window: corners of the visible box, shape (2, d) [m].
-            scene: bodies in space, if already prepared; None to prepare them here.
+            problem: the problem.
+            window: lower and upper corner of the visible box, shape (2, d) with d = 2 or 3 [m].
+            scene: obstacles prepared for drawing; None to prepare them here.
         """
         if problem.dimension == 2:
             size, place = figure_layout(window)
@@ -283,7 +295,7 @@ class Sheet:
 
     @classmethod
     def of_box(cls, problem: Problem, box: FloatArray) -> "Sheet":
-        """Return an empty sheet for a box of space, whose corners have the shape (2, 3) [m]."""
+        """Return an empty figure for a box in space, given the box's lower and upper corner, shape (2, 3) [m]."""
         spans = np.ptp(box, axis=0)
         scale = VIEW_SIDE / float(np.max(spans))
         # From above at the upper left, from the front below it, from the left next to that, so that the axes line up.
@@ -306,7 +318,7 @@ class Sheet:
         return cls(problem, figure, tuple(zip(views, SIDES, strict=True)), figure.add_subplot(grid[0, 1]))
 
     def finish(self, title: str) -> None:
-        """Label the axes in the unit of the problem's file, and add the title and one legend below all views."""
+        """Label the axes in the unit of the problem file, and add the title and one legend below all views."""
         first, _ = self.views[0]
         for axes, side in self.views:
             dress_view(axes, side, self.problem)
@@ -328,19 +340,19 @@ LOOKS = {
     "end": (style.GOAL_ARM, style.GOAL_ARM_EDGE, 6.0, style.GOAL_ARM, 0.85),
     "pose": (style.REGION_TINT, style.GOAL_ARM, 3.0, style.GOAL_ARM, 0.85),
 }
-"""Looks of an arm in one pose: face, edge and drawing order in the plane, colour and opacity of the band in space."""
+"""Styles of an arm in one pose: face, edge and drawing order in the plane, colour and opacity of the line in space."""
 
 
 def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: str, label: str | None = None) -> None:
-    """Draw the arm in one pose, in the plane as an outline, in space as a band.
+    """Draw a pose of the arm, in the plane as the outline of the body, in space as a thick line.
 
     Args:
         axes: axes with their limits and aspect set.
-        side: direction of view.
-        points: joints and tip, shape (links + 1, d) [m].
+        side: projection to the picture plane; ``PLANE`` for a planar arm.
+        points: positions of joints and tip of n links, shape (n + 1, d) with d = 2 or 3 [m].
         radius: radius of the arm [m].
-        look: a key of ``LOOKS``.
-        label: label in the legend; the look when None.
+        look: style, a key of ``LOOKS``.
+        label: label in the legend; None for the name of the style.
     """
     face, edge, height, colour, opacity = LOOKS[look]
     label = look if label is None else label
@@ -351,19 +363,25 @@ def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: s
 
 
 def draw_base(axes: Axes, place: FloatArray, size: float = 6.0) -> None:
-    """Draw a square at the base, given its position in the picture, shape (2,) [m], and the square's size in points."""
+    """Draw a square at the base of the arm.
+
+    Args:
+        axes: axes to draw in.
+        place: position of the base in the picture, shape (2,) [m].
+        size: side of the square [points].
+    """
     axes.plot(*place, marker="s", markersize=size, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
 def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
-    """Draw the arm in one pose as a band with round ends, to the scale of the drawing.
+    """Draw a pose of the arm as a thick line with round ends, to the scale of the drawing.
 
     Args:
         axes: axes with their limits and aspect set.
-        flat: joints and tip in the picture, shape (links + 1, 2) [m].
-        radius: radius of the arm [m]; 0 draws a line.
-        colour: colour of the band.
-        opacity: opacity of the band.
+        flat: positions of joints and tip of n links in the picture, shape (n + 1, 2) [m].
+        radius: radius of the arm [m]; 0 draws a thin line.
+        colour: colour of the line.
+        opacity: opacity of the line, from 0 to 1.
         label: label in the legend.
     """
     width = max(2.0 * radius * points_a_metre(axes), 1.2)
@@ -375,7 +393,7 @@ def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: 
 
 
 def points_a_metre(axes: Axes) -> float:
-    """Return the scale of the drawing in points of line width per metre."""
+    """Return the scale of a drawing: points of line width per metre."""
     box = axes.get_window_extent()
     # The drawing may fill its box in one direction only: the aspect of the axes is fixed.
     pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
@@ -383,7 +401,7 @@ def points_a_metre(axes: Axes) -> float:
 
 
 def dress_view(axes: Axes, side: Side, problem: Problem) -> None:
-    """Label the axes of a view in the unit of the problem's file."""
+    """Set the title of a view to its direction, and label the axes in the unit of the problem file."""
     # With y given, matplotlib does not search for the height of the title, which takes a fifth of the drawing time.
     axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
     for axis, letter in zip((axes.xaxis, axes.yaxis), side.labels, strict=True):

@@ -1,4 +1,4 @@
-"""Frozen results of every planning stage, from the curve's keyframes to the simulated arm."""
+"""Immutable results: paths, trajectories, simulated motions, checks, poses, reachability maps and Pareto plans."""
 
 from ccm_opt.problem.solution.records import (
     ClearanceRecord,

@@ -1,4 +1,4 @@
-"""Records kept with a plan: tries, goal pose, clearance, survived errors and the verdict of the simulation."""
+"""Records stored with a plan: planning attempts, goal pose, clearance, tolerated errors, and simulation outcome."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,21 +12,22 @@ from ccm_opt.robot.configuration import Curve
 
 @dataclass(frozen=True)
 class SurvivedError:
-    """The largest error of one kind under which a plan stays collision-free.
+    """The maximum error of one kind under which a plan remains collision-free.
 
     Attributes:
         name: quantity in error: "joints", "link lengths", "base heading", "base position" or "walls", certified for
-            errors of any sign that may vary with time; "payload" or "friction", found by simulation.
-        size: largest error survived, in ``unit``.
+            errors of any sign that may vary over time; "payload" or "friction", determined by simulation.
+        size: maximum magnitude of the error, in ``unit``.
         unit: "rad", "m", "kg" or "N m s/rad".
-        where: limiting link, the obstacle or second link, and time, or the limiting verdict of the simulation, in
-            words.
-        time: time of the limiting contact [s]; None when nothing limits the error.
-        link: number of the limiting link, from 1; None when none does.
-        worst: signs of the errors of all bends, in the combination that leads to contact at the smallest error, shape
-            (links,), in space (2 links,); 0 where the sign does not matter.
-        place: limiting point on the link's axis, shape (2,), in space (3,) [m]; empty when nothing limits the error.
-        limited: whether something limits the error; if not, larger errors were not checked.
+        where: link, obstacle or second link, and time of the contact that limits the error, or the outcome of the
+            simulation that limits the error, in words.
+        time: time of the limiting contact [s]; None where no contact limits the error.
+        link: number of the link in contact, from 1; None where no contact limits the error.
+        worst: signs of the errors of all joint angles of n links, in the combination that leads to contact with the
+            smallest error; n entries, in space 2 n; 0 where the sign has no effect.
+        place: point on the axis of the link in contact, 2 or 3 coordinates [m]; empty where no contact limits the
+            error.
+        limited: whether a contact or the simulation limits the error; if not, larger errors were not checked.
     """
 
     name: str
@@ -42,14 +43,14 @@ class SurvivedError:
 
 @dataclass(frozen=True)
 class TryRecord:
-    """The outcome of one of several tries at a problem, which differ in their seeds.
+    """The outcome of one of several planning attempts, which differ in their seeds.
 
     Attributes:
-        seed: seed of the try.
-        duration: duration of the motion found [s]; None when the try found no motion.
-        gap: least gap of the motion beyond the required clearance [m]; None when the try found no motion.
-        reason: why the try found no motion; empty when it found one.
-        taken: whether the motion of this try became the plan.
+        seed: seed of the attempt.
+        duration: duration of the motion found [s]; None where no motion was found.
+        gap: minimum clearance of the motion beyond the required clearance [m]; None where no motion was found.
+        reason: reason why no motion was found; empty where one was found.
+        taken: whether the motion of this attempt became the plan.
     """
 
     seed: int
@@ -64,18 +65,20 @@ SimulationOutcome = Literal["followed", "saturated", "strayed", "touched", "dive
 
 @dataclass(frozen=True)
 class SimulationVerdict:
-    """Whether the simulated arm followed its plan; the plan itself is verified independently of the simulation.
+    """Outcome of a simulation: whether the simulated arm followed the plan, and if not, when and why.
+
+    The plan itself is verified independently of the simulation.
 
     Attributes:
-        outcome: "followed"; "saturated", a drive met its limit; "strayed", a joint was far off its plan, 0.1 rad by
-            default; "touched", the arm met a wall or itself; "diverged", the arm left the plan for good, and the run
-            was stopped; "not simulated", no step was run.
-        step: integration step of the simulation on which the verdict rests [s].
-        reason: one sentence that names the joint or link, the time and the cause; empty when followed.
-        joint: name of the revolute, or of the base axis, whose drive was at fault; empty for none.
-        link: number of the link that touched, counted from 1; None when none did.
-        obstacle: name of the wall that the link touched, or the other link's number in words; empty for none.
-        time: when the fault began [s]; None when followed or not simulated.
+        outcome: "followed"; "saturated", a drive reached its effort limit; "strayed", a joint deviated far from the
+            plan, by default 0.1 rad; "touched", the arm collided with an obstacle or itself; "diverged", tracking was
+            lost and the simulation stopped; "not simulated", no step was simulated.
+        step: integration step of the simulation [s].
+        reason: sentence that names joint or link, time and cause of the failure; empty if the arm followed.
+        joint: name of the revolute joint, or of the feed axis, that failed; empty for none.
+        link: number of the link that collided, from 1; None for none.
+        obstacle: name of the obstacle that the link touched, or the other link in words; empty for none.
+        time: time at which the failure began [s]; None if the arm followed or was not simulated.
         advice: possible remedies, most promising first.
     """
 
@@ -90,33 +93,32 @@ class SimulationVerdict:
 
     @property
     def followed(self) -> bool:
-        """Whether the arm followed its plan with effort to spare and without contact."""
+        """Whether the simulated arm followed the plan without saturation and without collision."""
         return self.outcome == "followed"
 
 
 FOLLOWED = SimulationVerdict("followed", 0.0)
-"""Default verdict of a run that was not judged."""
+"""Default outcome of a simulation that was not judged."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GoalPoseRecord:
-    """Record of the goal-pose NLP's solution; an arm of many links may have been solved with fewer.
+    """Solution of the nonlinear program (NLP) for a goal pose, possibly for an arm with fewer links than the problem's.
 
     Attributes:
         reached: whether the motion ends in this pose.
-        reason: why the motion does not end in this pose, in words; empty when it does.
-        configuration: bends of every joint, and the feed where there is one, shape (c,) [rad, m].
-        curve: the curve that the links follow.
-        gap: least clearance of any link beyond radius and required clearance, capped at the preferred clearance [m].
-        wanted_gap: clearance beyond radius and required clearance above which the objective rewards no more [m].
+        reason: reason why the motion does not end in this pose; empty where it does.
+        configuration: bend angles of all joints, then any feed, shape (c,) [rad, m].
+        curve: backbone curve that the links follow.
+        gap: minimum clearance beyond the required clearance, capped at ``wanted_gap`` [m].
+        wanted_gap: preferred clearance beyond the required clearance, above which more has no effect on the cost [m].
         costs: weighted terms of the objective by name; they sum to the objective.
-        multipliers: multipliers of the constraints that shape the pose, by name, the largest first: the decrease of
-            the objective if the constraint were relaxed by one unit (one arm's length, one radian, one unit of the
-            user's).
-        iterations: iterations of the solver.
-        size: numbers of variables and constraint rows.
-        status: the solver's return status.
-        tried: number of poses solved for, including this one.
+        multipliers: Lagrange multipliers of the active constraints by name, the largest first: decrease of the
+            objective if the constraint were relaxed by one unit (one arm length, one radian, one unit of the user's).
+        iterations: number of iterations of the solver.
+        size: number of variables and number of constraint rows.
+        status: return status of the solver.
+        tried: number of poses optimised, including this one.
     """
 
     reached: bool
@@ -134,30 +136,28 @@ class GoalPoseRecord:
 
     @property
     def cost(self) -> float:
-        """Value of the objective."""
+        """Value of the objective at the solution."""
         return float(sum(self.costs.values()))
 
 
-# Why a stretch of a motion has less than the preferred clearance: a pose at which the arm rests is that tight, or the
-# way is.
+# Cause of a clearance below the preferred one: the start pose, an intermediate or the final goal, or a passage between.
 ShortCause = Literal["start", "stop", "goal", "passage"]
-# What bounds the least gap that any motion can have.
+# Cause of an upper bound on the minimum clearance of any motion.
 GapBound = Literal["wanted gap", "start", "goal", "passage"]
 
 
 @dataclass(frozen=True)
 class NearPlace:
-    """The gap between one link and the nearest wall or link, at one time.
+    """The clearance between one link and the nearest obstacle or link, at one time.
 
     Attributes:
-        gap: distance between the surfaces, for a wall less the required clearance [m]; the search distance where
-            nothing is within it.
-        wanted: preferred gap of this pair [m]; links that are close along the arm cannot have the full preferred
-            clearance.
-        time: time of this gap [s].
+        gap: distance between the surfaces, for an obstacle minus the required clearance [m]; the search distance where
+            nothing is nearer.
+        wanted: preferred clearance of this pair [m]; less than the full value for links that are close along the arm.
+        time: time of this clearance [s].
         link: number of the link, from 1; 0 where nothing is within the search distance.
-        obstacle: name of the wall; empty where the other body is a link.
-        second_link: number of the other link, from 1; 0 where the other body is a wall.
+        obstacle: name of the obstacle; empty where the other body is a link.
+        second_link: number of the other link, from 1; 0 where the other body is an obstacle.
     """
 
     gap: float
@@ -169,7 +169,7 @@ class NearPlace:
 
     @property
     def pair(self) -> str:
-        """Both bodies in words."""
+        """Both bodies in words, for example "link 3 to 'post'"."""
         if not self.link:
             return "no obstacle within range"
         other = f"link {self.second_link}" if self.second_link else f"'{self.obstacle}'"
@@ -178,13 +178,13 @@ class NearPlace:
 
 @dataclass(frozen=True)
 class ShortStretch:
-    """A stretch of the motion with less than the preferred clearance.
+    """A time interval of a motion in which the clearance is below the preferred clearance.
 
     Attributes:
-        begin: time of its first sample [s].
-        end: time of its last sample [s].
-        nearest: the place in the stretch with the largest shortfall.
-        cause: why the gap falls short.
+        begin: time of the first sample of the interval [s].
+        end: time of the last sample of the interval [s].
+        nearest: bodies and time of the largest shortfall.
+        cause: cause of the shortfall.
     """
 
     begin: float
@@ -195,13 +195,13 @@ class ShortStretch:
 
 @dataclass(frozen=True)
 class PossibleGap:
-    """An upper bound on the least gap of any motion, which perhaps no motion attains.
+    """An upper bound on the minimum clearance of any motion that solves the problem; not necessarily attained.
 
     Attributes:
         value: the bound [m].
-        by: what determines the bound, in words.
-        walls: names of the two walls that determine the bound, which then holds for motions between them; empty where
-            it holds for all motions.
+        by: cause of the bound.
+        walls: names of the two obstacles that determine the bound, which then holds for motions between them; empty
+            where the bound holds for all motions.
     """
 
     value: float
@@ -211,21 +211,20 @@ class PossibleGap:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceRecord:
-    """The clearance of a timed motion over time, computed by ``driver.clearance_over_time``.
+    """The clearance of a motion over time, at N samples.
 
     Attributes:
-        time: times of the samples, the motion's ends and stops among them, shape (N,) [s].
-        wanted: preferred clearance [m]; 0 when none was requested.
-        clearance: required distance between the surfaces of arm and walls, from which gaps to walls are counted [m].
-        wall_gaps: least gap to a wall at the samples, shape (N,) [m].
-        self_gaps: least gap between two links at the samples, shape (N,) [m].
-        reach: search distance, at which the gaps in the arrays are capped [m].
-        nearest: the least gap of the whole motion, including times between samples.
-        ends: the least gap at the start, at every stop and at the goal, in order.
-        short: stretches with less than the preferred clearance, in order.
-        possible: upper bound on the attainable gap; None where it is not known.
-        price: time by which the motion takes longer than the same plan without a preferred clearance [s]; None where
-            this is not known.
+        time: times of the samples, including both ends and all stops of the motion, shape (N,) [s].
+        wanted: preferred clearance beyond the required clearance [m]; 0 where none was requested.
+        clearance: required distance between arm and obstacles, which is subtracted from distances to obstacles [m].
+        wall_gaps: minimum clearance to obstacles, beyond the required clearance, shape (N,) [m].
+        self_gaps: minimum distance between two links, shape (N,) [m].
+        reach: search distance, at which the arrays are capped [m].
+        nearest: minimum clearance of the whole motion, including times between samples.
+        ends: minimum clearance at the start, at every stop and at the goal, in order.
+        short: time intervals with less than the preferred clearance, in order.
+        possible: upper bound on the clearance of any motion; None where unknown.
+        price: additional duration compared with a plan without preferred clearance [s]; None where unknown.
     """
 
     time: FloatArray
@@ -242,15 +241,15 @@ class ClearanceRecord:
 
     @property
     def gaps(self) -> FloatArray:
-        """Least gap to anything at the samples, shape (N,) [m]."""
+        """Minimum clearance to obstacles and between links, at every sample, shape (N,) [m]."""
         return np.minimum(self.wall_gaps, self.self_gaps)
 
     @property
     def at_start(self) -> NearPlace:
-        """The least gap of the start pose, which bounds the least gap of any motion from this pose."""
+        """Minimum clearance in the start pose, an upper bound for any motion from this pose."""
         return self.ends[0]
 
     @property
     def at_goal(self) -> NearPlace:
-        """The least gap of the final pose."""
+        """Minimum clearance in the final pose."""
         return self.ends[-1]

@@ -1,4 +1,4 @@
-"""Results handed to the caller: a verified motion, a single pose, a map of reach, and plans along a Pareto front."""
+"""Results returned to the user: a verified plan, a static pose, a reachability map, and Pareto-optimal plans."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,7 @@ from ccm_opt.robot.configuration import Curve
 
 
 class Presenter(Protocol):
-    """Interface of objects that draw, animate and save plans; it keeps plotting out of this package."""
+    """Interface of objects that draw, animate and save plans, through which this package avoids importing plotting."""
 
     def plot(self, plan: Any) -> Any:
         """Return a figure of a plan."""
@@ -34,16 +34,16 @@ class Presenter(Protocol):
 
 
 _PRESENTERS: list[Presenter] = []
-"""Registered presenters; the last one is used."""
+"""Registered presenters (objects that draw and save plans); the last one is used."""
 
 
 def present_with(presenting: Presenter) -> None:
-    """Register the presenter that draws, animates and saves plans from now on."""
+    """Register the object that draws, animates and saves plans from now on."""
     _PRESENTERS.append(presenting)
 
 
 def presenter() -> Presenter:
-    """Return the presenter registered last.
+    """Return the object registered last for drawing, animating and saving plans.
 
     Raises:
         RuntimeError: none is registered; importing ``solve`` or ``Solution`` from ``ccm_opt`` registers one.
@@ -55,14 +55,13 @@ def presenter() -> Presenter:
 
 @dataclass(frozen=True)
 class GoalErrors:
-    """Deviation of the last link from its goal at the end of a motion.
+    """Deviation of the last link from the goal at the end of a motion in space.
 
     Attributes:
-        position: distance of the tip from its goal [m]; None for a goal of joints.
-        direction: angle between the direction of the last link and the required direction [rad]; None where any
-            direction will do.
-        roll: rotation of the last link about its own axis, relative to the base frame turned to the same direction by
-            the shortest rotation [rad]; the roll follows from the bends.
+        position: distance of the tip from the goal position [m]; None for a goal of joint angles.
+        direction: angle between the last link and the required direction [rad]; None where any direction is allowed.
+        roll: rotation of the last link about its axis, relative to the base frame turned into the link's direction by
+            the shortest rotation [rad]; a consequence of the joint angles, not controlled.
     """
 
     position: float | None
@@ -72,22 +71,24 @@ class GoalErrors:
 
 @dataclass(frozen=True, repr=False)
 class Solution:
-    """A verified plan; a problem that is not solved raises an exception instead.
+    """A verified plan: path, trajectory, simulation and checks.
+
+    A problem that is not solved raises an exception instead.
 
     Attributes:
         problem: the problem solved.
         path: the untimed path.
         trajectory: the timed motion.
-        joints: the timed motion as the drives see it.
+        joints: states of all revolute joints over the motion, with efforts.
         simulation: motion of the simulated arm.
-        checks: checks of the verifier, then of the user's constraints; all of them passed.
-        metrics: figures of merit, named with their units.
-        timings: CPU time by stage [s].
-        versions: versions of Python and of the packages that made the plan.
+        checks: checks of the verifier, then of the user's constraints, all passed.
+        metrics: figures of merit, by names that end in their unit.
+        timings: CPU time of each stage, by stage name [s].
+        versions: versions of Python and of the packages used, by name.
         room: clearance of the motion over time; None where not requested.
-        tolerance: errors that the motion survives; empty where not requested.
-        tries: outcome of every try, where several were requested.
-        not_checked: checks that a reader might expect but that were not made, a clause each; usually empty.
+        tolerance: errors that the motion tolerates; empty where not requested.
+        tries: outcome of every planning attempt, where several were requested.
+        not_checked: properties that a reader might expect to be checked but that were not, in words; usually empty.
     """
 
     problem: Problem
@@ -112,7 +113,7 @@ class Solution:
         return f"<{type(self).__name__} of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
 
     def _repr_html_(self) -> str:
-        """Return an HTML table for notebooks: the checks with their worst values and limits."""
+        """Return an HTML table of the checks, with worst values and limits, for notebooks."""
         cells = [
             f"<tr><td>{escape(check.name)}</td><td>{check.worst:.3g} {escape(check.unit)}</td>"
             f"<td>{check.limit:.3g}</td><td>{escape(check.where)}</td></tr>"
@@ -123,21 +124,21 @@ class Solution:
 
     @property
     def joint_positions(self) -> FloatArray:
-        """Joint and tip positions at every sample, shape (T, links + 1, d) [m]."""
+        """Positions of joints and tip of n links at T samples, shape (T, n + 1, d) with d = 2 or 3 [m]."""
         return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     @property
     def least_gap(self) -> float | None:
-        """Least gap of the motion beyond radius and clearance [m]; None where not measured, or nothing is near."""
+        """Minimum clearance of the motion beyond the required one [m]; None if not measured or nothing is near."""
         return None if self.room is None or not self.room.nearest.link else self.room.nearest.gap
 
     @property
     def goal_errors(self) -> GoalErrors:
-        """Deviation of the last link from its goal at the end of a motion in space."""
+        """Deviation of the last link from the goal at the end of a motion in space."""
         return goal_errors(self.problem, self.trajectory.positions[-1])
 
     def with_clearance_record(self, room: ClearanceRecord) -> Self:
-        """Return a copy of this plan with ``room`` as the record of the clearance."""
+        """Return a copy of this plan with the given record of clearance over time."""
         return replace(self, room=room)
 
     def plot(self) -> Any:
@@ -154,11 +155,11 @@ class Solution:
 
 
 def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
-    """Return the deviation of the last link from the goal of a problem in space.
+    """Return the deviation of the last link from the goal, for an arm in space in a given configuration.
 
     Args:
         problem: the problem.
-        last: configuration of the arm, shape (c,) [rad, m].
+        last: configuration with c coordinates, shape (c,) [rad, m].
     """
     arm = problem.arm
     turn = arm.link_rotations(last)[-1]
@@ -172,14 +173,15 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
 
 
 def angle_between(first: FloatArray, second: FloatArray) -> float:
-    """Return the angle [rad] between two vectors, shape (3,), accurate for small angles too."""
+    """Return the angle between two vectors of shape (3,) [rad], accurate for small angles too."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
 
 
 def roll_against(base: FloatArray, turn: FloatArray) -> float:
-    """Return the roll of a frame about its x axis, relative to a base frame turned to that axis [rad].
+    """Return the roll of a frame about its x axis, relative to a base frame, without the change of direction [rad].
 
-    The base frame is turned by the shortest rotation that takes its x axis to that of the frame.
+    The base frame is first turned by the shortest rotation that aligns its x axis with that of the frame; the roll is
+    the remaining angle about this axis.
 
     Args:
         base: axes of the base frame as columns, shape (3, 3).
@@ -200,13 +202,13 @@ def roll_against(base: FloatArray, turn: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class BindingSide:
-    """An active side of a link's convex region: if the side moved outwards, the pose would cost less.
+    """An active side of the convex region that contains a link in a pose.
 
     Attributes:
         link: number of the link, from 1 at the base.
-        place: end of the link that touches the side, shape (d,) [m].
-        towards: unit normal of the side, pointing outwards.
-        multiplier: decrease of the objective if the side moved outwards by one arm's length.
+        place: end of the link that touches the side, 2 or 3 coordinates [m].
+        towards: outward unit normal of the side.
+        multiplier: Lagrange multiplier: decrease of the cost if the side moved outward by one arm length.
     """
 
     link: int
@@ -221,10 +223,10 @@ class PoseOutcome:
 
     Attributes:
         start: the initial guess, in words.
-        cost: cost of the pose found; None when none was found.
-        gap: least clearance of the pose beyond radius and required clearance, capped at the preferred clearance [m];
-            None when no pose was found.
-        reason: why no pose was found; empty when one was.
+        cost: cost of the pose found; None where none was found.
+        gap: minimum clearance of the pose beyond the required clearance, capped at the preferred clearance [m]; None
+            where no pose was found.
+        reason: reason why no pose was found; empty where one was found.
     """
 
     start: str
@@ -235,18 +237,19 @@ class PoseOutcome:
 
 @dataclass(frozen=True, eq=False)
 class StaticPose:
-    """The best pose found at a problem's goal, regardless of any motion that would lead to it.
+    """The best pose found at a problem's goal, without regard to a motion that leads to this pose.
 
     Attributes:
-        problem: the problem whose goal was solved for.
-        pose: record of the goal-pose NLP's solution.
-        configuration: the pose itself, shape (c,) [rad, m].
-        curve: the curve that the links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in space.
-        nearest: the nearest pair, of a link and an obstacle or of two links, with the gap between them, in words.
-        residuals: violation of each of the user's constraints at the goal, soft ones too, by name.
-        outcomes: outcome of every initial guess, the best first; the pose is that of the first.
-        timings: CPU time of every stage [s].
-        binding: active sides of the links' regions, the largest multiplier first.
+        problem: the problem, which gives arm, scene and goal.
+        pose: solution of the nonlinear program for the pose.
+        configuration: the pose as a configuration with c coordinates, shape (c,) [rad, m].
+        curve: backbone curve that the links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in
+            space.
+        nearest: the two bodies with the minimum clearance, and this clearance, in words.
+        residuals: violation of each of the user's hard and soft constraints, by name.
+        outcomes: outcome of every initial guess, the best first, which gives the pose.
+        timings: CPU time of each stage, by stage name [s].
+        binding: active sides of the convex regions that contain the links, the largest multiplier first.
     """
 
     problem: Problem
@@ -261,7 +264,7 @@ class StaticPose:
 
     @property
     def bends(self) -> FloatArray:
-        """Bends of every joint, shape (links,), in space (links, 2) [rad]."""
+        """Bend angles of the joints of n links, shape (n,), in space (n, 2) [rad]."""
         return JointPose.from_configuration(self.configuration, self.problem.arm.coordinates).bends
 
     @property
@@ -271,18 +274,18 @@ class StaticPose:
 
     @property
     def joint_positions(self) -> FloatArray:
-        """Positions of the joints and the tip, shape (links + 1, d) [m]."""
+        """Positions of joints and tip of n links, shape (n + 1, d) with d = 2 or 3 [m]."""
         return self.problem.arm.joint_positions_at(self.configuration)
 
     @property
     def goal_errors(self) -> GoalErrors:
-        """Deviation of the last link from the goal in space."""
+        """Deviation of the last link from the goal, for an arm in space."""
         return goal_errors(self.problem, self.configuration)
 
 
 @dataclass(frozen=True, eq=False)
 class ReachMap:
-    """A reachability grid: whether the tip can be at the centre of each cell, and in which directions of the last link.
+    """A reachability map: for each cell of a grid, whether the tip can reach the centre, and in which directions.
 
     Cells are indexed by rows and columns in the plane, N = (ny, nx), and along the axes in space, N = (nx, ny, nz).
 
@@ -290,15 +293,16 @@ class ReachMap:
         problem: the problem that gives arm and scene.
         step: width of a cell [m].
         axes: cell centres along x and y, in space along z too [m].
-        headings: headings of the last link tried in the plane, increasing, shape (K,) [rad]; none in space.
-        directions: directions of the last link tried in space, unit vectors, shape (K, 3); none in the plane.
-        reachable: whether a pose was found, with any heading or direction, shape N.
-        taken: whether a pose was found with each heading or direction, shape (..., K).
-        gap: largest clearance beyond radius and required clearance of any pose found in the cell, capped at ``seen``,
-            shape N [m]; NaN where no pose was found.
+        headings: headings of the last link that were tried in the plane, increasing, shape (K,) [rad]; empty in space.
+        directions: directions of the last link that were tried in space, unit vectors, shape (K, 3); empty in the
+            plane.
+        reachable: whether a pose was found with any heading or direction, shape N.
+        taken: whether a pose was found with each heading or direction, shape (*N, K).
+        gap: maximum clearance, beyond the required clearance, of any pose found in the cell, capped at ``seen``, shape
+            N [m]; NaN where no pose was found.
         proved: whether it is proved that no pose exists, shape N; other cells without a pose are undecided.
-        seen: search distance, at which gaps are capped [m].
-        timings: CPU time by stage, of this process and of the workers [s].
+        seen: search distance, at which clearances are capped [m].
+        timings: CPU time of each stage, by stage name, in this process and in worker processes [s].
     """
 
     problem: Problem
@@ -315,20 +319,20 @@ class ReachMap:
 
     @property
     def size(self) -> float:
-        """Total area of the cells in which a pose was found [m²], in space their volume [m³]."""
+        """Total area of the reachable cells [m²], in space their volume [m³]."""
         return float(self.reachable.sum()) * self.step ** len(self.axes)
 
     @property
     def places(self) -> FloatArray:
-        """Centres of all cells in space, shape (nx, ny, nz, 3) [m]."""
+        """Centres of all cells of a map in space, shape (nx, ny, nz, 3) [m]."""
         return np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1)
 
     @cached_property
     def heading_ranges(self) -> FloatArray:
-        """Ranges of consecutive headings with a pose, shape (R, 4).
+        """Ranges of consecutive reachable headings in all cells of a planar map, R ranges, shape (R, 4).
 
-        Each row holds the cell's row and column, and the first and last heading [rad]. A range that wraps past the last
-        heading ends one turn later than its last heading; one that covers all headings is a whole turn long.
+        Each row holds the cell's row and column, and the first and last heading [rad]. The end of a range that wraps
+        around is increased by a full turn; a range of all headings is a full turn long.
         """
         ranges = [
             (float(row), float(column), first, last)
@@ -339,7 +343,7 @@ class ReachMap:
 
 
 def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
-    """Return the first and last heading of every range of consecutive headings with a pose, on the full circle.
+    """Return the first and last heading of every range of consecutive reachable headings, on the full circle [rad].
 
     Args:
         headings: headings tried, increasing, shape (K,) [rad].
@@ -362,15 +366,16 @@ def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False)
 class ParetoPlan:
-    """The plan for one preferred clearance.
+    """The plan for one value of the preferred clearance.
 
     Attributes:
-        wanted_gap: the preferred clearance [m].
-        solution: verified plan, with the record of its clearance and its price; None when there is none.
-        reason: why there is no plan; empty when there is one.
+        wanted_gap: preferred clearance beyond the required clearance [m].
+        solution: verified plan, with its clearance over time and the price of this clearance; None where no plan was
+            found.
+        reason: reason why no plan was found; empty where one was found.
         cpu: CPU time of planning, timing and verification [s].
-        dominated_by: number, from 1, of a plan that is no worse in duration and gap and better in at least one; 0 when
-            there is none.
+        dominated_by: number, from 1, of a plan that is no worse in duration and minimum clearance, and better in one of
+            them; 0 where there is no such plan.
     """
 
     wanted_gap: float
@@ -381,19 +386,19 @@ class ParetoPlan:
 
     @property
     def duration(self) -> float:
-        """Duration of the motion [s]; inf without one."""
+        """Duration of the motion [s]; inf where no plan was found."""
         return np.inf if self.solution is None else self.solution.trajectory.duration
 
     @property
     def gap(self) -> float:
-        """Least gap of the motion beyond radius and clearance [m]; -inf without one."""
+        """Minimum clearance of the motion beyond the required clearance [m]; -inf where no plan was found."""
         if self.solution is None or self.solution.room is None:
             return -np.inf
         return self.solution.room.nearest.gap
 
     @property
     def energy(self) -> float:
-        """Energy exchanged by the drives, the time integral of ``|effort × velocity|`` [J]; inf without a motion."""
+        """Energy exchanged by the drives, the time integral of ``|effort × velocity|`` [J]; inf without a plan."""
         if self.solution is None:
             return np.inf
         joints = self.solution.joints
@@ -404,19 +409,19 @@ class ParetoPlan:
 
     @property
     def peak_torque(self) -> float:
-        """Largest torque of any joint [N m]; inf without a motion."""
+        """Maximum torque of any joint over the motion [N m]; inf where no plan was found."""
         return np.inf if self.solution is None else float(np.max(np.abs(self.solution.joints.torques), initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class ParetoPlans:
-    """The trade-off between duration and clearance.
+    """Plans of one problem for several preferred clearances: the trade-off between duration and clearance.
 
     Attributes:
         problem: the problem solved.
-        plans: plans in the order of their preferred clearances, the first without one.
+        plans: plans in increasing order of preferred clearance, the first without preferred clearance.
         recommended: number, from 1, of the recommended plan.
-        most_time: fraction of the shortest duration by which the recommended plan may be slower than the fastest.
+        most_time: fraction by which the recommended plan may take longer than the fastest plan.
     """
 
     problem: Problem

@@ -1,4 +1,4 @@
-"""Results of the planning stages: untimed path, timed trajectory, drive states, simulated motion, and checks."""
+"""Results of the stages of planning: untimed path, trajectory, states of all joints, simulated motion, and checks."""
 
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -14,27 +14,27 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 _ALL_BENDS = joint_coordinates(0)
-"""Marks an omitted layout of coordinates, which then becomes one bend per column."""
+"""Placeholder for an omitted layout of coordinates, which is replaced by one bend angle per column."""
 
 
 def _left_out() -> FloatArray:
-    """Return an empty array that marks omitted data of the base axes."""
+    """Return an empty array, the placeholder for omitted data of the feed axis."""
     return np.zeros((0, 0))
 
 
 @dataclass(frozen=True, repr=False)
 class JointPath:
-    """An untimed, certified motion of the jointed arm.
+    """An untimed, certified path of the arm in joint space, with c coordinates (bend angles, then any feed).
 
     Attributes:
-        spline: C² clamped spline of the arm's coordinates over the path parameter u in [0, 1], values (c,) [rad, m].
-        keyframes: coordinates at the planner's keyframes, shape (K, c) [rad, m].
-        curves: the continuum curve to which each keyframe was fitted, length K.
-        candidate: name of the tactic that found the motion.
-        spare: certified least gap of the whole path beyond contact [m], which timing may use up.
-        goal_pose: record of the goal-pose NLP for the final pose; None where it was not run, or found nothing.
-        parts: the paths that were joined into this path, where there are several; the spline has a corner between
-            successive parts, at which the arm has to rest.
+        spline: clamped C² spline of the coordinates over the path parameter u in [0, 1], values of shape (c,) [rad, m].
+        keyframes: configurations at the planner's K keyframes, shape (K, c) [rad, m].
+        curves: backbone curves to which the keyframes were fitted, K or none.
+        candidate: name of the planner's candidate (way of moving on a route) that found the path.
+        spare: certified minimum clearance of the whole path beyond contact [m], which timing may use up.
+        goal_pose: solution of the nonlinear program for the final pose; None where none was found or solved.
+        parts: the paths that were joined into this path, where there are several; between successive parts the spline
+            has a corner, at which the arm must rest.
     """
 
     spline: "BSpline"
@@ -46,7 +46,7 @@ class JointPath:
     parts: "tuple[JointPath, ...]" = ()
 
     def reversed(self) -> "JointPath":
-        """Return the path run backwards, from its end to its start, for example to retract the arm."""
+        """Return the path traversed backwards, from its end to its start, for example to retract the arm."""
         spline = self.spline
         backwards = type(spline)(spline.t[-1] - spline.t[::-1], spline.c[::-1].copy(), spline.k)
         return replace(
@@ -66,17 +66,17 @@ class JointPath:
 
 @dataclass(frozen=True, repr=False)
 class JointTrajectory:
-    """A sampled timed motion.
+    """A timed motion, sampled at T times, with c coordinates (bend angles, then any feed).
 
     Attributes:
-        time: times of the samples, shape (T,) [s], from 0, steps of at most 5 ms.
-        positions: all coordinates: bends, counter-clockwise, then the base axes, shape (T, c) [rad, m].
-        velocities: velocities of all coordinates, shape (T, c) [rad/s, m/s].
-        accelerations: accelerations of all coordinates, shape (T, c) [rad/s², m/s²].
-        coordinates: meaning of the columns; by default each is the bend of a joint.
-        stops: indices of the samples at which the arm rests at its intermediate goals, in order.
-        timed_by: method that timed each stretch from rest to rest: ``"toppra"``, ``"sweeps"`` with the reason,
-            ``"paul"``, or ``"rest"`` where nothing moves; empty when unknown, as for a motion read from a file.
+        time: times of the samples, from 0, in steps of at most 5 ms, shape (T,) [s].
+        positions: coordinates, bend angles positive counter-clockwise, shape (T, c) [rad, m].
+        velocities: velocities of the coordinates, shape (T, c) [rad/s, m/s].
+        accelerations: accelerations of the coordinates, shape (T, c) [rad/s², m/s²].
+        coordinates: layout of the columns; by default one bend angle per column.
+        stops: indices of the samples at which the arm rests at intermediate goals, in order.
+        timed_by: method that timed each part of the motion from rest to rest: ``"toppra"``, ``"sweeps"`` with the
+            reason, ``"paul"``, or ``"rest"`` where nothing moves; empty where unknown, as for a motion from a file.
     """
 
     time: FloatArray
@@ -93,41 +93,41 @@ class JointTrajectory:
 
     @property
     def duration(self) -> float:
-        """Time from first to last sample [s]."""
+        """Duration of the motion, from the first to the last sample [s]."""
         return float(self.time[-1])
 
     @property
     def bend_angles(self) -> FloatArray:
-        """Bends of the joints, shape (T, links) [rad]."""
+        """Bend angles of the joints, one column each, in space two per joint, shape (T, b) [rad]."""
         return self.positions[:, self.coordinates.bends]
 
     @property
     def bend_velocities(self) -> FloatArray:
-        """Velocities of the bends, shape (T, links) [rad/s]."""
+        """Angular velocities of the bends, one column each, shape (T, b) [rad/s]."""
         return self.velocities[:, self.coordinates.bends]
 
     @property
     def bend_accelerations(self) -> FloatArray:
-        """Accelerations of the bends, shape (T, links) [rad/s²]."""
+        """Angular accelerations of the bends, one column each, shape (T, b) [rad/s²]."""
         return self.accelerations[:, self.coordinates.bends]
 
     @property
     def base_positions(self) -> FloatArray:
-        """Positions of the base axes, shape (T, axes) [m]; (T, 0) when the base is fixed."""
+        """Positions of the base on its feed axis, shape (T, 1) [m]; shape (T, 0) for a fixed base."""
         return self.positions[:, self.coordinates.base]
 
     @property
     def base_velocities(self) -> FloatArray:
-        """Velocities of the base axes, shape (T, axes) [m/s]."""
+        """Velocities of the feed axis, shape (T, 1) [m/s]; shape (T, 0) for a fixed base."""
         return self.velocities[:, self.coordinates.base]
 
     @property
     def base_accelerations(self) -> FloatArray:
-        """Accelerations of the base axes, shape (T, axes) [m/s²]."""
+        """Accelerations of the feed axis, shape (T, 1) [m/s²]; shape (T, 0) for a fixed base."""
         return self.accelerations[:, self.coordinates.base]
 
     def part(self, samples: slice) -> "JointTrajectory":
-        """Return the trajectory restricted to a range of samples, with the stops among them.
+        """Return the trajectory restricted to a range of samples, with the stops in this range.
 
         Args:
             samples: the range, a slice without a step.
@@ -148,16 +148,15 @@ class JointTrajectory:
 
 @dataclass(frozen=True, repr=False)
 class JointStates:
-    """A timed motion as the drives see it: the three revolutes of every ball joint, and the base axes.
+    """States of all drives at T samples of a motion: three revolutes per ball joint of n links, and any feed axis.
 
     Attributes:
-        names: names of the revolutes, in the order of ``joint_names``.
-        angles: angles of the revolutes, shape (T, 3 * links) [rad].
-        velocities: velocities of the revolutes, shape (T, 3 * links) [rad/s].
-        accelerations: accelerations of the revolutes, shape (T, 3 * links) [rad/s²].
-        torques: torques of the revolutes, shape (T, 3 * links) [N m].
-        base_forces: forces of the base axes along their directions, shape (T, axes) [N]; when left out, the base is
-            fixed.
+        names: names of the revolute joints, in the order of ``joint_names``.
+        angles: angles of the revolute joints, shape (T, 3 n) [rad].
+        velocities: velocities of the revolute joints, shape (T, 3 n) [rad/s].
+        accelerations: accelerations of the revolute joints, shape (T, 3 n) [rad/s²].
+        torques: torques of the revolute joints, shape (T, 3 n) [N m].
+        base_forces: force of the feed axis along its direction, shape (T, 1) [N]; by default (T, 0), a fixed base.
     """
 
     names: tuple[str, ...]
@@ -177,16 +176,16 @@ class JointStates:
 
 @dataclass(frozen=True, repr=False)
 class SimulatedMotion:
-    """Motion of the simulated arm, at the samples of the trajectory.
+    """Motion of the simulated arm of n links, at the T samples of the trajectory.
 
     Attributes:
-        angles: angles of the revolutes, shape (T, 3 * links) [rad]; after an early stop the last pose is repeated.
-        torques: applied torques, shape (T, 3 * links) [N m]; 0 after an early stop.
-        tracking_error: largest joint error at any integration step [rad].
-        saturated: whether any drive reached its limit on effort.
-        base_positions: positions of the base axes, shape (T, axes) [m]; when left out, the base is fixed.
-        saturated_time: total time during which at least one drive was at its limit on effort [s].
-        verdict: whether the arm followed its plan.
+        angles: angles of the revolute joints, shape (T, 3 n) [rad]; the last pose is repeated after an early stop.
+        torques: applied torques, shape (T, 3 n) [N m]; 0 after an early stop.
+        tracking_error: maximum joint error at any integration step [rad].
+        saturated: whether any drive reached its effort limit.
+        base_positions: positions of the base on its feed axis, shape (T, 1) [m]; by default (T, 0), a fixed base.
+        saturated_time: total time during which at least one drive was at its effort limit [s].
+        verdict: outcome of the simulation.
     """
 
     angles: FloatArray
@@ -216,7 +215,8 @@ class Check:
         unit: unit of ``worst`` and ``limit``.
         where: link or joint, obstacle and time at which the worst value occurs, in words.
         passed: whether the limit holds.
-        place: place of the least gap, for checks of gaps; None for other checks, and where nothing is near.
+        place: bodies and time of the minimum clearance, for checks of clearance; None for other checks, and where
+            nothing is near.
     """
 
     name: str
