@@ -1,4 +1,4 @@
-"""A pose of the arm with its derivatives, and the map from unknowns of a curve to configurations."""
+"""Pose of an arm with its derivatives, and the map from the unknowns of a curve to configurations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -13,23 +13,23 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RANK = 1e-10
-"""Share of the largest singular value below which singular values count as zero, so that dependent rows are left
+"""Fraction of the largest singular value below which singular values count as zero, so that dependent rows are left
 out. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Unknowns of the curve, with all derived quantities that a step needs.
+    """Pose of an arm for given unknowns of its curve, with the derivatives that a QP step needs.
 
     An arm of n links in d dimensions has c coordinates, the curve p unknowns; links turn about t axes, one in the plane
     and three in space.
 
     Attributes:
-        v: unknowns, shape (p,).
-        q: the configuration, shape (c,) [rad, m].
+        v: unknowns of the curve, shape (p,).
+        q: configuration, shape (c,) [rad, m].
         slopes: derivatives of the configuration with respect to the unknowns, shape (c, p).
         points: joint and tip positions, shape (n + 1, d) [m].
-        moving: derivatives of the points, shape (n + 1, d, p) [m].
+        moving: derivatives of the points with respect to the unknowns, shape (n + 1, d, p) [m].
         turning: angular velocities of the links for a unit of each unknown, shape (n, t, p) [rad].
         frames: rotations of the links, shape (n, d, d); the first column is the direction of the link.
     """
@@ -54,20 +54,26 @@ class Pose:
 
     @property
     def swinging(self) -> FloatArray:
-        """Derivatives of the links' directions along the other axes of their frames, shape (n, d − 1, p) [rad]."""
+        """Derivatives of the link directions with respect to the unknowns, shape (n, d − 1, p) [rad].
+
+        Components are along the axes of each link's frame that are perpendicular to the link.
+        """
         lengths = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         across = self.frames[:, :, 1:] / lengths[:, None, None]
         return np.asarray(across.transpose(0, 2, 1) @ np.diff(self.moving, axis=0))
 
     @property
     def tip_turning(self) -> FloatArray:
-        """Derivatives of the last link's direction along the other axes of its frame, shape (d − 1, p) [rad]."""
+        """Derivatives of the last link's direction with respect to the unknowns, shape (d − 1, p) [rad].
+
+        Components are along the axes of the link's frame that are perpendicular to the link.
+        """
         length = float(np.linalg.norm(self.points[-1] - self.points[-2]))
         return np.asarray(self.frames[-1][:, 1:].T @ (self.moving[-1] - self.moving[-2]) / length)
 
     @property
     def tip_direction(self) -> FloatArray:
-        """Direction of the last link, shape (d,)."""
+        """Direction of the last link, a unit vector, shape (d,)."""
         return np.asarray(self.frames[-1, :, 0])
 
     @property
@@ -78,11 +84,13 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class CurveUnknowns(ABC):
-    """The map from p unknowns of a curve to configurations of an arm, of c coordinates, in any dimension.
+    """Map from p unknowns of a curve to the c coordinates of an arm's configuration, in the plane or in space.
+
+    Motions are planned in the unknowns.
 
     Attributes:
         arm: the arm.
-        nominal_links: number of nominal links in the arm's length; the length of a nominal link is the unit of steps.
+        nominal_links: number of nominal links in the arm's length; the nominal link is the unit of length of steps.
     """
 
     arm: Arm
@@ -90,61 +98,61 @@ class CurveUnknowns(ABC):
 
     @property
     def nominal_length(self) -> float:
-        """Length u of a nominal link [m]."""
+        """Length of a nominal link [m]."""
         return self.arm.length / self.nominal_links
 
     @property
     def nominal_per_link(self) -> float:
-        """Number of nominal links in a link, the weight of a term that is summed over all links."""
+        """Number of nominal links per link, the weight of a term that is summed over all links."""
         return self.nominal_links / self.arm.links
 
     # ------------------------------------------------------------ configurations
     @property
     @abstractmethod
     def dimension(self) -> int:
-        """Number p of unknowns."""
+        """Number p of unknowns of the curve."""
 
     @property
     @abstractmethod
     def of_shape(self) -> BoolArray:
-        """Mask of the unknowns that shape the arm, shape (p,); the others blend in a goal."""
+        """Mask of the unknowns that shape the curve, shape (p,); others blend the pose into a goal for the arm."""
 
     @abstractmethod
     def configurations(self, v: FloatArray) -> FloatArray:
-        """Return the configurations of unknowns, shape (K, p) to (K, c) [rad, m]."""
+        """Return the configurations, shape (K, c) [rad, m], for unknowns of shape (K, p)."""
 
     @abstractmethod
     def pose(self, v: FloatArray) -> Pose:
-        """Return the pose of unknowns, shape (p,)."""
+        """Return the pose, with its derivatives, for unknowns of shape (p,)."""
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses of several unknowns, shape (m, p)."""
+        """Return the poses for m sets of unknowns, shape (m, p)."""
         return tuple(self.pose(v) for v in unknowns)
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Return unknowns along an edge, including its ends, between which configurations change linearly."""
+        """Return unknowns between which configurations change linearly, from ``before`` to ``after``, both included."""
         return [before, after]
 
     def along(self, spline: BSpline) -> BSpline:
-        """Return the path of configurations that follows a spline in the unknowns."""
+        """Return the spline of configurations that corresponds to a spline of the unknowns."""
         return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """Return a motion with keyframes added where it is not linear between two of them, shape (K, p) to (m, p)."""
+        """Return unknowns of keyframes (K, p) with others added, (m, p), so that configurations are linear between."""
         return unknowns
 
     @property
     def affine(self) -> bool:
-        """Whether configurations are affine in the unknowns."""
+        """Whether configurations are affine functions of the unknowns."""
         return True
 
     @property
     @abstractmethod
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drives' positions with respect to the unknowns, where these are affine, shape (c, p)."""
+        """Derivatives of the drive positions with respect to the unknowns, shape (c, p), if the map is affine."""
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return the drives' positions in configurations, shape (..., c); here the configurations themselves."""
+        """Return the positions of the drives in configurations, both (..., c); here the configurations themselves."""
         return q
 
     # ------------------------------------------------------------ bends
@@ -154,11 +162,11 @@ class CurveUnknowns(ABC):
         return self.arm.bend_limits
 
     def bends(self, q: FloatArray) -> FloatArray:
-        """Return the joint bends of configurations, shape (..., c) to (..., b) [rad]."""
+        """Return the joint bends, shape (..., b) [rad], of configurations, shape (..., c)."""
         return q[..., : len(self.arm.bend_limits)]
 
     def bend_slopes(self, pose: Pose) -> FloatArray:
-        """Return the derivatives of the bends with respect to the unknowns, shape (b, p)."""
+        """Return the derivatives of the joint bends with respect to the unknowns at a pose, shape (b, p)."""
         return pose.slopes[: len(self.arm.bend_limits)]
 
     # ------------------------------------------------------------ shape of the curve
@@ -169,56 +177,67 @@ class CurveUnknowns(ABC):
 
     @property
     def curvature_differences(self) -> FloatArray:
-        """Differences of the curvature rows from knot to knot, shape (m - 1, p) or less [1/m]."""
+        """Derivatives of the curvature differences between neighbouring knots, at most m − 1 rows of p [1/m]."""
         return np.diff(self.curvature_rows, axis=0)
 
     @cached_property
     def knot_bends(self) -> FloatArray:
-        """Bends of a nominal link from the curvature at the knots, shape (m, p) [rad]; weights on them suit any arm."""
+        """Derivatives of the curvatures at the knots, as bends of a nominal link, by the unknowns, (m, p) [rad].
+
+        Weights on these bends suit arms of any size.
+        """
         return self.nominal_length * self.curvature_rows
 
     @cached_property
     def knot_bend_differences(self) -> FloatArray:
-        """Differences of the knot bends from knot to knot, shape (m - 1, p) or less [rad]."""
+        """Derivatives of the curvature differences between neighbouring knots, as bends of a nominal link [rad].
+
+        The array has p columns and at most m − 1 rows.
+        """
         return self.nominal_length * self.curvature_differences
 
     @property
     def following_rows(self) -> FloatArray:
-        """Change of the curve on which a fed arm lies, shape (m, p) [1/m]; no rows if the curve moves with the base."""
+        """Derivatives of the curve fixed in the world on which a fed arm lies, by the unknowns, (m, p) [1/m].
+
+        There are no rows if the curve moves with the base.
+        """
         return np.zeros((0, self.dimension))
 
     # ------------------------------------------------------------ metrics
     @property
     def heading_metric(self) -> FloatArray:
-        """Metric of the links' squared turns in terms of the unknowns, shape (p, p); 0 where it depends on the pose."""
+        """Metric of the sum of squared link turns in the unknowns, (p, p); 0 if the metric depends on the pose."""
         return np.zeros((self.dimension, self.dimension))
 
     @abstractmethod
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric M of the squared turns and travel of the links in terms of the unknowns, shape (p, p)."""
+        """Return the metric M of squared link turns and base travel in the unknowns at a pose, shape (p, p)."""
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return M⁻¹ Rᵀ for rows R, shape (k, p) to (p, k).
+        """Return M⁻¹ Rᵀ, shape (p, k), for rows R, shape (k, p), and the metric M at a pose.
 
-        The columns of M⁻¹ Rᵀ span the changes of the unknowns that change the rows while moving the links least.
+        The columns span the changes of the unknowns that change the rows while moving the links least.
         """
         return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
 
 def turn_rows(arm: Arm, pose: Pose) -> FloatArray:
-    """Return derivatives of link turns [rad] and base travel [link lengths] with respect to unknowns, shape (r, p)."""
+    """Return the derivatives of link turns [rad] and base travel [link lengths] by the unknowns at a pose, (r, p)."""
     base = pose.slopes[arm.coordinates.base] / arm.link_length
     return np.vstack((pose.turning.reshape(-1, len(pose.v)), base))
 
 
 def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: FloatArray) -> FloatArray:
-    """Return the change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
+    """Return the change of the unknowns that moves the links least and changes k quantities by given amounts, (p,).
+
+    The change is M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c for the metric M of link motion at the pose.
 
     Args:
-        space: the map of the unknowns.
-        pose: pose at which the metric is taken.
-        rows: derivatives of the rows with respect to the unknowns, shape (k, p).
-        change: required change of the rows, shape (k,).
+        space: map from the unknowns to configurations.
+        pose: pose at which the metric is evaluated.
+        rows: derivatives S of the quantities with respect to the unknowns, shape (k, p).
+        change: required changes c of the quantities, shape (k,).
     """
     # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may be dependent.
     spread = space.spread(pose, rows)
@@ -231,12 +250,12 @@ def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: Flo
 
 @dataclass(frozen=True)
 class Term:
-    """One least-squares term of the step: ``Σ weight (rows δ − target)²``.
+    """Least-squares term of the objective of a QP step δ, ``½ Σ weight (rows δ − target)²`` over k rows.
 
     Attributes:
-        rows: shape (k, p).
-        target: shape (k,).
-        weight: shape (k,) or scalar.
+        rows: matrix of the rows, shape (k, p).
+        target: target of each row, shape (k,).
+        weight: weight of each row, shape (k,), or of all rows.
     """
 
     rows: FloatArray
@@ -249,7 +268,7 @@ def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[
 
     Args:
         terms: at least one, each with rows of shape (k, p).
-        ridge: added to the diagonal, so that the Hessian is definite where no term reaches, shape (p,) or scalar.
+        ridge: value added to the diagonal of the Hessian, so that it is positive definite, shape (p,) or scalar.
     """
     rows = np.vstack([t.rows for t in terms])
     target = np.concatenate([t.target for t in terms])

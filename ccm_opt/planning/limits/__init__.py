@@ -1,1 +1,1 @@
-"""Limits on a motion behind one interface: contact, turns, joint limits, gates, guide tubes, user constraints."""
+"""Limits on a motion with a common interface: contact, turns, joint limits, gates, guide tubes, user constraints."""

@@ -1,12 +1,13 @@
-"""Rows that keep links clear of walls, and the convex regions about the links' sweeps.
+"""Linearised constraints (rows) that keep links of a planar arm clear of walls, from convex regions around their sweep.
 
 A link at the start, halfway and at the end of an interval spans a convex hull Q. Walls are processed nearest first: the
 half-plane across the shortest line from Q to the wall leaves Q inside and the wall outside; walls already behind a
 chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a polygon for the ellipsoid).
 
 Rows are those of ``interval_rows`` at both ends of an interval. Their deviation is sag_hi − sag_lo, with the chord
-deviation sag_j = ⅛ Σ_{i<j} l Δφ_i² over the interval (see ``certificate``). A wall's half-plane n·x ≤ b has P_b = base;
-a pair of links i < j has a = j + t, b = i + s, and only the links between them in its chord deviation.
+deviation sag_j = ⅛ Σ_{i<j} l Δφ_i² of joint j over the interval (see ``certificate``): how far the joint may leave the
+straight line between its positions at both ends. For a half-plane n·x ≤ b of a wall, P_b is the fixed point; a pair of
+links i < j has a = j + t, b = i + s for the link ends s and t, and only the links in between count in its deviation.
 """
 
 from dataclasses import dataclass, replace
@@ -23,20 +24,20 @@ from ccm_opt.scene.walls import WallSegments
 from ccm_opt.scene.workspace import Workspace
 
 BEHIND = 1e-9
-"""How far a wall may protrude from a half-plane that it counts as behind [m]. Derived: rounding."""
+"""Distance by which a wall may protrude through a half-plane and still count as behind it [m]. Derived: rounding."""
 _PLANES = 8
-"""Half-planes per sweep for which memory is allocated at first."""
+"""Number of half-planes per swept link for which memory is allocated at first."""
 
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """Half-planes n·x ≤ b, in each of which one link has to stay over one interval.
+    """Half-planes n·x ≤ b, in each of which one link has to stay over one interval of a motion.
 
     Attributes:
         interval: index of the interval, shape (m,).
         link: index of the link, shape (m,).
-        normal: n, unit, shape (m, 2).
-        bound: b, so that the line n·x = b touches the wall's surface, shape (m,) [m].
+        normal: outward unit normal n, shape (m, 2).
+        bound: bound b, for which the line n·x = b touches the surface of a wall, shape (m,) [m].
     """
 
     interval: IntArray
@@ -50,13 +51,13 @@ class HalfPlanes:
 
 
 def sweep_regions(sweep: PlanarSweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
-    """Return the half-planes around the sweep of every link in every interval.
+    """Return the half-planes that separate the sweep of every link in every interval of a motion from walls.
 
     Args:
         sweep: the motion.
-        walls: walls to stay clear of.
-        first_link: first link that may not touch walls.
-        reach: walls farther away than this are left out [m].
+        walls: segments of the walls.
+        first_link: index of the first link that may not touch walls.
+        reach: distance beyond which walls are left out [m].
     """
     intervals = len(sweep.turns)
     links = sweep.space.arm.links
@@ -74,8 +75,8 @@ def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tu
 
     Args:
         corners: ends of each link at three times, shape (m, 6, 2) [m].
-        walls: walls to stay clear of.
-        far: wall segments farther away than this are left out [m].
+        walls: segments of the walls.
+        far: distance beyond which wall segments are left out [m].
 
     Returns:
         Index of the sweep, unit normal n and bound b of each half-plane, shapes (k,), (k, 2) and (k,) [m]; the sweep
@@ -101,7 +102,10 @@ def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tu
 
 
 def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArray:
-    """Return the ends of links at the start, halfway and at the end of intervals, shape (m, 6, 2) [m]."""
+    """Return both ends of links at the start, halfway and at the end of intervals of a motion, shape (m, 6, 2) [m].
+
+    ``interval`` and ``link`` are the indices of the m pairs, each of shape (m,).
+    """
     corners = [
         positions[at, link + end]
         for positions, at in ((sweep.points, interval), (sweep.middles, interval), (sweep.points, interval + 1))
@@ -111,14 +115,15 @@ def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArr
 
 
 def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace) -> IntervalRows:
-    """Return the rows that keep a motion clear of walls and links, from free regions around its own sweep.
+    """Return the rows that keep a planar arm clear of walls and of its own links over a whole motion.
 
-    Rows at the fixed start demand no margin.
+    Links stay in convex free regions around their own sweep. Rows at the fixed start demand no margin.
 
     Args:
         sweep: the motion.
-        contact: limit with the margin, the reach beyond which pairs get no rows, and the smooth path's preferred gap.
-        workspace: the workspace.
+        contact: limit with the margin, the reach beyond which pairs get no rows, and the preferred gap of the smooth
+            path.
+        workspace: workspace with the walls.
     """
     arm = sweep.space.arm
     margin = contact.finder.margin
@@ -136,7 +141,7 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
         between -= arm.link_margins(links.low, links.high - 1, margin)
         more = np.full(len(walls), wanted - margin)
         if most is not None:
-            # A link that is asked for less than the margin is asked for nothing beyond contact.
+            # A link that needs less than the margin needs nothing beyond contact.
             more[most[walls.interval, walls.high - 1] < margin] = -np.inf
         walls = clearance_reward(walls, more, sweep, smooth)
         links = clearance_reward(links, between, sweep, smooth)
@@ -148,10 +153,10 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
 
 
 def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | None:
-    """Return the maximum gap from walls that is demanded of each link in each interval, shape (K, links) [m].
+    """Return upper bounds on the gap from walls that rows demand of each link in each interval, (K, links) [m].
 
-    None if there are no gates. In gates this maximum is the certificate's spare: an interval has a single slack
-    variable, and asking for more than a gate offers would relax all other rows of the interval with it.
+    The bound is ∞ except in narrow gates, where it is the certified gap: an interval has a single slack variable, and
+    demanding more than a gate offers would relax all other rows of the interval too. The result is None without gates.
     """
     if contact.gates is None:
         return None
@@ -161,17 +166,17 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
 
 
 def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
-    """Return rows that demand a larger gap of the smooth path rather than of its control polygon.
+    """Return contact rows tightened so that the smooth path through the keyframes has a larger gap too.
 
     A row for contact subtracts the chord deviation, which bounds the motion between two keyframes however the links
-    turn. The preferred gap is compared with the actual loss instead: how much closer the smooth path comes than the
-    keyframes, at the keyframe and halfway through the interval. The larger of the two demands counts. The loss changes
-    little from one step to the next and is treated as constant.
+    turn. For the larger gap the actual loss counts instead: how much closer than the keyframes the smooth path comes,
+    at the keyframe and halfway through the interval. The larger of the two demands is used. The loss changes little
+    from one step to the next and is treated as constant.
 
     Args:
         rows: rows for contact.
         more: gap demanded beyond that of the rows, shape (m,) [m].
-        sweep: the motion through the keyframes.
+        sweep: motion through the keyframes.
         smooth: poses of the smooth path at the keyframes.
     """
     keyframe = rows.interval + rows.share.astype(np.intp)
@@ -187,12 +192,12 @@ def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, s
 
 
 def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> IntervalRows:
-    """Return the rows that keep both ends of each link inside its half-planes at both ends of an interval.
+    """Return the rows that keep both ends of links inside m half-planes at both ends of the half-planes' intervals.
 
     Args:
-        planes: the half-planes.
+        planes: the half-planes, each for one link and interval.
         sweep: the motion.
-        need: distance to keep from each half-plane, shape (m,) [m].
+        need: distance to keep from the boundary of each half-plane, shape (m,) [m].
     """
     arm = sweep.space.arm
     mounted, share = sweep.space.arm.mount_end

@@ -1,7 +1,8 @@
-"""How far a fed arm leaves the path of its leader, the tip, as figures and as a limit on the motion.
+"""Deviation of a fed arm from the path of its leading tip, as numbers and as a limit on the motion.
 
-The path of the leader is the arm as it lies when the motion begins, from the hole on, and then the path of the tip. The
-arm leaves it by the distance of its centre line beyond the hole.
+The leader's path is the centre line of the arm at the start of the motion, from the end of the guide tube (the hole)
+on, followed by the path of the tip. The deviation is the distance of the arm's centre line beyond the hole from the
+leader's path.
 """
 
 from dataclasses import dataclass
@@ -16,22 +17,23 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
 
 _PLACES_PER_LINK = 8
-"""Points per link whose distance from the leader's path is measured. Taste."""
+"""Number of points per link whose distance from the leader's path is measured. Taste."""
 _POSES = 600
-"""Poses at which a motion is looked at, at least where it has fewer keyframes. Taste."""
+"""Minimum number of poses at which a motion is evaluated. Taste."""
 FOLLOWING_SHARE = 0.97
-"""Share of the bound that planning uses; the rest is for timing, and for what lies between poses. Taste."""
+"""Fraction of the bound on the deviation that planning uses; the rest is a reserve for timing and for the motion
+between poses. Taste."""
 
 
 @dataclass(frozen=True)
 class LeaderDistances:
-    """Distances between the centre line of an arm, beyond the hole, and the path of its leader.
+    """Distances of k points on the centre line of a moving arm, outside the guide tube, from the leader's path.
 
     Attributes:
-        distance: distance of every sampled point from the path, shape (k,) [m].
-        pose: index of the pose that the point belongs to, shape (k,).
-        leg: index of the leg of the path nearest to the point, shape (k,).
-        path: corners of the path, shape (m, 3) [m].
+        distance: distance of each point from the leader's path, shape (k,) [m].
+        pose: index of the pose to which each point belongs, shape (k,).
+        leg: index of the leg of the leader's path nearest to each point, shape (k,).
+        path: vertices of the leader's path, shape (m, 3) [m].
     """
 
     distance: FloatArray
@@ -41,11 +43,13 @@ class LeaderDistances:
 
 
 def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None:
-    """Return the distances of a motion from the path of its leader; None where nothing leaves the guide tube.
+    """Return the distances of the arm's centre line from the leader's path over a motion.
+
+    The result is None if no part of the arm leaves the guide tube.
 
     Args:
         arm: arm with a feed axis.
-        poses: configurations in order, shape (T, c) [rad, m].
+        poses: configurations along the motion, shape (T, c) [rad, m].
     """
     joints = arm.joint_positions_at(poses)
     # Points on the links, shape (poses, links, places, d); those in the guide tube follow no leader.
@@ -66,13 +70,13 @@ def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None
 
 
 def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
-    """Return the leader's path from the hole on, shape (m, d) [m].
+    """Return the leader's path of a motion from the end of the guide tube on, as a polyline, shape (m, d) [m].
 
     The path consists of the centre line at the start, followed by the path of the tip.
 
     Args:
         arm: arm with a feed axis.
-        poses: configurations in order, shape (T, c) [rad, m].
+        poses: configurations along the motion, shape (T, c) [rad, m].
         joints: joints and tip at these configurations, shape (T, links + 1, d) [m].
     """
     hole = arm.base + arm.hole * arm.direction
@@ -87,31 +91,38 @@ def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FollowingLimit(LimitOf[CurveUnknowns]):
-    """Bounds how far a fed arm leaves the path of its leader.
+    """Limit on the distance of a fed arm from the path of its leading tip.
 
     Attributes:
         arm: arm with a feed axis.
-        within: the bound [m].
+        within: bound on the distance [m].
     """
 
     arm: Arm
     within: float
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which, at samples, the arm deviates from the path by more than the bound.
+        """Return the intervals of a motion in which, at samples, the arm deviates too far from the leader's path.
 
-        The path of the leader begins with the arm at the first configuration.
+        The leader's path begins with the arm at the first configuration.
+
+        Args:
+            q: configurations at the keyframes, shape (K, c) [rad, m].
+            depth: unused.
         """
         del depth
         away, owner = self._away(q)
         return np.unique(np.minimum(owner[away > FOLLOWING_SHARE * self.within], len(q) - 2))
 
     def worst_deviation(self, q: FloatArray) -> float:
-        """Return the maximum deviation of a motion, shape (K, c), from the path of the leader [m]."""
+        """Return the maximum deviation of a motion q, shape (K, c), from the leader's path [m]."""
         return float(np.max(self._away(q)[0]))
 
     def _away(self, q: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return distances from the path at samples of a motion, shape (m,) [m], and the interval of each sample."""
+        """Return the deviation from the leader's path and the interval of each of m samples of a motion q (K, c).
+
+        The deviation, shape (m,), is the maximum over the arm, and 0 inside the guide tube [m].
+        """
         per = max(1, -(-_POSES // max(len(q) - 1, 1)))
         along = np.linspace(0.0, len(q) - 1.0, per * (len(q) - 1) + 1)
         samples = np.column_stack([np.interp(along, np.arange(len(q)), column) for column in q.T])

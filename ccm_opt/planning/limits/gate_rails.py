@@ -1,10 +1,10 @@
-"""Rails that hold an arm in the middle of a narrow gate.
+"""Limit that holds a planar arm in the middle of narrow gates.
 
-In a gate with hardly any play the arm has to pass through the middle. With walls alone, a guide that pulls at the arm
-would turn it askew in the gate; the first-order rows of a step then have no play left, and second-order terms violate
-them. So it is an equation of every step, and of every inner keyframe of a motion, that the axis crosses the gate's
-lines in their middle; a step keeps it to first order and Newton's method restores it. Before and behind the gate,
-joints are pulled to the middle line.
+A gate is a passage that is hardly wider than the arm; its rail is its middle line, extended straight before and behind.
+With clearance rows alone, a step would turn the arm askew in the gate; the first-order rows then leave no clearance,
+and second-order terms violate them. So equations in every QP step, and at every inner keyframe of a motion, make the
+arm's axis cross lines across the gate in their middle; a step satisfies them to first order and Newton's method
+restores them. Before and behind the gate, joints are pulled to the rail.
 """
 
 from dataclasses import dataclass, replace
@@ -26,45 +26,45 @@ if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
 _BESIDE = 0.5
-"""Joints farther away than this are not on the rail, in nominal links. Taste."""
+"""Distance from a rail within which a joint is pulled to the rail, in nominal links. Taste."""
 _ACROSS = 0.25
-"""An axis counts as crossing a line where it does so at most this far from the line's middle, in nominal links.
-Taste."""
+"""Distance from the middle of a line within which an axis counts as crossing the line, in nominal links. Taste."""
 _CATCHING_UP = 0.02
-"""Largest move of a crossing towards the middle that a step asks for, in nominal links. Taste."""
+"""Largest displacement of a crossing towards the middle that one step demands, in nominal links. Taste."""
 _EXACT = 1e-6
-"""Accepted distance from the middles, as a share of the arm's length. Taste: a thousandth of the play."""
+"""Accepted distance of crossings from the middles, as a fraction of the arm's length. Taste: a thousandth of the
+clearance in a gate."""
 _NEWTON_STEPS = 5
-"""Most Newton steps onto the middles. Taste."""
+"""Maximum number of Newton steps onto the middles. Taste."""
 _LARGEST_TURN = 0.15
-"""A pose that needs larger turns of links to cross in the middle is left unchanged [rad]. Taste."""
+"""Turn of a link beyond which a pose is left unchanged instead of being moved onto the middles [rad]. Taste."""
 _RIDGE = 1e-9
-"""Regularisation of the normal equations, as a share of their diagonal. Taste."""
+"""Regularisation of the normal equations, as a fraction of their diagonal. Taste."""
 
 _SAME = 2e-3
-"""Lines closer to each other than this share of a rail's length are one. Derived: rails of two paths through one gate
-differ by rounding."""
+"""Distance below which two lines count as one, as a fraction of a rail's length. Derived: rails of two paths through
+one gate differ by rounding."""
 _WEIGHT = 30.0
-"""Weight on a joint's distance from the middle of its gate in excess of the play, relative to a nominal link's
-distance. Taste: with three times as much, joints cannot give way to the goal."""
+"""Weight on the distance of a joint from its rail in excess of the tolerance, relative to a distance of a nominal link.
+Taste: with three times as much, joints cannot give way to the goal."""
 _PLACES = 61
-"""Number of places on a gate's middle line at which its width is measured. Taste."""
+"""Number of points on the middle line of a gate at which the width is measured. Taste."""
 _NARROWEST = 1e-3
-"""Distances to walls that exceed the least by up to this share still count as narrowest. Taste: a hundredth of a gate's
-width; lines before a rounded wall, where there is clearance to the side, would exclude motions that exist."""
+"""Relative excess over the least distance to walls up to which a point still counts as narrowest. Taste: a hundredth of
+a gate's width; lines before a rounded wall, where there is clearance to the side, would exclude motions that exist."""
 _SHORT = 0.15
-"""A narrowest stretch shorter than this multiple of the gate's half-width gets one line instead of one at either end.
-Taste."""
+"""Length of the narrowest section, as a multiple of the gate's half-width, below which it gets one line instead of one
+at either end. Taste."""
 
 
 @dataclass(frozen=True)
 class LineCrossings:
-    """Crossings of the axes of K poses with g lines; all entries are 0 where an axis does not cross a line.
+    """Crossings of the axes of K poses with g lines across gates; entries are 0 where an axis does not cross a line.
 
     Attributes:
-        link: index of the crossing link, shape (K, g).
-        share: fraction of that link that lies before the crossing, shape (K, g).
-        aside: signed distance of the crossing to the left of the line's middle, shape (K, g) [m].
+        link: index of the link that crosses the line, shape (K, g).
+        share: fraction of the link that lies before the crossing, shape (K, g).
+        aside: signed distance of the crossing to the left of the middle of the line, shape (K, g) [m].
         crossed: whether the axis crosses the line near its middle, shape (K, g).
     """
 
@@ -76,12 +76,12 @@ class LineCrossings:
 
 @dataclass(frozen=True, eq=False)
 class GateLines:
-    """The lines across all gates on the paths of a tip.
+    """Lines across narrow gates, each with the point at which the arm's axis has to cross the line.
 
     Attributes:
-        middles: points at which axes have to cross the lines, shape (g, 2) [m].
-        along: direction of passage at each middle, shape (g, 2).
-        inside: axes of the gates, used to find the links that are in a gate.
+        middles: points at which axes have to cross the g lines, shape (g, 2) [m].
+        along: direction of passage through the gate at each middle, a unit vector, shape (g, 2).
+        inside: middle lines of the gates, used to find the links that are in a gate.
     """
 
     middles: FloatArray
@@ -90,10 +90,11 @@ class GateLines:
 
     @classmethod
     def from_rails(cls, rails: tuple[FloatArray, ...], workspace: Workspace) -> "GateLines":
-        """Return the lines across the gates whose middle lines are given.
+        """Return the lines across gates at their narrowest points, from the rails of the gates.
 
         Args:
-            rails: middle lines with their straight runs before and behind, each of shape (k ≥ 3, 2) [m].
+            rails: middle lines of the gates with one straight piece before and one behind, each of shape (k ≥ 3, 2)
+                [m].
             workspace: workspace whose walls determine where a gate is narrowest.
         """
         middles: list[FloatArray] = []
@@ -109,11 +110,11 @@ class GateLines:
 
     # ------------------------------------------------------------ crossings
     def crossings(self, points: FloatArray, farthest: float) -> LineCrossings:
-        """Return the crossings of axes with the lines: for each line, the crossing nearest to its middle.
+        """Return the crossings of the axes of K poses with the lines, for each line the one nearest to its middle.
 
         Args:
-            points: joints and tips of poses, shape (K, links + 1, 2) [m].
-            farthest: largest distance from a line's middle that counts as a crossing [m].
+            points: joints and tips of the poses, shape (K, links + 1, 2) [m].
+            farthest: distance from the middle of a line within which a crossing counts [m].
         """
         off = points[:, None] - self.middles[:, None]
         ahead = np.einsum("kgjd,gd->kgj", off, self.along)
@@ -129,11 +130,13 @@ class GateLines:
         return LineCrossings(link, share[pose, line, link], np.where(crossed, there, 0.0), crossed)
 
     def slopes(self, jacobians: FloatArray, headings: FloatArray, found: LineCrossings) -> FloatArray:
-        """Return derivatives of ``aside`` with respect to the coordinates, (K, g, p) [m per unit]; 0 without crossing.
+        """Return the derivatives of the distances of crossings from the middles of the lines, shape (K, g, p).
+
+        They are with respect to the p coordinates of each of K poses [m per unit], and 0 where there is no crossing.
 
         Args:
-            jacobians: derivatives of the joints and tips of poses, shape (K, links + 1, 2, p) [m per unit].
-            headings: headings of their links, shape (K, links) [rad].
+            jacobians: derivatives of the joints and tips of the poses, shape (K, links + 1, 2, p) [m per unit].
+            headings: headings of the links of the poses, shape (K, links) [rad].
             found: crossings of the poses.
         """
         pose = np.arange(len(headings))[:, None]
@@ -151,16 +154,16 @@ class GateLines:
 
     # ------------------------------------------------------------ poses put onto the lines
     def restored(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
-        """Return the coordinates of poses moved until their axes cross all lines in the middle.
+        """Return coordinates of poses moved so that their axes cross all lines in the middle.
 
-        Uses Newton's method with the smallest turns of links.
+        Newton's method with the smallest turns of links is used.
 
         Args:
-            space: the link space.
+            space: map from coordinates to configurations, with metric and Jacobians.
             coordinates: coordinates of the poses, shape (K, p).
 
         Returns:
-            Shape (K, p); poses for which this fails, or needs large turns, are unchanged.
+            Shape (K, p); poses for which the method fails, or needs large turns, are unchanged.
         """
         moved = coordinates.copy()
         exact = _EXACT * space.arm.length
@@ -175,8 +178,8 @@ class GateLines:
             slopes = self.slopes(space.jacobians(headings), headings, found)
             spread = slopes @ space.inverse_metric
             normal = np.einsum("kgp,khp->kgh", spread, slopes)
-            # A line that is not crossed gets a unit diagonal and asks for no change; the ridge covers two lines that
-            # are crossed by one short link.
+            # A line that is not crossed gets a unit diagonal and demands no change; the ridge covers two lines that are
+            # crossed by one short link.
             size = np.einsum("kgg->kg", normal)
             normal += np.eye(len(self.middles)) * np.where(found.crossed, _RIDGE * size, 1.0)[..., None]
             by = np.linalg.solve(normal, -found.aside[..., None])[..., 0]
@@ -187,11 +190,11 @@ class GateLines:
 
     # ------------------------------------------------------------ links in gates
     def holds_links(self, points: FloatArray, radius: float) -> BoolArray:
-        """Return a mask of the links that are in gates, shape (K, links).
+        """Return a mask of the links of K poses that are inside gates, shape (K, links).
 
         Args:
-            points: joints and tips of poses, shape (K, links + 1, 2) [m].
-            radius: radius of the arm [m].
+            points: joints and tips of the poses, shape (K, links + 1, 2) [m].
+            radius: distance from the middle line of a gate within which a link counts as inside [m].
         """
         links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
         return np.asarray(shapely.dwithin(links, self._prepared, radius))
@@ -203,9 +206,11 @@ class GateLines:
 
 
 def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
-    """Return both ends of the section of a middle line, shape (k, 2), at which walls are nearest.
+    """Return both ends of the narrowest section of a gate, or only the centre of a short one, shape (2,) [m].
 
-    A short section is reduced to its centre.
+    Args:
+        middle: middle line of the gate, shape (k, 2) [m].
+        workspace: workspace with the walls.
     """
     arcs = arc_lengths(middle)
     places = points_at(middle, arcs, np.linspace(0.0, arcs[-1], _PLACES)) if arcs[-1] > 0.0 else middle[:1]
@@ -220,7 +225,7 @@ def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
 
 
 def _direction(rail: FloatArray) -> FloatArray:
-    """Return the unit vector along which a gate is passed, shape (2,)."""
+    """Return the direction of passage through a gate, a unit vector of shape (2,), from its rail, shape (k, 2) [m]."""
     way = rail[-2] - rail[1]
     if np.hypot(*way) <= 1e-3 * np.hypot(*(rail[-1] - rail[0])):
         way = rail[-1] - rail[0]
@@ -229,12 +234,12 @@ def _direction(rail: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class GateRails(Limit):
-    """Holds the axis in the middle of gates, and pulls joints sideways onto the gates' middle lines.
+    """Limit that holds the arm's axis in the middle of narrow gates and pulls joints sideways onto the middle lines.
 
     Attributes:
-        rails: middle lines with their straight runs, each of shape (k ≥ 2, 2) [m].
+        rails: middle lines of the gates, extended straight before and behind, each of shape (k ≥ 2, 2) [m].
         lines: lines across the gates.
-        play: distance from a rail within which a joint is not pulled [m].
+        play: distance from a rail within which a joint is not pulled, and accepted distance of crossings [m].
     """
 
     rails: tuple[FloatArray, ...]
@@ -243,9 +248,9 @@ class GateRails(Limit):
 
     @cached_property
     def _legs(self) -> tuple[FloatArray, FloatArray]:
-        """Start points of the straight pieces of all rails, shape (m, 2) [m], and their directions with lengths.
+        """Start points of the m straight pieces of all rails, shape (m, 2) [m], and directions and lengths, (m, 3).
 
-        The directions are unit vectors in the first two columns of shape (m, 3); the third is the piece's length [m].
+        The first two columns of the latter are unit vectors, the third the length of the piece [m].
         """
         first = np.vstack([rail[:-1] for rail in self.rails])
         along = np.vstack([np.diff(rail, axis=0) for rail in self.rails])
@@ -255,9 +260,12 @@ class GateRails(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return the equations of the lines that the axis crosses.
+        """Return the rows of a QP step: the axis crosses gate lines in their middle, and joints are pulled onto rails.
 
-        Every joint that is in a gate, or on a run to it, also gets a pull.
+        Args:
+            space: map from coordinates to configurations.
+            pose: pose from which the step starts.
+            turn: unused.
         """
         del turn
         unit = space.nominal_length
@@ -271,10 +279,7 @@ class GateRails(Limit):
         return rows if pull is None else replace(rows, pulls=(pull,))
 
     def _pull(self, space: LinkSpace, pose: Pose) -> Term | None:
-        """Return the term that pulls joints on rails sideways onto the middle lines.
-
-        The result is None where no joint is on a rail.
-        """
+        """Return the soft term of a QP step that pulls joints near rails sideways onto the rails; None without any."""
         unit = space.nominal_length
         first, legs = self._legs
         off = pose.points[:, None] - first
@@ -295,9 +300,9 @@ class GateRails(Limit):
         return Term(slopes, wanted, _WEIGHT)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Return the pose moved so that its axis crosses all lines in the middle.
+        """Return a pose moved so that its axis crosses all gate lines in their middle.
 
-        The pose is unchanged where that fails or would turn a link by more than ``most`` [rad].
+        The pose is unchanged if that fails or would turn a link by more than ``most`` [rad].
         """
         moved = self.lines.restored(space, pose.v[None])[0]
         turned = np.max(np.abs(space.turns @ (moved - pose.v)))
@@ -305,26 +310,31 @@ class GateRails(Limit):
 
     # ------------------------------------------------------------ at the goal
     def missed(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the slopes of the lines that a pose crosses, and how far it has to move across each.
+        """Return the changes with which a pose would cross gate lines in their middle, and their derivatives.
 
-        The slopes have the shape (k, p), the distances the shape (k,) [m].
+        Returns:
+            Derivatives with respect to the coordinates, shape (k, p), and changes, shape (k,) [m], of the k lines that
+            the axis crosses.
         """
         found = self.lines.crossings(pose.points[None], _ACROSS * space.nominal_length)
         crossed = found.crossed[0]
         return self._slopes(space, pose, found)[crossed], -found.aside[0][crossed]
 
     def _slopes(self, space: LinkSpace, pose: Pose, found: LineCrossings) -> FloatArray:
-        """Return the derivatives of a pose's distances from the middles of all lines, shape (g, p) [m per unit]."""
+        """Return the derivatives of the distances of a pose's crossings from the line middles, (g, p) [m per unit]."""
         return np.asarray(self.lines.slopes(pose.moving[None], space.arm.headings(pose.q)[None], found)[0])
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose crosses every line within ``play`` of the line's middle."""
+        """Return whether a pose crosses every gate line that it crosses at most ``play`` from the middle."""
         found = self.lines.crossings(pose.points[None], np.inf)
         return bool(np.all(np.abs(found.aside) <= self.play))
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the equations of the lines that inner keyframes cross; the first and the last keyframe are fixed."""
+        """Return the equations with which inner keyframes of a motion cross gate lines in their middle, linearised.
+
+        The first and the last keyframe get none, since they are fixed.
+        """
         del u
         space = sweep.space
         links = space.arm.links
@@ -337,6 +347,6 @@ class GateRails(Limit):
         return (KeyframeRows(keyframe, slopes[keyframe, line], zero, zero),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the keyframes, shape (K + 1, p), the inner ones moved so that they cross the lines in the middle."""
+        """Return keyframes, shape (K + 1, p), the inner ones moved so that they cross gate lines in their middle."""
         del u
         return np.vstack((coordinates[:1], self.lines.restored(space, coordinates[1:-1]), coordinates[-1:]))

@@ -1,10 +1,10 @@
-"""The guide tube of a feed axis, which holds links straight, as a limit on the motion.
+"""Limit on the motion of planar arms whose base is fed through a guide tube, which holds joints inside straight.
 
-Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with its distance beyond the
-hole, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back straightens in
-time. In the optimisation every keyframe has a first joint that may bend: the first that is outside at this keyframe and
-at the neighbouring ones, as far as the smooth path mixes them. The joints before it have equations, and a row on the
-feed keeps it outside.
+Joint j may bend once it has passed the end of the tube (the hole), f + j l ≥ hole, for the feed f and link length l. In
+a QP step its bend may grow with its distance beyond the hole, |b| ≤ s (f + j l − hole − reserve), which is a convex
+constraint: so an arm that is retracted straightens in time. In the optimisation every keyframe has a first joint that
+may bend: the first that is outside at the keyframe and at the neighbouring ones that the smooth path mixes with it.
+Equations keep the joints before that one straight, and a row on the feed keeps that joint outside.
 """
 
 from dataclasses import dataclass
@@ -23,20 +23,21 @@ if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
 _RESERVE = 0.1
-"""Distance beyond the hole from which planning lets joints bend, on top of the base's travel between two samples, in
-link lengths; the smooth path uses up some of it near the keyframes. Taste."""
+"""Distance beyond the hole from which on planning lets joints bend, in addition to the travel of the base between two
+samples, in link lengths; the smooth path uses up part of the distance near keyframes. Taste."""
 _MIXED = 2
-"""Number of keyframes to either side that the smooth path mixes with one: a joint may bend at a keyframe where it is
-outside at all of these. Derived: four control points shape every span of a cubic spline, and the start of a span the
-first three."""
+"""Number of keyframes on either side that the smooth path mixes with a keyframe: a joint may bend at a keyframe if it
+is outside the tube at all of these. Derived: four control points shape every span of a cubic spline, and the first
+three of them its start."""
 _BEND_SHARE = 2.0
-"""Share of its limit by which the bend of a joint may grow, in a step, per link length that the joint is beyond the
+"""Bound on the bend of a joint in a QP step, as a fraction of its limit per link length of its distance beyond the
 hole. Taste."""
 _TINY_BEND = 1e-4
-"""Bends below this, of joints that should be straight, are the accuracy of a QP [rad]. Derived: ten times its
-tolerance."""
+"""Bend of a joint that should be straight, up to which the bend counts as an inaccuracy of the QP [rad]. Derived: ten
+times its tolerance."""
 _ROUNDING = 1e-9
-"""Rounding of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis."""
+"""Rounding error of positions along the arm, in link lengths. Derived: about a thousand roundings of a position on a
+long axis."""
 _AT_END = 1e-3
 """Distance from an end of its range within which the base counts as being there, in link lengths. Taste."""
 
@@ -46,14 +47,14 @@ Number = TypeVar("Number", np.float64, np.intp)
 
 @dataclass(frozen=True)
 class GuideTubeLimit(Limit):
-    """Keeps the joints in the guide tube straight.
+    """Limit that keeps joints inside the guide tube straight and the base within its range.
 
     Lengths inside this class are in link lengths.
 
     Attributes:
-        arm: arm with axes that carry its base.
-        travel: distance beyond the hole up to which an emerging joint stays straight, so that it never bends inside the
-            tube between two samples of the timed motion [m].
+        arm: planar arm with axes that carry its base.
+        travel: distance beyond the end of the tube (the hole) up to which an emerging joint stays straight, so that it
+            never bends inside the tube between two samples of the timed motion [m].
     """
 
     arm: Arm
@@ -61,7 +62,13 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return equations for joints held in the tube, cones for the other joints, and bounds on the base."""
+        """Return the rows of a QP step: straight joints inside the guide tube, limited bends outside, base range.
+
+        Args:
+            space: map from the coordinates to configurations.
+            pose: pose from which the step starts.
+            turn: largest turn of a link in the step [rad].
+        """
         bends = space.bends(pose.q)
         room = self._beyond(pose.q) - self._reserve
         held = (room < 0.0) & (bends == 0.0)
@@ -87,9 +94,9 @@ class GuideTubeLimit(Limit):
         return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Return the pose with the bends of held joints set to 0 and the base clipped to its range.
+        """Return a pose whose tiny bends inside the guide tube are set to 0 and whose base is clipped to its range.
 
-        Only errors of the size of the solver's accuracy are corrected.
+        Only errors of the size of the QP solver's accuracy are corrected.
         """
         del most
         snapped = self._snapped(space, pose.v[None])[0]
@@ -97,7 +104,13 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ at the goal
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
-        """Return whether the final pose bends no joint held in the tube and keeps the base within its range."""
+        """Return whether a pose at the goal bends no joint inside the guide tube and has the base within its range.
+
+        Args:
+            space: unused.
+            near: unused.
+            final: the pose.
+        """
         del space, near
         low, high = self._range_left(final.q)
         in_range = bool(low <= 0.0 <= high)
@@ -105,7 +118,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return equations that keep all joints straight up to the first joint that may bend."""
+        """Return the equations that keep joints straight up to the first free joint, at all keyframes but the first."""
         del u
         straight = np.arange(self.arm.links) < self._first_free(sweep.configurations)[:, None]
         straight[0] = False  # the start is fixed
@@ -114,9 +127,9 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
 
     def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows that keep the base within its range and bent joints outside the tube.
+        """Return rows that keep the base within its range, and joints outside the tube that may bend.
 
-        Joints that bend at this keyframe or at a neighbouring one count.
+        A joint that may bend at a neighbouring keyframe counts too. There is one row per keyframe but the first.
         """
         del u
         first = self._first_free(sweep.configurations)
@@ -131,16 +144,19 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, rows, least[1:], np.maximum(high, 0.0)[1:]),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return all keyframes but the first corrected as by ``restored``."""
+        """Return keyframes, shape (K + 1, p), with tiny bends inside the tube set to 0 and the base in its range.
+
+        The first keyframe is unchanged.
+        """
         del u
         snapped = self._snapped(space, coordinates)
         snapped[0] = coordinates[0]
         return snapped
 
     def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
-        """Return whether the base is in its range at every keyframe.
+        """Return whether the base is within its range at every keyframe of a motion.
 
-        Joints held between keyframes are checked by ``failures``.
+        Joints inside the tube are checked by ``failures``.
         """
         del before, u
         low, high = self._range_left(sweep.configurations)
@@ -148,13 +164,13 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which a bent joint is held by the tube at any time."""
+        """Return the intervals of a motion, q of shape (K, c), in which a bent joint is inside the guide tube."""
         del depth
         return np.flatnonzero(self._held_bent(q))
 
     # ------------------------------------------------------------ words
     def describe(self, q: FloatArray) -> str:
-        """Return a phrase that says that the base is at an end of its range, or an empty string if it is not."""
+        """Return a message if the base is at an end of its range in a configuration (c,), else an empty string."""
         low, high = self._range_left(q)
         if min(-float(low), float(high)) > _AT_END:
             return ""
@@ -167,31 +183,34 @@ class GuideTubeLimit(Limit):
 
     @property
     def _reserve(self) -> float:
-        """Distance beyond the hole from which rows let joints bend [link lengths]."""
+        """Distance beyond the hole from which on rows let joints bend [link lengths]."""
         return _RESERVE + self.travel / self.arm.link_length
 
     def _base(self, poses: FloatArray) -> FloatArray:
-        """Return the advance of the base, shape (..., c) to (...) [link lengths]."""
+        """Return the displacement of the base, shape (...) [link lengths], in configurations of shape (..., c)."""
         return self.arm.coordinates.advance(poses) / self.arm.link_length
 
     def _base_row(self, space: LinkSpace) -> FloatArray:
-        """Return the derivative of the base's advance with respect to the coordinates, shape (1, p)."""
+        """Return the derivative of the base's displacement with respect to the coordinates, shape (1, p)."""
         return np.asarray(space.turns[self.arm.links :].sum(axis=0, keepdims=True))
 
     def _beyond(self, poses: FloatArray) -> FloatArray:
-        """Return the distance of every joint beyond the hole, shape (..., links) [link lengths]."""
+        """Return the distance of every joint beyond the hole in configurations (..., c), (..., links), in links."""
         return np.asarray(self._base(poses)[..., None] + np.arange(self.arm.links) - self._hole)
 
     def _range_left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far the base may still move back (≤ 0 within its range) and forward (≥ 0) [link lengths]."""
+        """Return the range of the base minus its displacement, low and high, each of shape (...) [link lengths].
+
+        Low is negative and high positive if the base is inside its range.
+        """
         low, high = self.arm.base_range
         base = self._base(poses)
         return low / self.arm.link_length - base, high / self.arm.link_length - base
 
     def _first_free(self, poses: FloatArray) -> IntArray:
-        """Return the index of the first joint that may bend at each keyframe, shape (K,).
+        """Return the index of the first joint that may bend at each of K keyframes, shape (K,).
 
-        The number of links is returned where no joint may bend.
+        The index is the number of links where no joint may bend.
         """
         base = self._base(poses)
         least = _least_around(base, _MIXED)
@@ -203,13 +222,13 @@ class GuideTubeLimit(Limit):
         return first
 
     def _bent(self, poses: FloatArray) -> BoolArray:
-        """Return a mask of the joints bent by more than the rounding of splines, shape (K, c) to (K, links)."""
+        """Return a mask of the joints bent by more than rounding, shape (K, links), in configurations (K, c)."""
         return np.asarray(np.abs(poses[:, : self.arm.links]) > TINY)
 
     def _held_bent(self, poses: FloatArray) -> BoolArray:
-        """Return the intervals between poses in which a held joint is bent, as a mask, shape (K, c) to (K − 1,).
+        """Return a mask of the intervals of a motion in which a joint inside the guide tube is bent, shape (K − 1,).
 
-        For a single pose, return whether a held joint is bent, shape (1,).
+        ``poses`` are configurations, shape (K, c); for a single one, the result is a mask of that pose, shape (1,).
         """
         bent = self._bent(poses)
         beyond = self._beyond(poses)
@@ -223,10 +242,7 @@ class GuideTubeLimit(Limit):
         return np.asarray(np.any(bent_within & (nearest < least), axis=1))
 
     def _snapped(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
-        """Return the coordinates, shape (K, p), with the base clipped to its range.
-
-        Tiny bends of joints within the reserve are set to 0.
-        """
+        """Return coordinates (K, p) with tiny bends of joints inside the tube set to 0 and the base in its range."""
         poses = space.configurations(coordinates)
         bends = space.bends(poses)
         inside = self._beyond(poses) < self._reserve + _ROUNDING
@@ -240,7 +256,7 @@ class GuideTubeLimit(Limit):
 
 
 def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
-    """Return, for each value, the minimum over the value and ``reach`` neighbours on either side, shape (K,)."""
+    """Return the running minimum of values, shape (K,), over each value and ``reach`` neighbours on either side."""
     around = np.pad(values, reach, mode="edge")
     least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
     return least

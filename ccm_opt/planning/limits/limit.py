@@ -1,7 +1,7 @@
-"""The interface of a limit: a requirement on the motion, as seen by a step, the optimisation and the certificate.
+"""Interface of a limit, a requirement on the motion, for QP steps, trajectory optimisation and certificates.
 
-Callers collect the contributions of all limits without knowing which limits there are. Every method has a default that
-contributes nothing, so a new limit overrides only the methods it needs:
+Callers collect the contributions of all limits without knowing their types. Every method has a default that contributes
+nothing, so a new limit overrides only the methods it needs:
 
 ==================  =====================================================================================
 where               methods
@@ -32,36 +32,35 @@ if TYPE_CHECKING:
     from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 
 UNBOUNDED = 1e30
-"""Value that QP solvers treat as no bound."""
+"""Value that QP solvers treat as infinity."""
 _EQUATION = 5
-"""DAQP's marker of a row that is an equation."""
+"""Code with which DAQP marks a row as an equation."""
 
 
 def always(pose: Pose) -> bool:
-    """Return True, as the exact check of limits whose linearised rows are exact."""
+    """Return True for any pose: the check after a step for limits whose linearised rows are exact."""
     del pose
     return True
 
 
 def unbounded_excess(delta: FloatArray) -> float:
-    """Return 0, as the excess of limits that do not bound the length of a step."""
+    """Return 0 for any step: the excess of limits that do not bound the length of a step."""
     del delta
     return 0.0
 
 
 @dataclass(frozen=True)
 class LimitRows:
-    """A limit linearised about a pose, for one step δ of the coordinates: lower ≤ A δ ≤ upper.
+    """Limit linearised about a pose, for one QP step δ of the p coordinates: lower ≤ A δ ≤ upper.
 
     Attributes:
-        matrix: A, shape (m, p).
+        matrix: matrix A, shape (m, p).
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
         equations: number of leading rows that are equations, lower = upper.
-        pulls: soft terms of the step's objective, for example away from an obstacle that is inside the margin.
-        keeps: exact check of the pose after the step.
-        excess: ratio of the length of a change of the coordinates, shape (p,), to the longest step that the limit
-            allows.
+        pulls: least-squares terms of the step's objective, for example away from an obstacle inside the margin.
+        keeps: function that returns whether the pose after the step satisfies the limit exactly.
+        excess: function from a step δ, shape (p,), to its length divided by the longest step that the limit allows.
     """
 
     matrix: FloatArray
@@ -74,7 +73,7 @@ class LimitRows:
 
 
 def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intc]]:
-    """Stack the rows of all limits for DAQP: matrix (m, p), lower and upper bounds (m,), and row types (m,)."""
+    """Return the rows of several limits stacked for DAQP: matrix (m, p), lower and upper bounds and row types (m,)."""
     matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
     lower = np.concatenate([rows.lower for rows in parts])
     upper = np.concatenate([rows.upper for rows in parts])
@@ -90,11 +89,11 @@ def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, Fl
 
 @dataclass(frozen=True)
 class KeyframeRows:
-    """Rows on single keyframes of a motion, for a change δ_k of their coordinates: lower ≤ a δ_k ≤ upper.
+    """Linearised constraints on single keyframes of a motion, lower ≤ a δ_k ≤ upper for a change δ_k of keyframe k.
 
     Attributes:
-        keyframe: index k of the keyframe of each row, at least 1 because the first keyframe is fixed; shape (m,).
-        slopes: a, shape (m, p).
+        keyframe: index k of the keyframe of each row, at least 1 because the first keyframe is fixed, shape (m,).
+        slopes: derivatives a with respect to the coordinates of the keyframe, shape (m, p).
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
     """
@@ -107,7 +106,7 @@ class KeyframeRows:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """A quadratic model of a cost that couples neighbouring keyframes of a motion with K intervals.
+    """Quadratic model of a cost of a motion with K intervals, which couples neighbouring keyframes only.
 
     Attributes:
         gradient: gradient with respect to the coordinates of each keyframe, shape (K + 1, p).
@@ -121,18 +120,18 @@ class Quadratic:
 
 
 class MotionCost(Protocol):
-    """A cost of a motion in addition to the quadratic objective."""
+    """Interface of a cost of a motion in addition to the quadratic objective of trajectory optimisation."""
 
     def value(self, sweep: "Sweep") -> float:
         """Return the cost of a motion."""
         ...
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Return the cost that the model predicts after a change of the coordinates, shape (K + 1, p)."""
+        """Return the cost of a motion that a model predicts after a change of the coordinates, shape (K + 1, p)."""
         ...
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Return the gradient and a convex Hessian of the cost with respect to the coordinates."""
+        """Return the quadratic model of the cost at a motion: gradient and a convex Hessian."""
         ...
 
 
@@ -140,79 +139,95 @@ AnyUnknowns_contra = TypeVar("AnyUnknowns_contra", bound=CurveUnknowns, contrava
 
 
 class LimitOf(Generic[AnyUnknowns_contra]):
-    """A requirement on the motion; contributes nothing unless a method is overridden."""
+    """Base class of requirements on a motion; every method contributes nothing unless overridden."""
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Increasing path parameters inside (0, 1) at which the limit starts or stops to apply."""
+        """Path parameters in (0, 1) at which the limit starts or stops applying, increasing."""
         return ()
 
     def placed(self, u: float) -> "Self":
-        """Return the limit as it applies at path parameter u of the motion."""
+        """Return the limit that applies at the path parameter ``u`` of the motion."""
         del u
         return self
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: AnyUnknowns_contra, pose: Pose, turn: float) -> LimitRows:
-        """Return the limit's rows, linearised about a pose.
+        """Return the limit linearised about a pose for one QP step.
 
         Args:
-            space: the map from the p coordinates to configurations.
-            pose: pose that the step starts from.
+            space: map from the p coordinates to configurations.
+            pose: pose from which the step starts.
             turn: largest turn of a link in the step [rad].
         """
         del pose, turn
         return LimitRows(np.zeros((0, space.dimension)), np.zeros(0), np.zeros(0))
 
     def restored(self, space: AnyUnknowns_contra, pose: Pose, most: float) -> Pose:
-        """Return the pose after a step moved back onto the limit, or the pose unchanged where that fails.
+        """Return a pose moved so that it satisfies the limit after a step, or the given pose if that fails.
 
         Args:
-            space: the map from the coordinates to configurations.
-            pose: pose to move back.
-            most: largest turn of a link on the way [rad].
+            space: map from the coordinates to configurations.
+            pose: pose after the step.
+            most: largest allowed turn of a link [rad].
         """
         del space, most
         return pose
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """Return the violation of the limit at a configuration, in the limit's unit.
+        """Return the violation of the limit at a configuration, shape (c,), in the limit's unit.
 
-        The violation is reported by limits that have to be met exactly; other limits return 0.
+        Limits that need not be met exactly return 0.
         """
         del q
         return 0.0
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of violated requirements, per radian, shape (k, p), and their required changes [rad].
+        """Return the limit's violated requirements at a pose, linearised and scaled to radians, with required changes.
 
-        The required changes, shape (k,), are at most ``most`` [rad].
+        Args:
+            pose: pose at which the requirements are linearised.
+            most: bound on the required changes [rad].
+
+        Returns:
+            Derivatives with respect to the coordinates, shape (k, p), and required changes, shape (k,) [rad].
         """
         del most
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def missed(self, space: AnyUnknowns_contra, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of violated requirements, shape (k, p), and the change that repairs each, shape (k,).
+        """Return the limit's violated requirements at a pose, linearised, with the changes that repair them.
 
-        The changes are in the limit's unit.
+        Args:
+            space: map from the coordinates to configurations.
+            pose: pose at which the requirements are linearised.
+
+        Returns:
+            Derivatives with respect to the coordinates, shape (k, p), and changes in the limit's unit, shape (k,).
         """
         del space
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def keeps_at_goal(self, space: AnyUnknowns_contra, near: Pose, final: Pose) -> bool:
-        """Return whether a pose placed exactly on the goal may follow a pose near it."""
+        """Return whether a pose placed exactly on the goal satisfies the limit and may follow a pose near the goal.
+
+        Args:
+            space: map from the coordinates to configurations.
+            near: pose near the goal, before it was placed on the goal.
+            final: pose exactly on the goal.
+        """
         del space, near, final
         return True
 
     # ------------------------------------------------------------ the optimisation of a motion
     def interval_rows(self, sweep: Any) -> "tuple[IntervalRows, ...]":
-        """Return the rows over whole intervals; an interval may violate its rows by a penalised slack."""
+        """Return the linearised constraints over whole intervals of a motion, which a penalised slack may relax."""
         del sweep
         return ()
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the hard rows on keyframes.
+        """Return the limit's linearised inequalities on single keyframes, which have no slack.
 
         Args:
             sweep: the motion.
@@ -222,7 +237,12 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def keyframe_equations(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the equations on keyframes; arguments as for ``keyframe_rows``."""
+        """Return the limit's linearised equations on single keyframes.
+
+        Args:
+            sweep: the motion.
+            u: path parameter of each keyframe, shape (K + 1,).
+        """
         del sweep, u
         return ()
 
@@ -232,7 +252,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def restored_keyframes(self, space: AnyUnknowns_contra, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return keyframes, shape (K + 1, p), moved back onto the limit; the given array if none has to move."""
+        """Return keyframes, shape (K + 1, p), moved so that they satisfy the limit; the given array if none has to."""
         del space, u
         return coordinates
 
@@ -253,36 +273,36 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
-            depth: number of bisections of an interval that are allowed; None for the certificate's setting.
+            depth: allowed number of bisections of an interval; None for the certificate's setting.
         """
         del q, depth
         return np.zeros(0, dtype=np.intp)
 
     # ------------------------------------------------------------ words
     def worst(self, q: FloatArray) -> tuple[str, float]:
-        """Return the name of the part that a configuration violates most, and the violation in the limit's unit."""
+        """Return the name of the requirement that a configuration (c,) violates most, and its violation in its unit."""
         del q
         return "", 0.0
 
     def describe(self, q: FloatArray) -> str:
-        """Return a description of the part that is violated or at its bound; empty if there is none."""
+        """Return a description of a requirement that a configuration (c,) violates or has at its bound, or ""."""
         del q
         return ""
 
 
 Limit: TypeAlias = LimitOf[LinkSpace]
-"""A limit on motions in the plane."""
+"""Limit on motions in the plane."""
 
 
 def restored_keyframes(
     limits: Iterable[LimitOf[AnyUnknowns_contra]], space: AnyUnknowns_contra, unknowns: FloatArray, u: FloatArray
 ) -> FloatArray:
-    """Return keyframes moved back onto several limits, shape (K + 1, p); the given array if none has to move.
+    """Return keyframes moved so that they satisfy several limits, shape (K + 1, p); the given array if none has to.
 
     Args:
-        limits: applied in this order.
-        space: the map from the unknowns to configurations.
-        unknowns: unknowns of the keyframes, shape (K + 1, p).
+        limits: the limits, applied in this order.
+        space: map from the unknowns to configurations.
+        unknowns: unknowns at the keyframes, shape (K + 1, p).
         u: path parameters of the keyframes, shape (K + 1,).
     """
     for limit in limits:

@@ -1,10 +1,10 @@
-"""The limits that every motion has to keep: contact, joint range, length of a step.
+"""Limits that every motion has to satisfy: contact, joint range, range of the feed, length of a step.
 
-In a step every near pair of bodies gives a row; over an interval of a motion every link has half-planes to stay behind
-and other links to stay clear of; between keyframes the certificate bounds how far links may stray.
+In a QP step every near pair of bodies gives a row; over an interval of a motion every link has to stay in half-planes
+and clear of other links; between keyframes a certificate bounds the deviation of links from straight motion.
 
 A new limit that always holds is one more line in ``assembled_limits``, for the plane and for space; its rows, proofs,
-checks and words belong in a file of its own.
+checks and messages belong in a file of its own.
 """
 
 from collections.abc import Callable, Iterable
@@ -26,11 +26,11 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
 
 _CLOSING_SHARE = 0.5
-"""Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
-each other then close at most the whole of it together."""
+"""Fraction of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move
+towards each other then close at most the whole gap together."""
 _NEAR_JOINT_LIMIT = 0.25
-"""Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: slightly more than a step turns a
-joint."""
+"""Distance from its limit within which a bend gets a row in the optimisation [rad]. Taste: slightly more than a step
+turns a joint."""
 
 
 _BENDING = 1e-4
@@ -42,30 +42,36 @@ _STILL = 0.01
 """Weight on the turns of the links and the displacements of the joints where the arm is kept still."""
 
 _BEYOND = 1e-9
-"""How far rounding may carry a coordinate beyond its limits [rad, m]."""
+"""Amount by which a coordinate may exceed its limits because of rounding [rad, m]."""
 _SPARE_FEED = 0.004
-"""Most of the feed range that rows leave unused at either end in the optimisation [m]."""
+"""Maximum length of the feed range that rows leave unused at either end in the optimisation [m]."""
 _SPARE_SHARE = 0.01
-"""Share of the feed range left unused at either end, where that is less than ``_SPARE_FEED``."""
+"""Fraction of the feed range left unused at either end, where less than ``_SPARE_FEED``."""
 _KNOT_BEND = 1.1
 """Bound on the bend that the curvature at a knot gives a fed arm, as a multiple of the joint limit. Above 1 because a
 joint takes the mean of the curvature about its place, which is less."""
 _FEED = 0.3
-"""Farthest that the base may move in a step [u]."""
+"""Maximum travel of the base in a step, in nominal links."""
 
 
 @dataclass(frozen=True)
 class AtRest(LimitOf[CurveUnknowns]):
-    """Pulls every step towards a straight, evenly bent curve and, optionally, towards no motion at all.
+    """Weak pull of every QP step towards a straight, evenly bent curve and, optionally, towards no motion at all.
 
     Attributes:
-        still: whether to keep the arm still where no other term asks for motion.
+        still: whether turns of links and displacements of joints cost, so that the arm does not move without need.
     """
 
     still: bool = False
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the pulls on the step, without any rows."""
+        """Return the least-squares terms of a QP step that straighten the curve, without any rows.
+
+        Args:
+            space: map from the unknowns of the curve to configurations.
+            pose: pose from which the step starts.
+            turn: unused.
+        """
         del turn
         p = len(pose.v)
         # The target is minus the present value: the pull is on the curvature after the step, not on its change.
@@ -87,14 +93,20 @@ class AtRest(LimitOf[CurveUnknowns]):
 
 @dataclass(frozen=True)
 class FeedLimit(LimitOf[CurveMap]):
-    """Bounds the feed of an arm in space.
+    """Limit on the feed of an arm in space: range of the base, and travel of the base in a step.
 
-    In a step, the base may travel a bounded length, but not beyond the point at which the next joint has to stop just
-    outside the guide tube.
+    In a step, the base must not travel beyond the point at which the next joint has to stop just outside the guide
+    tube.
     """
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """Return the row that bounds the feed."""
+        """Return the row of a QP step that keeps the base within its range, and the bound on its travel.
+
+        Args:
+            space: map from the unknowns of the curve to configurations.
+            pose: pose from which the step starts.
+            turn: unused.
+        """
         del turn
         arm = space.arm
         base = arm.coordinates.base
@@ -110,15 +122,19 @@ class FeedLimit(LimitOf[CurveMap]):
         return LimitRows(pose.slopes[base], low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
 
     def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
-        """Return whether the pose on the goal is within the limits of its coordinates."""
+        """Return whether the configuration of the pose ``final`` is within the joint limits and the feed range."""
         del near
         return within_limits(space.arm, final.q)
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the rows that bound the feed and the curvature at the knots.
+        """Return the rows that bound the feed and the curvature at the knots, at all keyframes but the first.
 
-        The knots are bounded because between two keyframes the feed carries joints past knots that have no joint at
-        either keyframe.
+        Between two keyframes the feed carries joints past knots of the curve that have no joint at either keyframe;
+        therefore the curvature at the knots is bounded too.
+
+        Args:
+            sweep: the motion.
+            u: unused.
         """
         del u
         arm = sweep.space.arm
@@ -138,28 +154,28 @@ class FeedLimit(LimitOf[CurveMap]):
         )
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Return whether all keyframes are within the limits of their coordinates."""
+        """Return whether all keyframes of the motion ``sweep`` are within the joint limits and the feed range."""
         del before, u
         return within_limits(sweep.space.arm, sweep.configurations)
 
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:
-    """Return whether configurations, shape (..., c) [rad, m], are within the limits of their coordinates."""
+    """Return whether all given configurations, shape (..., c) [rad, m], are within an arm's joint and feed limits."""
     return bool(np.all(q >= arm.lower_limits - _BEYOND) and np.all(q <= arm.upper_limits + _BEYOND))
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLimit(LimitOf[CurveUnknowns]):
-    """Keeps the gaps between links, and between links and obstacles, open.
+    """Limit that keeps links clear of each other and of obstacles.
 
     Attributes:
-        finder: finds near pairs; its margin is kept where there is clearance for it, its reach selects the pairs that
-            get rows.
-        certificate: proves gaps between keyframes.
-        settings: settings of the step.
-        over_motion: returns the rows of a whole motion.
+        finder: finder of near pairs; its margin is kept where there is enough clearance, its reach selects the pairs
+            that get rows.
+        certificate: prover of gaps between keyframes.
+        settings: settings of the QP step.
+        over_motion: function that returns the rows of a whole motion.
         wanted: preferred gap in the optimisation of a motion, where there is enough clearance [m].
-        gates: gates, in which links only need the gap of the certificate; None where there are no gates.
+        gates: narrow gates, in which links only need the gap of the certificate; None without gates.
     """
 
     finder: ContactFinder
@@ -171,14 +187,22 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return a row for each near pair, whose gap may close by at most a fraction of its excess over the margin."""
+        """Return a row of a QP step for each near pair, with which its gap shrinks at most in proportion to its excess.
+
+        The excess is the gap minus the margin. Pairs inside the margin are pushed apart softly.
+
+        Args:
+            space: map from the unknowns of the curve to configurations.
+            pose: pose from which the step starts.
+            turn: unused.
+        """
         del turn
         settings = self.settings
         unit = space.nominal_length
         contacts = self.finder.find(pose.points)
         rows = contact_rows(contacts, pose.moving)
         # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay there, and the push restores its gap
-        # softly. Where margins are narrow the row itself asks for part of it, because second-order terms use up a gap
+        # softly. Where margins are narrow the row itself demands part of it, because second-order terms use up a gap
         # that is only forbidden to shrink.
         beyond = contacts.gap - contacts.margin
         lower = np.where(beyond >= 0.0, -_CLOSING_SHARE * beyond, -settings.firm_share * beyond)
@@ -200,7 +224,12 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         )
 
     def _keeps(self, before: Contacts, trial: Pose) -> bool:
-        """Return whether a pose keeps its gaps, or at least has none smaller than in the pose before it."""
+        """Return whether a pose after a step is clear, or at least no closer to contact than allowed by the start.
+
+        Args:
+            before: near pairs of the pose before the step.
+            trial: pose after the step.
+        """
         # The proof of a step also covers its end.
         if self.settings.proof_depth is not None:
             return True
@@ -212,33 +241,44 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(trial.points)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Return whether the pose on the goal keeps its gaps, or at least has none smaller than in the near pose."""
+        """Return whether the pose ``final`` on the goal is clear, or at least no closer to contact than ``near``."""
         del space
         return self._keeps(self.finder.find(near.points), final)
 
     # ------------------------------------------------------------ whole motions
     def interval_rows(self, sweep: Sweep) -> tuple[IntervalRows, ...]:
-        """Return the rows from free regions around the motion's own sweep, and from its near pairs of links."""
+        """Return the rows that keep a motion in free regions around its own sweep, and its links apart."""
         return (self.over_motion(sweep, self),)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which contact cannot be ruled out; arguments as for ``LimitOf.failures``."""
+        """Return the intervals of a motion in which contact cannot be ruled out, sorted.
+
+        Args:
+            q: configurations at the keyframes, shape (K, c) [rad, m].
+            depth: allowed number of bisections of an interval; None for the certificate's setting.
+        """
         return self.certificate.failures(q, depth)
 
 
 def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
-    """Return whether every gap is at least ``keep_share`` of its margin, less the allowed shortfall [m]."""
+    """Return whether every gap of a pose is at least a fraction of its margin, less an allowed shortfall.
+
+    Args:
+        contacts: near pairs of the pose, with gaps and margins.
+        allowed: allowed shortfall [m].
+        keep_share: fraction of the margin.
+    """
     floor = keep_share * contacts.margin - allowed
     return bool(np.all(contacts.gap >= np.minimum(floor, keep_share * contacts.margin)))
 
 
 def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
-    """Return the largest shortfall of a gap from ``keep_share`` of its margin, at least 0 [m]."""
+    """Return by how much any gap of a pose falls short of the fraction ``keep_share`` of its margin, at least 0 [m]."""
     return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
 
 
 def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
-    """Return the derivative of every gap with respect to the coordinates, shape (m, p).
+    """Return the derivatives of the gaps of m near pairs with respect to the coordinates, shape (m, p) [m per unit].
 
     Args:
         contacts: near pairs of a pose.
@@ -253,27 +293,33 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
 
 
 def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
-    """Return the derivatives of points on links, interpolated between the joints, shape (m, d, p)."""
+    """Return the derivatives of m points on links, interpolated between the joints, shape (m, d, p).
+
+    Args:
+        jacobians: derivatives of joints and tip, shape (links + 1, d, p).
+        link: index of the link of each point, shape (m,).
+        at: fraction of the link before each point, shape (m,).
+    """
     share = at[:, None, None]
     mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
     return mixed
 
 
 _SOLVER_ACCURACY = 1e-6
-"""How far the solution of the step's QP may violate a row [rad]."""
+"""Amount by which the solution of the QP of a step may violate a row [rad]."""
 
 
 @dataclass(frozen=True)
 class JointLimit(LimitOf[CurveUnknowns]):
-    """Bounds the bends of the joints.
+    """Limit on the bends of the joints.
 
     Where the base is fixed, bends are linear in the unknowns and, between keyframes, in the path parameter: rows are
     exact, and a motion whose keyframes satisfy the limits satisfies them throughout.
 
     Attributes:
         arm: the arm.
-        share: share of every limit within which rows keep steps and keyframes.
-        accepted: share of every limit up to which the resulting bends are accepted.
+        share: fraction of every joint limit within which rows keep steps and keyframes.
+        accepted: fraction of every joint limit up to which the resulting bends are accepted.
     """
 
     arm: Arm
@@ -281,11 +327,17 @@ class JointLimit(LimitOf[CurveUnknowns]):
     accepted: float
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return rows for the bends that could reach their bound in the step."""
+        """Return the rows of a QP step that bound the bends which could reach their limit in the step.
+
+        Args:
+            space: map from the unknowns of the curve to configurations.
+            pose: pose from which the step starts.
+            turn: largest turn of a link in the step [rad].
+        """
         bends = space.bends(pose.q)
         limits = self.share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
-        # A bend that already exceeds its share must not grow; clipping at 0 keeps δ = 0 feasible.
+        # A bend that already exceeds its limit must not grow; clipping at 0 keeps δ = 0 feasible.
         upper = np.maximum(limits - bends, 0.0)[tight]
         lower = np.minimum(-limits - bends, 0.0)[tight]
         allowed = np.maximum(self._accepted(space), np.abs(bends)) + _SOLVER_ACCURACY
@@ -296,12 +348,12 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return LimitRows(space.bend_slopes(pose)[tight], lower, upper, keeps=keeps)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Return whether the bends of the pose on the goal are within the accepted limits."""
+        """Return whether the bends of the pose ``final`` on the goal are within the accepted limits."""
         del near
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows for the bends near their bound at all keyframes but the first."""
+        """Return rows that bound the bends near their limit at all keyframes of a motion but the first."""
         del u
         space = sweep.space
         bends = space.bends(sweep.configurations)
@@ -318,9 +370,12 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(keyframe, sweep.slopes[keyframe, joint], lower, upper),)
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Return whether the motion's bends are within their limits.
+        """Return whether the bends of a motion are within the accepted limits, or no larger than before the step.
 
-        A bend that exceeded its accepted share before the step may not exceed it further.
+        Args:
+            sweep: motion after a step of the optimisation.
+            before: motion before the step.
+            u: unused.
         """
         del u
         space = sweep.space
@@ -328,13 +383,18 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals with an end at which a coordinate, including the base's, is beyond its limits."""
+        """Return the intervals of a motion with an end at which a bend or the base is beyond its limits.
+
+        Args:
+            q: configurations at the keyframes, shape (K, c) [rad, m].
+            depth: unused.
+        """
         del depth
         beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
         return np.flatnonzero(beyond[:-1] | beyond[1:])
 
     def _accepted(self, space: CurveUnknowns) -> FloatArray:
-        """Return the largest bends that are accepted after a step [rad]."""
+        """Return the largest magnitudes of bends that are accepted after a step, shape (b,) [rad]."""
         return self.accepted * space.bend_limits
 
 
@@ -358,12 +418,17 @@ def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance:
 
 @dataclass(frozen=True)
 class TurnLimit(LimitOf[CurveUnknowns]):
-    """Bounds the turn of every link and the travel of the base in a step."""
+    """Limit on the turn of every link and the travel of the base in a QP step."""
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return an exact row, −turn ≤ Δφ ≤ turn, for every link that turns about one axis.
+        """Return the rows −turn ≤ Δφ ≤ turn of a QP step for every link of a planar arm, and for the base's travel.
 
-        Links that turn about three axes have no rows; there the whole step is shortened instead.
+        In space, where links turn about three axes, there are no rows; the whole step is shortened instead.
+
+        Args:
+            space: map from the unknowns of the curve to configurations.
+            pose: pose from which the step starts.
+            turn: largest turn of a link in the step [rad].
         """
         if pose.turning.shape[1] == 1:
             rows = turn_rows(space.arm, pose)
@@ -382,16 +447,15 @@ def assembled_limits(
     settings: AnyStepSettings,
     further: Iterable[LimitOf[Any]] = (),
 ) -> tuple[LimitOf[Any], ...]:
-    """Return all limits of a motion, in the order of their rows.
+    """Return all limits of a motion, in the order of their rows, for steps, optimisation and certification.
 
-    Exact checks run in reverse order, so that the costly check of contact comes last. Stepping, optimisation and
-    certification all use this list and no other.
+    Exact checks run in reverse order, so that the costly check of contact comes last.
 
     Args:
         arm: the arm.
-        contact: limit that keeps gaps open.
-        settings: settings of the step.
-        further: further limits of this motion.
+        contact: limit that keeps links clear of contact.
+        settings: settings of the QP step.
+        further: further limits of the motion.
     """
     joints = JointLimit(arm, settings.limit_share, settings.accepted_share)
     return (AtRest(settings.still), contact, TurnLimit(), joints, *further)

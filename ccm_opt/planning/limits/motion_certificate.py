@@ -1,4 +1,4 @@
-"""The certificate of a motion: the proofs of all limits about the intervals between keyframes, combined."""
+"""Certificate of a motion: proof that all limits hold in the intervals between keyframes."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,30 +13,35 @@ from ccm_opt.robot.arm import Arm
 
 
 class IntervalCertificate(Protocol):
-    """Certifies every interval of piecewise-linear motions of an arm."""
+    """Interface of a certificate of contact for the intervals of piecewise-linear motions of an arm."""
 
     @property
     def arm(self) -> Arm:
-        """The arm."""
+        """Arm whose motions are certified."""
         ...
 
     @property
     def spare(self) -> float:
-        """Gap that is certified beyond contact [m]."""
+        """Certified gap beyond contact [m]."""
         ...
 
     def failures(self, q: FloatArray, /, depth: int | None = None) -> IntArray:
-        """Return the sorted uncertified intervals of a motion with configurations q, shape (K, c) [rad, m]."""
+        """Return the sorted indices of the intervals of a motion that cannot be certified.
+
+        Args:
+            q: configurations at the keyframes, shape (K, c) [rad, m].
+            depth: allowed number of bisections of an interval; None for the certificate's setting.
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class MotionCertificate:
-    """Certifies motions under several limits, in the plane and in space.
+    """Certificate of piecewise-linear motions of an arm under several limits.
 
     Attributes:
         arm: the arm.
-        spare: gap that is certified beyond contact [m].
+        spare: certified gap beyond contact [m].
         limits: all limits that have to hold between keyframes.
     """
 
@@ -45,11 +50,11 @@ class MotionCertificate:
     limits: tuple[LimitOf[Any], ...]
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals that cannot be certified.
+        """Return the intervals of a motion in which at least one limit cannot be certified.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
-            depth: number of bisections of an interval that are allowed; None for the certificate's setting.
+            depth: allowed number of bisections of an interval; None for the certificate's setting.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is certified.
@@ -57,14 +62,17 @@ class MotionCertificate:
         return failed_intervals(self.limits, q, depth)
 
     def heading_failures(self, headings: FloatArray) -> IntArray:
-        """Return the failed intervals of a motion given by its link headings, shape (K, links) [rad]."""
+        """Return the uncertified intervals of a planar motion given by link headings, shape (K, links) [rad]."""
         return self.failures(self.arm.bends(headings))
 
 
 def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int | None = None) -> IntArray:
-    """Return the sorted intervals in which at least one limit cannot be certified.
+    """Return the sorted indices of the intervals of a motion in which at least one limit cannot be certified.
 
-    The arguments are those of ``MotionCertificate.failures``.
+    Args:
+        limits: the limits.
+        q: configurations at the keyframes, shape (K, c) [rad, m].
+        depth: allowed number of bisections of an interval; None for the certificate's setting.
     """
     failing = np.zeros(0, dtype=np.intp)
     for limit in limits:
@@ -75,13 +83,13 @@ def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int
 def failing_edges(
     limits: tuple[LimitOf[Any], ...], curve: CurveUnknowns, unknowns: FloatArray, depth: int | None = None
 ) -> IntArray:
-    """Return the uncertified edges of a motion that is linear in the unknowns of a curve, sorted.
+    """Return the sorted indices of the uncertified intervals of a motion that is linear in the unknowns of a curve.
 
     Args:
         limits: limits that have to hold between keyframes.
-        curve: map from the unknowns; cuts edges where their configurations would not be linear.
+        curve: map from the unknowns to configurations, which divides intervals in which configurations are not linear.
         unknowns: unknowns at the keyframes, shape (K + 1, p).
-        depth: number of bisections of an interval that are allowed; None for the certificate's setting.
+        depth: allowed number of bisections of an interval; None for the certificate's setting.
     """
     if curve.affine:
         return failed_intervals(limits, curve.configurations(unknowns), depth)

@@ -1,7 +1,7 @@
-"""Rows that keep links clear of surfaces in space.
+"""Linearised constraints (rows) that keep links clear of surfaces in space.
 
-Rows are those of ``interval_rows``. The normals point towards the obstacle: a plane next to a wall bounds a half-space
-that is free of walls about where the link is at some time.
+Rows are those of ``interval_rows``, with normals towards the obstacle. A plane next to a surface bounds a half-space
+that is free of obstacles near the position of a link at one time of the motion.
 """
 
 import numpy as np
@@ -14,20 +14,21 @@ from ccm_opt.scene.contact_finder import SurfaceFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _BEHIND = 0.06
-"""How far surfaces may protrude through another surface's plane without a plane of their own [u]."""
+"""Distance by which surfaces may protrude through the plane of another surface without a plane of their own, in nominal
+links."""
 _MOST_TRAVEL = 0.75
-"""Most of a joint's travel between two times by which the reach of rows is extended [u]."""
+"""Maximum travel of a joint between two times by which the reach of rows is extended, in nominal links."""
 _PLANES = 6
-"""Most half-spaces per link."""
+"""Maximum number of half-spaces per link."""
 
 
 def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> IntervalRows:
-    """Return the rows that keep a motion in space clear of surfaces and of its own links.
+    """Return the rows that keep an arm in space clear of surfaces and of its own links over a whole motion.
 
     Args:
         sweep: the motion.
         contact: limit with the preferred gap beyond the margin.
-        finder: finder of the contacts.
+        finder: finder of near pairs of links and surfaces, with the margin and the reach.
     """
     room = finder.margin + contact.wanted
     rows = joined_rows([_wall_rows(sweep, finder, room), pair_rows(sweep, room, room + finder.reach)])
@@ -36,7 +37,13 @@ def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> I
 
 
 def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
-    """Return the rows of free half-spaces around the links at all times of rows except the start."""
+    """Return the rows that keep links in half-spaces free of surfaces at all times of rows except the start.
+
+    Args:
+        sweep: the motion.
+        finder: finder of near surfaces.
+        room: gap that the rows demand [m].
+    """
     kept = finder.kept + room
     chords = np.linalg.norm(np.diff(sweep.timed_joints, axis=0), axis=2)
     travel = min(float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.space.nominal_length)
@@ -53,16 +60,17 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
 def _half_spaces(
     sweep: Sweep, tree: SurfaceTree, points: FloatArray, reach: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return free half-spaces n·x ≥ b around the links of several poses.
+    """Return half-spaces n·x ≥ b free of surfaces around the links of several poses.
 
     Args:
-        sweep: the motion.
-        tree: tree of the surfaces.
+        sweep: the motion, for its arm.
+        tree: distance tree of the surfaces.
         points: joints and tip of the poses, shape (k, links + 1, 3) [m].
-        reach: surfaces farther away are left out [m].
+        reach: distance from a link beyond which surfaces are left out [m].
 
     Returns:
-        Indices of the poses and of the links, each of shape (m,), n, shape (m, 3), and b, shape (m,) [m].
+        Index of the pose and of the link of each half-space, shape (m,), normal n, shape (m, 3), and offset b, shape
+        (m,) [m].
     """
     arm = sweep.space.arm
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
@@ -75,12 +83,15 @@ def _half_spaces(
 
 
 def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
-    """Return shortfalls ≥ 0 of the gap from surfaces at all times of rows except the first, shape (K m,) [m].
+    """Return by how much an arm is closer to surfaces than preferred, at all times of rows of a motion but the first.
 
     Args:
-        sweep: the motion.
-        finder: finder of the contacts.
+        sweep: the motion, of K intervals with m parts.
+        finder: finder of contacts, with the distance tree of the surfaces.
         wanted: preferred gap beyond contact [m].
+
+    Returns:
+        Shortfalls, at least 0, shape (K m,) [m].
     """
     return distance_lacking(sweep.space.arm, finder.tree, sweep.timed_joints[1:], finder.kept + wanted)
 
@@ -88,25 +99,33 @@ def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArr
 def _rows_of_points(
     interval: IntArray, share: FloatArray, point: IntArray, normal: FloatArray, need: FloatArray
 ) -> IntervalRows:
-    """Return the rows normal · point ≥ ``need`` [m], with which half-spaces bound points of the arm."""
+    """Return the rows n · P ≥ need, which keep points P of the arm in half-spaces, one row each.
+
+    Args:
+        interval: index of the interval, shape (m,).
+        share: time of the row as a fraction of the interval, shape (m,).
+        point: index of the point, shape (m,).
+        normal: unit normal n, shape (m, 3).
+        need: bound of the row, shape (m,) [m].
+    """
     none = np.zeros(len(point), dtype=np.intp)
     return IntervalRows(interval, share, point, none + STILL, none, none, -normal, need)
 
 
 def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
-    """Return the indices of the entries of ``point`` that can move.
+    """Return the positions in ``point``, shape (m,), of indices of points that can move.
 
-    The first joint moves only where the base is fed.
+    All can but the first joint of an arm without a feed axis.
     """
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
 def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
-    """Return by how much the axes of links beyond the mount are closer to surfaces than required.
+    """Return by how much the axes of links beyond the mount are closer to surfaces than required, in several poses.
 
     Args:
         arm: the arm.
-        tree: tree of the surfaces.
+        tree: distance tree of the surfaces.
         points: joints and tips of several poses, shape (k, links + 1, 3) [m].
         kept: required distance between axes and surfaces [m].
 

@@ -1,11 +1,12 @@
-"""The user's hard constraints as a limit, with the costs that go with them.
+"""User's hard constraints and costs as a limit on the motion.
 
-Gaps are treated as clearances are: they keep a margin where possible. Equations are rows that a step has to meet;
-afterwards Newton's method brings the unknowns back onto them.
+A constraint gives equations h(q, u) = 0 and inequalities g(q, u) ≥ 0, whose values g are called gaps. Gaps keep a
+margin where possible, as clearances do. Equations are rows that a QP step has to meet to first order; afterwards
+Newton's method brings the unknowns back onto the equations.
 
-A gap is divided by the norm of its slope with respect to the headings of the links, in which the travel of the base
-counts per length of the arm. The quotient is the turn of the whole arm that closes the gap, so one margin suits gaps in
-metres, radians or any other unit, in the plane and in space.
+A gap is divided by the norm of its derivative with respect to the headings of the links, in which the travel of the
+base counts per length of the arm. The quotient is the turn of the whole arm that closes the gap, so one margin suits
+gaps in metres, radians or any other unit, in the plane and in space.
 """
 
 from dataclasses import dataclass, replace
@@ -26,33 +27,32 @@ if TYPE_CHECKING:
     from ccm_opt.planning.optimisation.interval_rows import Sweep
 
 _PATH_SHARE = 0.2
-"""Share of the allowed violation by which the smooth path may violate a row between its knots. Taste."""
+"""Fraction of the allowed violation by which the smooth path may violate a constraint between its knots. Taste."""
 _PULL_WEIGHT = 30.0
 """Weight on restoring gaps that are inside their margin, relative to a nominal link's distance. Taste, as for
 contacts."""
 _URGENCY = 10.0
 """Scale of the rows of violated gaps, relative to those of gaps inside their margin. Taste."""
 _RANK = 1e-09
-"""Singular values below this share of the largest count as none, so that equations that follow from others are left
-out. Taste."""
+"""Fraction of the largest singular value below which a singular value counts as zero, so that equations that follow
+from others are left out. Taste."""
 _RESERVE = 0.02
-"""Share of the kept margin that a gap keeps between keyframes, to cover what lies between samples. Taste."""
+"""Fraction of the kept margin that a gap keeps between keyframes, as a reserve for configurations between samples.
+Taste."""
 _SAMPLES = 4
 """Number of samples of an interval between keyframes. Taste."""
 
 _JOINT_SHARE = 0.995
-"""Share of a joint limit to which excessive bends are brought back; it leaves the overshoot of splines below the limit.
-Taste."""
+"""Fraction of a joint limit to which excessive bends are brought back, so that the overshoot of splines stays below the
+limit. Taste."""
 
 _KNOT_RESERVES = 4.0
 """Number of reserves to which a gap is opened at a knot of the smooth path that has less than half of that. Measured:
 with 2 a path at the edge of a camera's view was refused, with 4 it was accepted."""
 _MARGIN = 2e-3
-"""Margin of a gap, as a turn of the whole arm [rad]. Taste: a tenth of a degree. A gap has the user's unit; divided by
-the norm of its slope by the link headings it is the turn of the whole arm that closes it, and margins are measured in
-that."""
+"""Margin of a gap, as the turn of the whole arm that closes the gap [rad]. Taste: a tenth of a degree."""
 _KEEP_SHARE = 0.4
-"""Share of that margin that every accepted pose keeps. Taste, as for contacts."""
+"""Fraction of the margin that every accepted pose keeps. Taste, as for contacts."""
 _MET_AT_GOAL = 1e-8
 """Largest violation of constraints at the goal and at keyframes, in the user's unit. Derived: two orders below what the
 verifier allows."""
@@ -62,23 +62,23 @@ allows."""
 _ALLOWED = 1e-6
 """Largest violation of a hard constraint, in the user's unit. Derived: what the verifier allows."""
 _NEWTON_STEPS = 12
-"""Most steps of Newton's method back onto equations. Taste: it converges in four or never."""
+"""Maximum number of Newton steps back onto equations. Taste: the method converges in four or never."""
 _FAR = 2.0
-"""Gaps that need a larger turn of the whole arm to close get no rows on keyframes [rad]. Taste."""
+"""Turn of the whole arm beyond which a gap that needs it to close gets no row on a keyframe [rad]. Taste."""
 _KEYFRAME_TURN = 0.5
 """Largest turn of a link that may be needed to bring a keyframe onto its equations [rad]. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class UserLimit(LimitOf[CurveUnknowns]):
-    """All constraints and costs of one problem.
+    """Limit that makes a motion keep all of the user's constraints and weigh the user's costs.
 
     Attributes:
-        terms: the constraints and costs, compiled.
+        terms: compiled constraints and costs.
         u: path parameter at which the constraints are evaluated.
-        at_goal: whether to use the constraints at the goal instead of those on the way.
-        lead: largest fraction of the motion by which intervals of constraints are widened, so that a path that is
-            smooth at keyframes satisfies constraints over their whole intervals; intervals that are separated by a
+        at_goal: whether the constraints at the goal are used instead of those on the way.
+        lead: amount of the path parameter by which intervals of constraints are widened at most, so that a path that is
+            smoothed at keyframes satisfies constraints over their whole intervals; intervals that are separated by a
             short gap stay separate.
     """
 
@@ -89,22 +89,22 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def parametric(self) -> bool:
-        """Whether any term depends on the path parameter."""
+        """Whether any constraint or cost of the user depends on the path parameter."""
         return self.terms.parametric
 
     @property
     def has_equations(self) -> bool:
-        """Whether there are equations, which a path may violate between keyframes that meet them."""
+        """Whether any constraint is an equation, which a path may violate between keyframes that satisfy it."""
         return bool(self.terms.path_rows.equal.any())
 
     @property
     def shapes_path(self) -> bool:
-        """Whether there are equations, or terms that depend on the path parameter."""
+        """Whether any constraint is an equation, or any constraint or cost depends on the path parameter."""
         return self.has_equations or self.terms.parametric
 
     @cached_property
     def breaks(self) -> tuple[float, ...]:
-        """Path parameters inside (0, 1) at which a term starts or stops applying."""
+        """Path parameters in (0, 1) at which a constraint or cost starts or stops applying, increasing."""
         if self.lead == 0.0:
             return tuple(self.terms.breaks.tolist())
         way = self._way
@@ -113,7 +113,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @cached_property
     def _way(self) -> "RowSet":
-        """Rows at keyframes on the way, their intervals widened by ``lead``."""
+        """Equations and inequalities at keyframes before the goal, with intervals widened by ``lead``."""
         exact = self.terms.motion_rows
         if self.lead == 0.0:
             return exact
@@ -125,30 +125,38 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def rows(self) -> "RowSet":
-        """Rows of the constraints, on the way or at the goal."""
+        """Equations and inequalities of the constraints, at the goal if ``at_goal`` is set, else before the goal."""
         return self.terms.goal_rows if self.at_goal else self._way
 
     def placed(self, u: float) -> "UserLimit":
-        """Return the constraints at path parameter u of the motion."""
+        """Return a limit with the constraints that apply at the path parameter ``u``."""
         return replace(self, u=u)
 
     def placed_at_goal(self) -> "UserLimit":
-        """Return the constraints that apply at the goal."""
+        """Return a limit with the constraints that apply at the goal of the motion."""
         return replace(self, u=1.0, at_goal=True)
 
     def values(self, q: FloatArray) -> "RowValues":
-        """Return the rows evaluated at a configuration, shape (c,)."""
+        """Return the values and derivatives of the constraints at a configuration, shape (c,) [rad, m]."""
         return self.rows.at(q, self.u)
 
     def turns(self, slopes: FloatArray) -> FloatArray:
-        """Return the change of each row per turn of the whole arm, from slopes of shape (m, c); never 0, shape (m,)."""
+        """Return the change of constraint values per radian by which the whole arm turns, never 0, shape (m,).
+
+        ``slopes`` are derivatives of the values with respect to the configuration, shape (m, c).
+        """
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the equations, and a row for each gap that could close in the step.
+        """Return the constraints linearised for a QP step: equations, and a row for each gap that the step could close.
 
-        Equations have to be met in this step, or as far as half of the largest turn allows.
+        Equations have to be met by the step, or as far as half of the largest turn of a link allows.
+
+        Args:
+            space: unused.
+            pose: pose from which the step starts.
+            turn: largest turn of a link in the step [rad].
         """
         del space
         now = self.values(pose.q)
@@ -156,8 +164,8 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
         scale = self.turns(now.gap_slopes)
         # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
-        # factor 2 leaves room for its curvature.
-        farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # most that a step can close
+        # factor 2 allows for second-order terms.
+        farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # largest gap that a step can close
         # Negated, so that a gap that is NaN keeps its row and is refused instead of being dropped.
         within = ~(now.gaps > (_MARGIN + farthest) * scale)
         scale = scale[within]
@@ -175,7 +183,13 @@ class UserLimit(LimitOf[CurveUnknowns]):
         )
 
     def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
-        """Return the term that opens gaps inside their margin, with a higher weight on violated gaps."""
+        """Return the soft term of a QP step that opens gaps inside their margin, violated gaps with a higher weight.
+
+        Args:
+            rows: derivatives of the gaps with respect to the unknowns, shape (m, p).
+            gaps: gaps as turns of the whole arm, shape (m,) [rad].
+            turn: largest opening that is aimed at in the step [rad].
+        """
         margin = _MARGIN
         near = gaps < margin
         short = margin - gaps[near]
@@ -187,9 +201,16 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def _independent(
         self, equations: FloatArray, slopes: FloatArray, turning: FloatArray, turn: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return orthonormal combinations of the equations' rows, and the change that each needs.
+        """Return orthonormal combinations of linearised equations, shape (r, p), and the change that each needs, (r,).
 
-        Equations that are far from met demand half of the largest turn of a link, so that the QP stays feasible.
+        Dependent equations are left out. If the equations are far from satisfied, all changes are reduced so that no
+        link turns by more than half of its bound and the QP stays feasible.
+
+        Args:
+            equations: values of the equations, shape (m,).
+            slopes: derivatives with respect to the unknowns, shape (m, p).
+            turning: angular velocities of the links for a unit of each unknown, shape (n, t, p) [rad].
+            turn: largest turn of a link in the step [rad].
         """
         if not len(slopes):
             return slopes, equations
@@ -204,10 +225,10 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return right[kept], target * min(1.0, 0.5 * turn / max(most, TINY))
 
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
-        """Return whether a step from ``before`` to ``after`` is acceptable.
+        """Return whether a step is acceptable, from the constraint values before and after the step.
 
-        Every gap has to keep its fraction of the margin, or not shrink; the equations have to be met, or their
-        residuals to shrink.
+        Every gap has to keep a fraction of its margin, or not shrink; the equations have to be satisfied, or the sum of
+        their residuals to shrink.
         """
         # A pose that begins inside the margin may stay there, but must not lose more.
         floor = np.minimum(_KEEP_SHARE * _MARGIN * self.turns(before.gap_slopes), before.gaps)
@@ -219,23 +240,29 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
     def restored(self, space: CurveUnknowns, pose: Pose, most: float) -> Pose:
-        """Return the pose moved onto the equations, or the pose unchanged where that fails."""
+        """Return a pose moved onto the user's equations by Newton's method, or the given pose if that fails.
+
+        Args:
+            space: map from the unknowns to configurations.
+            pose: pose after a step.
+            most: largest allowed turn of a link [rad].
+        """
         if not self.rows.equal.any():
             return pose
         moved = self.moved_onto_rows(space, pose, most, gaps=False)
         return pose if moved is None else moved
 
     def moved_onto_rows(self, space: CurveUnknowns, pose: Pose, most: float, *, gaps: bool) -> Pose | None:
-        """Return a pose moved onto the equations by Newton's method with the smallest change of the links.
+        """Return a pose moved onto the user's equations by Newton steps that move the links least, or None.
 
         Args:
-            space: the map from the unknowns to configurations.
+            space: map from the unknowns to configurations.
             pose: pose to begin at.
-            most: largest turn of a link on the way [rad].
-            gaps: whether to restore violated gaps and joint limits too.
+            most: largest allowed turn of a link from the given pose [rad].
+            gaps: whether violated gaps and joint limits are restored too.
 
         Returns:
-            The pose; None when the method does not converge within ``most``.
+            The pose; None if the method does not converge within ``most``.
         """
         start = pose
         limits = _JOINT_SHARE * space.bend_limits
@@ -263,19 +290,20 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """Return the violation of the worst row, 0 where it counts as met, in the user's unit."""
+        """Return the greatest violation of a constraint in a configuration (c,), in the user's unit; 0 if tiny."""
         miss = self.values(q).violation
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return rows of equations and of gaps inside their margin, per radian, and their required changes.
+        """Return linearised equations and gaps inside their margin, as turns of the whole arm, with required changes.
 
         Args:
-            pose: pose at which they are violated.
-            most: largest turn of the whole arm [rad].
+            pose: pose at which the constraints are linearised.
+            most: bound on the required changes [rad].
 
         Returns:
-            Rows, shape (k, p), and required changes, shape (k,), at most ``most`` [rad].
+            Derivatives with respect to the unknowns, shape (k, p), and required changes, at most ``most``, shape (k,)
+            [rad].
         """
         values = self.values(pose.q)
         margins = _MARGIN * self.turns(values.gap_slopes)
@@ -286,7 +314,11 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return by_pose @ pose.slopes / scale[:, None], np.clip(wanted, -most, most)
 
     def missed(self, space: CurveUnknowns, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the slopes of equations and violated gaps, shape (k, p), and the change each needs, shape (k,)."""
+        """Return the derivatives of equations and violated gaps at a pose, and the changes that satisfy them.
+
+        Returns:
+            Derivatives with respect to the unknowns, shape (k, p), and changes in the user's units, shape (k,).
+        """
         del space
         values = self.values(pose.q)
         broken = values.gaps < 0.0
@@ -298,11 +330,19 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
-        """Return the constraints at keyframe k; the last keyframe is the goal."""
+        """Return a limit with the constraints that apply at keyframe k of a motion; the last keyframe is the goal.
+
+        ``u`` are the path parameters of the keyframes, shape (K + 1,).
+        """
         return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
 
     def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the equations of every keyframe, scaled to slopes of norm 1."""
+        """Return the linearised user's equations at every keyframe but the first, scaled to derivatives of norm 1.
+
+        Args:
+            sweep: the motion.
+            u: path parameters of the keyframes, shape (K + 1,).
+        """
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         # Rows of norm 1 keep the QP well scaled whatever unit the user chose. Keyframe 0 is the start, which is fixed.
@@ -314,7 +354,14 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
     def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows for the gaps that are nearly closed at keyframes, per radian of the whole arm."""
+        """Return linearised rows for the user's inequalities that are nearly violated at keyframes.
+
+        The rows are scaled so that a gap is the turn of the whole arm that closes it [rad].
+
+        Args:
+            sweep: the motion.
+            u: path parameters of the keyframes, shape (K + 1,).
+        """
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         least = [np.zeros(0)]
@@ -333,14 +380,19 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
 
     def costs(self, space: CurveUnknowns, u: FloatArray) -> tuple[MotionCost, ...]:
-        """Return the user's costs, including soft constraints."""
+        """Return the user's costs of a motion, including soft constraints, for keyframes at path parameters ``u``."""
         del space
         return (UserCosts(self.terms, u),)
 
     def restored_keyframes(self, space: CurveUnknowns, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the keyframes, with the inner ones moved onto their equations and out of violated gaps.
+        """Return keyframes of a motion, the inner ones moved so that they satisfy the user's constraints.
 
-        Keyframes for which that fails are unchanged.
+        Keyframes for which Newton's method fails are unchanged.
+
+        Args:
+            space: map from the unknowns to configurations.
+            coordinates: unknowns at the keyframes, shape (K + 1, p).
+            u: path parameters of the keyframes, shape (K + 1,).
         """
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):
@@ -351,22 +403,29 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return restored
 
     def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
-        """Return whether all equations are met and no gap is violated, at all keyframes but the first."""
+        """Return whether all keyframes of a motion but the first satisfy the user's constraints.
+
+        ``u`` are the path parameters of the keyframes, shape (K + 1,).
+        """
         del before
         return all(self.at_keyframe(k, u).miss(sweep.configurations[k]) <= 0.0 for k in range(1, len(u)))
 
     # ------------------------------------------------------------ between keyframes
     @cached_property
     def _lasting(self) -> BoolArray:
-        """Mask of the gaps that apply over the whole motion and do not depend on the path parameter."""
+        """Mask of the user's inequalities that apply over the whole motion and do not depend on the path parameter."""
         rows = self.terms.path_rows
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which a gap falls below its reserve at samples; no bisection is needed.
+        """Return the intervals of a piecewise-linear motion in which a user's inequality lacks its reserve at samples.
 
         A gap that is below its reserve at an end of the interval, as a start or a goal may be, must not shrink in
         between.
+
+        Args:
+            q: configurations at the keyframes, shape (K, c) [rad, m].
+            depth: unused, as no interval is bisected.
         """
         del depth
         lasting = self._lasting
@@ -386,25 +445,36 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def _slack(self) -> float:
-        """Largest violation of a gap between keyframes, in the user's unit."""
+        """Largest violation of a user's inequality that is accepted between keyframes, in the user's unit."""
         return _PATH_SHARE * _ALLOWED
 
     # ------------------------------------------------------------ the smooth path
     def path_violations(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return derivatives of equations and violated gaps with respect to the configuration, and required changes.
+        """Return the user's equations and nearly violated inequalities at a point of the smooth path, for its repair.
 
-        The derivatives have the shape (k, c), the changes the shape (k,).
+        Args:
+            q: configuration, shape (c,) [rad, m].
+            u: path parameter.
+
+        Returns:
+            Derivatives with respect to the configuration, shape (k, c), and required changes in the user's units, shape
+            (k,).
         """
         values = self.terms.path_rows.at(q, u)
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes)
-        # The certificate asks for the reserve, by the steepest slope at the ends; between its knots a path has smaller
-        # gaps than at them.
+        # The certificate demands the reserve, by the steepest slope at the ends; between its knots a path has smaller
+        # gaps than at the knots.
         broken = values.gaps < 0.5 * _KNOT_RESERVES * reserve
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
         return slopes, np.append(-values.equations, _KNOT_RESERVES * reserve[broken] - values.gaps[broken])
 
     def misses_path(self, q: FloatArray, u: FloatArray) -> BoolArray:
-        """Return a mask of the samples at which a row exceeds its fraction of the allowed violation, shape (K,)."""
+        """Return a mask of the samples of a path at which a constraint is violated by more than is accepted, (K,).
+
+        Args:
+            q: configurations, shape (K, c) [rad, m].
+            u: path parameters, shape (K,).
+        """
         rows = self.terms.path_rows
         table = rows.table(q, u)
         miss = np.where(rows.equal, np.abs(table), -table)
@@ -413,24 +483,33 @@ class UserLimit(LimitOf[CurveUnknowns]):
     # ------------------------------------------------------------ ends and words
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the hard constraints."""
+        """Names of the user's hard constraints."""
         return tuple(hard.constraint.name for hard in self.terms.hard)
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """Advice to the user when no motion is found."""
+        """Advice to the user for the case that no motion is found."""
         return ("relax the constraints, or make them soft",)
 
     def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
-        """Raise where the start or a whole-arm goal violates a constraint, or a term is not finite at the start."""
+        """Check that the start and a whole-arm goal satisfy the user's constraints and that all values are finite.
+
+        Args:
+            start: configuration at the start, shape (c,) [rad, m].
+            goal: configuration at the goal, shape (c,) [rad, m], or None for a goal of the tip.
+
+        Raises:
+            ProblemError: the start violates a constraint, or a value is not finite at the start.
+            UnreachableGoal: the goal violates a constraint.
+        """
         refuse_broken_start(self.terms, start, _ALLOWED)
         if goal is not None:
             refuse_broken_goal(self.terms, goal, _ALLOWED)
 
     def worst(self, q: FloatArray) -> tuple[str, float]:
-        """Return the name of the constraint that is violated most, and its violation in the user's unit.
+        """Return the name of the constraint that a configuration (c,) violates most, and the violation in its unit.
 
-        Constraints are compared in radians of the arm.
+        Violations are compared as turns of the whole arm.
         """
         rows = self.rows
         table = rows.table(q[None], self.u)[0]
@@ -442,7 +521,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return rows.names[k], float(miss[k])
 
     def describe(self, q: FloatArray) -> str:
-        """Return a description of the constraint that is violated or at its bound; empty if there is none."""
+        """Return a description of a constraint that a configuration (c,) violates or has at its bound, or ""."""
         name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is violated by {miss:.3g}"
@@ -452,5 +531,8 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def _slope_norms(self, q: FloatArray) -> FloatArray:
-        """Return the norms of the slopes of all rows, whether they apply here or not, shape (rows,)."""
+        """Return the change per radian of turn of the whole arm of all constraint values at a configuration, (rows,).
+
+        Constraints that do not apply at the path parameter are included.
+        """
         return self.turns(np.asarray(self.rows.slopes(q, self.u)[1]))

@@ -1,7 +1,7 @@
-"""Costs of users' terms over a whole motion, and checks of its ends against the constraints.
+"""User's costs of a whole motion, and checks of the start and goal against the user's constraints.
 
-Equations are not checked here: between keyframes a motion leaves them by the square of the step, and the final path
-through the keyframes is brought back onto them.
+Equations between keyframes are not checked here: there, a motion violates them by the square of the distance between
+keyframes, and the final path through the keyframes is brought back onto them.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class UserCosts:
-    """The user's costs of a motion with K intervals; satisfies ``MotionCost``.
+    """User's costs of a motion with K intervals, including soft constraints; satisfies ``MotionCost``.
 
     Attributes:
-        terms: constraints and costs.
+        terms: compiled constraints and costs.
         u: path parameter of every keyframe, shape (K + 1,).
     """
 
@@ -34,20 +34,20 @@ class UserCosts:
     u: FloatArray
 
     def value(self, sweep: "Sweep") -> float:
-        """Return the cost of a motion."""
+        """Return the sum of the user's weighted costs of a motion."""
         return sum(
             float(weights @ cost.values(sweep.configurations, self.u))
             for cost, weights in zip(*self._weights, strict=True)
         )
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Return the cost that the quadratic model predicts after a change of the unknowns, shape (K + 1, p)."""
+        """Return the user's costs that the quadratic model predicts after a change of the unknowns (K + 1, p)."""
         model = self.model(sweep)
         bent = np.einsum("kp,kpq,kq->", change, model.diagonal, change)
         return self.value(sweep) + float(np.vdot(model.gradient, change)) + 0.5 * float(bent)
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Return the gradient and the convex part of the Hessian with respect to the unknowns."""
+        """Return the quadratic model of the user's costs at a motion: gradient and convex part of the Hessian."""
         frames, p = sweep.unknowns.shape
         model = Quadratic(np.zeros((frames, p)), np.zeros((frames, p, p)), np.zeros((frames - 1, p, p)))
         for cost, weights in zip(*self._weights, strict=True):
@@ -66,7 +66,7 @@ class UserCosts:
 
     @cached_property
     def _weights(self) -> "tuple[tuple[CompiledCost, ...], list[FloatArray]]":
-        """All costs, and their weights at every keyframe, divided by the number of keyframes that they apply to."""
+        """All costs, and the weights of each at the keyframes, shape (K + 1,), which make its sum a weighted mean."""
         costs = self.terms.all_costs
         weights = []
         for cost in costs:
@@ -77,15 +77,15 @@ class UserCosts:
 
 
 def refuse_broken_start(terms: "UserTerms", start: "FloatArray", allowed: float) -> None:
-    """Raise where the start violates a constraint, or a term is not finite there.
+    """Check that the start satisfies the user's hard constraints and that all constraints and costs are finite there.
 
     Args:
         terms: constraints and costs.
-        start: configuration, shape (c,) [rad, m].
-        allowed: largest violation of a hard constraint, in the unit of its expression.
+        start: configuration at the start, shape (c,) [rad, m].
+        allowed: allowed violation of a hard constraint, in the unit of its expression.
 
     Raises:
-        ProblemError: naming the constraint that the start violates, or the term that is not finite there.
+        ProblemError: a constraint is violated, or a constraint or cost is not finite; the message names it.
     """
     for compiled in terms.all_costs:
         if not np.isfinite(compiled.values(start[None], np.zeros(1))).all():
@@ -95,10 +95,15 @@ def refuse_broken_start(terms: "UserTerms", start: "FloatArray", allowed: float)
 
 
 def refuse_broken_goal(terms: "UserTerms", goal: "FloatArray", allowed: float) -> None:
-    """Raise where a whole-arm goal violates a hard constraint; arguments as for ``refuse_broken_start``.
+    """Check that a goal for the whole arm satisfies the user's hard constraints.
+
+    Args:
+        terms: constraints and costs.
+        goal: configuration at the goal, shape (c,) [rad, m].
+        allowed: allowed violation of a hard constraint, in the unit of its expression.
 
     Raises:
-        UnreachableGoal: naming the constraint.
+        UnreachableGoal: a constraint is violated; the message names it.
     """
     for compiled in terms.hard:
         where = compiled.constraint.where
@@ -131,6 +136,6 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:
-    """Return the norms of the rows' derivatives with respect to the link headings, never 0, shape (m,)."""
+    """Return the norms of m derivatives with respect to the link headings, shape (m, c), never 0, shape (m,)."""
     norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms

@@ -1,11 +1,12 @@
-"""Rows over the intervals of a motion, in the plane and in space.
+"""Linearised contact constraints (rows) over the intervals of a motion, in the plane and in space.
 
-Every row has the same form, for walls and for pairs of links, with points at one time of interval k:
+A row bounds the distance of a point P_a of the arm from a wall, or from a point P_b of another link, at one time of
+interval k, along a fixed direction n:
 
     n·(P_a − P_b) + deviation + c ≤ 0.
 
-A point has its position at that time. A wall has no moving P_b. The deviation is a bound, from the sweep, on how far
-the points may leave the chord; 0 where there are rows at times in between too.
+For a wall, P_b is a fixed point. The deviation, given by the motion, bounds how far the points may leave the straight
+line between their positions at both ends of the interval; it is 0 where there are rows at times in between too.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -19,18 +20,18 @@ from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 STILL = -1
-"""Index of the fixed point, the last of all."""
+"""Index of the fixed point among the points of a motion, the last of all."""
 _SECTORS = 12
 """Number of directions in the plane that count as different when rows are thinned. Taste."""
 
 
 @dataclass(frozen=True)
 class RowCurvature:
-    """Convex part of the second derivatives of the weighted rows with respect to the unknowns.
+    """Convex part of the second derivatives of a weighted sum of rows with respect to the unknowns of the keyframes.
 
     Attributes:
         diagonal: blocks of each keyframe, shape (K + 1, p, p).
-        beside: blocks for the difference between keyframes k and k + 1, shape (K, p, p).
+        beside: blocks for the difference of the unknowns of keyframes k and k + 1, shape (K, p, p).
     """
 
     diagonal: FloatArray
@@ -39,10 +40,10 @@ class RowCurvature:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A motion whose unknowns are linear between K + 1 keyframes; n links, p unknowns, d coordinates of a point.
+    """Motion whose p unknowns are linear between K + 1 keyframes, for an arm of n links in d dimensions.
 
     Attributes:
-        space: the map of the unknowns.
+        space: map from the unknowns to configurations.
         unknowns: unknowns at the keyframes, shape (K + 1, p).
     """
 
@@ -50,16 +51,16 @@ class Sweep:
     unknowns: FloatArray
 
     parts: ClassVar[int] = 4
-    """Parts m of an interval: rows belong to the times between them, and have slack of their own in each."""
+    """Number m of equal parts of an interval: rows belong to the ends of the parts, and each part has its own slack."""
 
     @property
     def intervals(self) -> int:
-        """Number K of intervals."""
+        """Number K of intervals between keyframes."""
         return len(self.unknowns) - 1
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
-        """Poses at the keyframes."""
+        """Poses at the keyframes, with their derivatives."""
         return self.space.poses(self.unknowns)
 
     @cached_property
@@ -74,23 +75,26 @@ class Sweep:
 
     @cached_property
     def turn_metrics(self) -> FloatArray:
-        """JᵀJ at each keyframe, J the derivative of link turns with respect to the unknowns, shape (K + 1, p, p)."""
+        """Matrix JᵀJ at each keyframe, with the Jacobian J of the link turns by the unknowns, shape (K + 1, p, p)."""
         turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.unknowns.shape[1])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
 
     @cached_property
     def joints(self) -> FloatArray:
-        """Joints and tip at the keyframes, shape (K + 1, n + 1, d) [m]."""
+        """Positions of joints and tip at the keyframes, shape (K + 1, n + 1, d) [m]."""
         return np.stack([pose.points for pose in self.poses])
 
     @cached_property
     def points(self) -> FloatArray:
-        """Joints, tip, mount's end and, last, the fixed origin at the keyframes, shape (K + 1, n + 3, d) [m]."""
+        """Positions of joints, tip, end of the mount and a fixed point at the keyframes, (K + 1, n + 3, d) [m].
+
+        The fixed point, last, is the origin.
+        """
         return self._with_marks(self.joints)
 
     @cached_property
     def moving(self) -> FloatArray:
-        """Derivatives of the points with respect to the unknowns, shape (K + 1, n + 3, d, p) [m]."""
+        """Derivatives of ``points`` with respect to the unknowns of their keyframe, shape (K + 1, n + 3, d, p) [m]."""
         return self._with_marks(np.stack([pose.moving for pose in self.poses]))
 
     def unknowns_at(self, share: float) -> FloatArray:
@@ -99,25 +103,30 @@ class Sweep:
 
     @cached_property
     def middles(self) -> FloatArray:
-        """Joints and tip half-way through the intervals, shape (K, n + 1, d) [m]."""
+        """Positions of joints and tip half-way through the intervals, shape (K, n + 1, d) [m]."""
         # From the mean bends, not the mean of the positions: links keep their length during the motion.
         return self.space.arm.joint_positions_at(self.space.configurations(self.unknowns_at(0.5)))
 
     # ------------------------------------------------------------ at the times of rows
     @property
     def _between(self) -> FloatArray:
-        """Unknowns at the times between keyframes, shape (K, m − 1, p)."""
+        """Unknowns at the ends of the parts inside the intervals, shape (K, m − 1, p)."""
         return np.stack([self.unknowns_at(part / self.parts) for part in range(1, self.parts)], axis=1)
 
     def _interleaved(self, at_keyframes: FloatArray, between: FloatArray) -> FloatArray:
-        """Return values at the times of rows from those at keyframes, (K + 1, ...), and between, (K (m − 1), ...)."""
+        """Return values at all times of rows, (K m + 1, ...), in order.
+
+        Args:
+            at_keyframes: values at the keyframes, shape (K + 1, ...).
+            between: values at the times between keyframes, shape (K (m − 1), ...).
+        """
         inner = between.reshape(self.intervals, self.parts - 1, *at_keyframes.shape[1:])
         parts = np.concatenate((at_keyframes[:-1, None], inner), axis=1)
         return np.concatenate((parts.reshape(-1, *at_keyframes.shape[1:]), at_keyframes[-1:]))
 
     @cached_property
     def timed_joints(self) -> FloatArray:
-        """Joints and tip at the times of rows, shape (K m + 1, n + 1, d) [m]."""
+        """Positions of joints and tip at all times of rows, shape (K m + 1, n + 1, d) [m]."""
         if self.parts == 1:
             return self.joints
         between = self._between.reshape(-1, self.unknowns.shape[1])
@@ -125,7 +134,7 @@ class Sweep:
 
     @cached_property
     def timed_points(self) -> FloatArray:
-        """All points at the times of rows, shape (K m + 1, n + 3, d) [m]."""
+        """Positions of joints, tip, end of the mount and fixed point at all times of rows, (K m + 1, n + 3, d) [m]."""
         return self.points if self.parts == 1 else self._with_marks(self.timed_joints)
 
     @cached_property
@@ -139,48 +148,54 @@ class Sweep:
 
     @property
     def half_way(self) -> FloatArray:
-        """All points half-way through the intervals, shape (K, n + 3, d) [m]."""
+        """Positions of joints, tip, end of the mount and fixed point half-way through intervals, (K, n + 3, d) [m]."""
         return self._with_marks(self.middles)
 
     @cached_property
     def halfway_off(self) -> FloatArray:
-        """Offset of the half-way points from the mean of the interval's ends, shape (K, n + 3, d) [m]."""
+        """Positions half-way through the intervals minus the mean of those at the ends, shape (K, n + 3, d) [m]."""
         return np.asarray(self.half_way - 0.5 * (self.points[:-1] + self.points[1:]))
 
     def _with_marks(self, joints: FloatArray) -> FloatArray:
-        """Return values at the joints with two more appended: at the mount's end, and 0 for the fixed point.
+        """Return values at joints and tip, (..., n + 1, ...), extended by those at the mount's end and fixed point.
 
-        The value at the mount's end is linear between the joints of its link.
+        The joints are along the second axis. The value at the end of the mount is interpolated between the joints of
+        its link, that of the fixed point is 0.
         """
         link, share = self.space.arm.mount_end
         at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
         return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return a bound on how far the points of rows may leave their chord, shape (m,) [m].
+        """Return bounds on how far the points of m rows leave the straight line over the interval, shape (m,) [m].
 
-        The bound is 0 where the rows account for the deviation themselves.
+        The bound is 0 if the rows account for the deviation themselves.
         """
         del rows
         return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return derivatives of the deviation with respect to the change of unknowns in the interval, (m, p) [m]."""
+        """Return the derivatives of ``deviation`` by the change of the unknowns over the interval, (m, p) [m]."""
         del rows
         return 0.0
 
     def lost(self, rows: "IntervalRows") -> FloatArray:
-        """Return the excess ≥ 0 of n·(P_a − P_b) half-way over the mean of its end values, shape (m,) [m].
+        """Return by how much n·(P_a − P_b) of rows half-way exceeds the mean of its values at the ends, (m,) [m].
 
-        The excess is 0 where the bound on the deviation covers it.
+        The excess is at least 0; it is 0 if the bound on the deviation covers it.
         """
         way = self.halfway_off[rows.interval, rows.plus] - self.halfway_off[rows.interval, rows.minus]
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
 
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
-        """Return the second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
+        """Return the convex second derivatives of Σ λ g + pull·tip over the rows g, or None if they are not computed.
 
-        The result is None where second derivatives are not computed: in space they couple all links to each other.
+        They are not computed in space, where they couple all links to each other.
+
+        Args:
+            rows: the rows.
+            multipliers: multipliers λ of the rows, shape (m,).
+            pull: multipliers of the tip's position at the goal, shape (d,).
         """
         del rows, multipliers, pull
         return None
@@ -188,17 +203,17 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class IntervalRows:
-    """Rows g ≤ 0 over a motion; all arrays have length m.
+    """Linearised contact constraints (rows) g = n·(P_a − P_b) + deviation + c ≤ 0 over a motion, m of them.
 
     Attributes:
-        interval: index k of the interval of each row.
-        share: time of the row as a fraction of the interval: 0 at its start, 1 at its end.
-        plus: index a of the point with positive sign.
-        minus: index b of the point with negative sign; ``STILL`` for a wall.
-        high: index of the joint up to which the deviation counts.
-        low: index of the joint from which on the deviation counts.
+        interval: index k of the interval of each row, shape (m,).
+        share: time of each row as a fraction of its interval, from 0 to 1, shape (m,).
+        plus: index a of the point with positive sign, shape (m,).
+        minus: index b of the point with negative sign, shape (m,); ``STILL`` for a wall.
+        high: index of the joint up to which the deviation counts, shape (m,).
+        low: index of the joint from which on the deviation counts, shape (m,).
         normal: direction n, shape (m, d).
-        constant: constant c of the row [m].
+        constant: constant c, shape (m,) [m].
     """
 
     interval: IntArray
@@ -218,7 +233,10 @@ class IntervalRows:
         return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def part(self, sweep: Sweep) -> IntArray:
-        """Return the index of the part of the motion that ends at each row's time, or begins at a start, shape (m,)."""
+        """Return the index of the part of the motion to which each row belongs, which ends at the row's time, (m,).
+
+        A row at the start of an interval belongs to the part that begins there.
+        """
         return np.asarray(np.maximum(self._time(sweep) - 1, sweep.parts * self.interval))
 
     @property
@@ -227,19 +245,19 @@ class IntervalRows:
         return np.asarray(self.minus == STILL)
 
     def values(self, sweep: Sweep) -> FloatArray:
-        """Return the value of every row, shape (m,) [m]."""
+        """Return the values g of the rows in a motion, shape (m,) [m]; positive if violated."""
         time = self._time(sweep)
         apart = sweep.timed_points[time, self.plus] - sweep.timed_points[time, self.minus]
         return np.asarray(np.einsum("md,md->m", self.normal, apart) + sweep.deviation(self) + self.constant)
 
     def _time(self, sweep: Sweep) -> IntArray:
-        """Return the index of each row's time, shape (m,)."""
+        """Return the index of the time of each row among all times of rows of a motion, shape (m,)."""
         return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Return derivatives with respect to the unknowns at the start and end of the row's interval, each (m, p)."""
-        # A change at either keyframe moves the points by its share, and alters the change over the interval, and so the
-        # deviation, with opposite signs.
+        """Return the derivatives of the rows by the unknowns at the start and at the end of their interval, (m, p)."""
+        # A change at either keyframe moves the points by a fraction of it, and alters the change over the interval, and
+        # so the deviation, with opposite signs.
         time = self._time(sweep)
         apart = sweep.timed_moving[time, self.plus]
         pairs = np.flatnonzero(self.minus != STILL)
@@ -251,19 +269,21 @@ class IntervalRows:
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """Return the rows of several sets, concatenated."""
+    """Return several sets of rows concatenated to one."""
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )
 
 
 def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
-    """Return the rows that keep distant links apart, along the closest direction half-way through the interval.
+    """Return the rows that keep pairs of distant links of an arm apart over the intervals of a motion.
+
+    The direction of a row is that between the closest points half-way through the interval.
 
     Args:
         sweep: the motion.
         margin: gap to keep beyond two radii, where the links in between allow that gap [m].
-        reach: pairs with a gap above this are left out [m].
+        reach: gap above which pairs are left out [m].
     """
     arm = sweep.space.arm
     far = reach + 2.0 * arm.radius
@@ -296,12 +316,12 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
 
 
 def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
-    """Return the indices of the tightest rows: one per interval, time, group of neighbouring joints and direction.
+    """Return the indices of the tightest rows, one per interval, time, group of neighbouring joints and direction.
 
     Args:
-        rows: the rows.
+        rows: the rows, m of them.
         values: values of the rows, shape (m,).
-        group: number of joints in a group.
+        group: number of neighbouring joints in a group.
     """
     keys = (
         rows.share,
@@ -320,7 +340,7 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntAr
 
 
 def _directions(normal: FloatArray) -> IntArray:
-    """Return the index of the direction class of each normal, shape (m,)."""
+    """Return the index of the sector of directions to which each normal (m, d) belongs, shape (m,)."""
     if normal.shape[1] == 2:
         sector = np.floor(np.arctan2(normal[:, 1], normal[:, 0]) * _SECTORS / (2.0 * np.pi)).astype(np.intp)
         return np.asarray(sector % _SECTORS)

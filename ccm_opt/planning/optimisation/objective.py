@@ -1,13 +1,11 @@
-"""The objective of trajectory optimisation over keyframes.
-
-Nearness to walls, which is not quadratic, is ``WallNearness``.
+"""Objective of trajectory optimisation over keyframes: a quadratic part, and closeness to walls.
 
 With K intervals of equal parameter length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|², whose
 minimum has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings: the
 joints' speed and acceleration limits determine the duration.
 
-Every wall row g ≤ 0 of the motion (``interval_rows``) with −g < D adds (1 + g/D)² to a mean over intervals and links.
-Its Hessian is the Gauss–Newton one, which is convex.
+For closeness to walls, every wall row g ≤ 0 of the motion (``interval_rows``) with −g < D adds (1 + g/D)² to a mean
+over intervals and links; the Hessian of this mean is approximated by the convex one of Gauss and Newton.
 """
 
 from collections.abc import Callable
@@ -27,26 +25,26 @@ _RIDGE = 1e-8
 """Weight on changes of all unknowns, so that the metric is definite. Taste."""
 
 _SHAPE_CHANGE = 0.1
-"""Weight on changes of the curvature from keyframe to keyframe, as a share of ``_SHAPE``. Taste."""
+"""Weight on changes of the curvature from keyframe to keyframe, as a fraction of ``_SHAPE``. Taste."""
 _SECOND_HEADING = 0.1
 """Weight of the turns of the links in ``∫|q''|²``. Taste."""
 _HEADING = 1e-3
 """Weight of the turns of the links relative to the turns of the joints. Taste."""
 _UNEVENNESS = 4e-3
-"""Weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste."""
+"""Weight of ``∫|q''|²``; its root is the fraction of the motion over which corners are rounded. Taste."""
 _SHAPE = 1e-3
 """Weight of the curve's curvature and of its differences, in nominal links. Taste."""
 _BLEND = 1e-3
-"""Weight on changes of the unknown that blends in a whole-arm goal. Taste."""
+"""Weight on changes of the unknown that blends the curve's pose into a goal for the whole arm. Taste."""
 _FOLLOWING = 25.0
 """Weight of changes of the curve on which a fed arm lies, as bends of a nominal link; an arm whose curve does not
-change follows its tip. Measured on the disturbed jobs: it costs a hundredth of their duration and halves the worst
-deviation."""
+change follows its tip. Measured on jobs with disturbances: it costs a hundredth of their duration and halves the
+greatest deviation from the tip's path."""
 
 
 @dataclass(frozen=True)
 class JointSlowness:
-    """Factors of slowness of joints relative to the average joint.
+    """Factors by which joints are slower than the average joint, for a cost that represents the duration.
 
     Attributes:
         speed: ratio of the mean speed limit to that of each joint, shape (links,).
@@ -58,11 +56,11 @@ class JointSlowness:
 
     @classmethod
     def from_limits(cls, speeds: FloatArray, accelerations: FloatArray) -> "JointSlowness":
-        """Return the slowness for the limits of the joints, each of shape (links,)."""
+        """Return the slowness of joints with given speed and acceleration limits, each of shape (links,)."""
         return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
 
     def resampled(self, links: int) -> "JointSlowness":
-        """Return the slowness along an arm with another number of links."""
+        """Return the slowness interpolated along an arm of another number of links."""
         middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
         wanted = (np.arange(links) + 0.5) / links
         return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
@@ -70,14 +68,16 @@ class JointSlowness:
 
 @dataclass(frozen=True)
 class Objective:
-    """The objective ½ Σ over unknowns of all keyframes: quadratic in the coordinates, convex to first order.
+    """Quadratic objective of a motion: length, smoothness and duration of the joint path, and bending of the curve.
+
+    The objective is quadratic in coordinates and unknowns of the keyframes, and convex with coordinates linearised.
 
     Attributes:
-        curve: the map of the unknowns.
+        curve: map from p unknowns to c coordinates.
         intervals: number K of intervals.
         weights: weights of the parts.
-        slowness: slowness of the coordinates, for the weight of the duration; None when all coordinates are equal.
-        scale: factor of each coordinate, shape (c,); None when all count alike.
+        slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
+        scale: factor of each coordinate, shape (c,); None if all count alike.
     """
 
     curve: CurveUnknowns
@@ -89,7 +89,7 @@ class Objective:
     # ------------------------------------------------------------ metrics of the unknowns
     @cached_property
     def first(self) -> FloatArray:
-        """Metric of first differences between keyframes, shape (p, p)."""
+        """Weight matrix of the first differences of the unknowns between keyframes, shape (p, p)."""
         curve = self.curve
         curvature, unevenness = self._curvature_rows
         change = _SHAPE_CHANGE * _SHAPE
@@ -106,7 +106,7 @@ class Objective:
 
     @cached_property
     def second(self) -> FloatArray:
-        """Metric of second differences, shape (p, p)."""
+        """Weight matrix of the second differences of the unknowns of keyframes, shape (p, p)."""
         curve = self.curve
         metric = _SHAPE_CHANGE * _SHAPE * np.eye(len(self._ridge))
         metric += self.weights.smoothness * _SECOND_HEADING * self._share * curve.heading_metric
@@ -117,7 +117,7 @@ class Objective:
 
     @cached_property
     def shape(self) -> FloatArray:
-        """Metric of the unknowns themselves, shape (p, p)."""
+        """Weight matrix of the unknowns themselves, for the bending of the curve, shape (p, p)."""
         curvature, unevenness = self._curvature_rows
         bending = curvature.T @ curvature + unevenness.T @ unevenness
         return np.asarray(self.weights.bending * _SHAPE * bending / self.intervals)
@@ -153,7 +153,7 @@ class Objective:
         return np.asarray(self._share * (way + time) * (1.0 if self.scale is None else self.scale**2))
 
     def _turns(self, weights: FloatArray) -> FloatArray:
-        """Return the metric of an affine curve's coordinates under weights."""
+        """Return the weight matrix of the unknowns, (p, p), for weights of the squared coordinates, (c,) or ()."""
         rows = self.curve.drive_rows
         return np.asarray(rows.T @ (np.broadcast_to(weights, len(rows))[:, None] * rows))
 
@@ -164,12 +164,12 @@ class Objective:
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
-        """Rows of the curve's curvature and of its differences, in nominal links."""
+        """Derivatives of the curvature at the knots, and of its differences, by the unknowns, per nominal link."""
         return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
     # ------------------------------------------------------------ of a motion
     def value(self, sweep: Sweep) -> float:
-        """Return the objective of a motion."""
+        """Return the value of the quadratic objective for a motion."""
         value = self._of_unknowns(sweep.unknowns)
         if not self.curve.affine:
             # Homogeneous of degree two: f = ½ x · ∇f (Euler).
@@ -177,7 +177,7 @@ class Objective:
         return value
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Return the objective after a change of the unknowns, shape (K + 1, p), with linearised coordinates."""
+        """Return the objective of a motion after a change of the unknowns (K + 1, p), with coordinates linearised."""
         value = self._of_unknowns(sweep.unknowns + change)
         if not self.curve.affine:
             moved = sweep.configurations + np.einsum("kcp,kp->kc", sweep.slopes, change)
@@ -185,16 +185,19 @@ class Objective:
         return value
 
     def gradient(self, sweep: Sweep) -> FloatArray:
-        """Return the gradient with respect to the unknowns, shape (K + 1, p)."""
+        """Return the gradient of the objective with respect to the unknowns of a motion, shape (K + 1, p)."""
         gradient = self._unknown_gradient(sweep.unknowns)
         if not self.curve.affine:
             gradient += np.einsum("kcp,kc->kp", sweep.slopes, self._ties(sweep.configurations))
         return gradient
 
     def blocks(self, sweep: Sweep, k: IntArray, m: IntArray) -> FloatArray:
-        """Return the convex second derivatives with respect to the unknowns of keyframes k and m, shape (b, p, p).
+        """Return blocks of the convex Hessian of the objective with respect to the unknowns, shape (b, p, p).
 
-        The blocks are zero where |k − m| > 2.
+        Args:
+            sweep: the motion.
+            k: keyframe of the row of each block, shape (b,).
+            m: keyframe of the column of each block, shape (b,); the block is zero where |k − m| > 2.
         """
         blocks: FloatArray = (k == m)[:, None, None] * self.shape
         for order, metric in ((1, self.first), (2, self.second)):
@@ -218,11 +221,11 @@ class Objective:
 
     @property
     def _coordinate_weights(self) -> tuple[tuple[int, FloatArray], ...]:
-        """Orders of differences of the coordinates, with their weights, each of shape (c,)."""
+        """Pairs of an order of differences between keyframes, 1 or 2, and the weights of the coordinates, (c,)."""
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the gradient of the quadratic part with respect to the coordinates, shape (K + 1, c)."""
+        """Return the gradient of the part that depends on coordinates, from configurations, both (K + 1, c)."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -231,7 +234,10 @@ class Objective:
 
 
 def normalised(weights: Weights) -> Weights:
-    """Return the weights scaled so that the largest of those on turns is 1: prices and damping are tuned for that."""
+    """Return weights scaled so that the largest of path length, smoothness and duration is 1.
+
+    Prices and damping of the optimisation are tuned for this scale.
+    """
     largest = max(weights.path_length, weights.smoothness, weights.duration)
     scale = largest if largest > 0.0 else 1.0
     return Weights(**{name: value / scale for name, value in asdict(weights).items()})
@@ -239,7 +245,7 @@ def normalised(weights: Weights) -> Weights:
 
 @lru_cache(maxsize=8)
 def _differences(intervals: int, order: int) -> FloatArray:
-    """Return the matrix of differences between keyframes, shape (K + 1 − order, K + 1)."""
+    """Return the matrix of differences of an order between the keyframes of K intervals, (K + 1 − order, K + 1)."""
     return np.diff(np.eye(intervals + 1), order, axis=0)
 
 
@@ -250,21 +256,23 @@ def _normal(intervals: int, order: int) -> FloatArray:
 
 
 Failures = Callable[[FloatArray], IntArray]
-"""Returns the intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""
+"""Function from keyframes (K, p) of a piecewise-linear motion to its uncertified intervals."""
 Restored = Callable[[FloatArray], FloatArray]
-"""Moves keyframes, coordinates of shape (K, p), onto the limits; both ends stay."""
+"""Function that moves keyframes (K, p) so that they satisfy the limits; both ends are unchanged."""
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
-    """Return fewer keyframes of a certified motion with certified legs between them; legs that fail are halved.
+    """Return a subset of the keyframes of a certified motion with certified intervals in between.
+
+    Every n-th keyframe is kept at first; then intervals that are not certified are halved.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
-        failures: returns the legs that are not certified.
-        first_stride: initial stride from keyframe to keyframe of the legs.
+        failures: function that returns the intervals that are not certified.
+        first_stride: initial stride n.
 
     Returns:
-        A subset of the rows, both ends included; no leg cuts a corner, since every one is certified.
+        Coordinates at the kept keyframes, both ends included, shape (k, p).
     """
     last = len(coordinates) - 1
     kept = np.unique(np.append(np.arange(0, last, first_stride), last))
@@ -280,12 +288,12 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """Return the path with more keyframes: legs are divided into equal parts that minimise the longest part.
+    """Return a path with more keyframes, whose intervals are divided evenly such that the longest part is shortest.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
-        sizes: length of each leg, in any measure, shape (K - 1,).
-        intervals: required number of intervals; a path that already has more stays unchanged.
+        sizes: length of each interval, in any measure, shape (K - 1,).
+        intervals: required number of intervals; a path that already has more is returned unchanged.
     """
     parts = np.ones(len(sizes), dtype=np.intp)
     while parts.sum() < intervals:
@@ -302,18 +310,18 @@ def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> Fl
 def resampled(
     coordinates: FloatArray, u: FloatArray, intervals: int, failures: Failures, restored: Restored, rounds: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return keyframes of a path at nearly even steps of its parameter, moved onto the limits, with certified legs.
+    """Return keyframes of a path at nearly even path parameters, moved onto the limits, with certified intervals.
 
     Args:
-        coordinates: coordinates at the path's keyframes, shape (K, p).
-        u: their path parameters, increasing from 0 to 1, shape (K,).
-        intervals: initial number of steps; legs that fail are halved.
-        failures: returns the legs that are not certified.
-        restored: moves keyframes onto the limits.
-        rounds: number of times that legs may be halved.
+        coordinates: coordinates at the keyframes of the path, shape (K, p).
+        u: path parameters of these keyframes, increasing from 0 to 1, shape (K,).
+        intervals: initial number of intervals; those that are not certified are halved.
+        failures: function that returns the intervals that are not certified.
+        restored: function that moves keyframes onto the limits.
+        rounds: maximum number of halvings.
 
     Returns:
-        Coordinates and path parameters, or None when halving does not suffice.
+        Coordinates, shape (k, p), and path parameters, shape (k,), or None if halving does not suffice.
     """
     places = np.linspace(0.0, 1.0, intervals + 1)
     for _ in range(rounds + 1):
@@ -327,10 +335,10 @@ def resampled(
 
 @dataclass(frozen=True)
 class WallNearness:
-    """The cost of nearness to walls, from wall rows; satisfies ``MotionCost``.
+    """Cost of a motion's closeness to walls, a weighted mean of max(0, 1 + g/D)² over wall rows g ≤ 0.
 
     Attributes:
-        rows: rows of one motion, fixed while the motion's change is computed.
+        rows: wall rows of one motion, fixed while a step is computed.
         weight: weight of the cost.
         distance: distance D from walls below which rows cost [m].
         nominal_share: number of nominal links per link of the arm.
@@ -342,18 +350,18 @@ class WallNearness:
     nominal_share: float
 
     def value(self, sweep: Sweep) -> float:
-        """Return the cost of a motion."""
+        """Return the cost of a motion's closeness to walls."""
         return self._cost(self.rows.values(sweep), sweep)
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Return the cost after a change of the coordinates, shape (K + 1, p), with linearised rows."""
+        """Return the cost of a motion after a change of the unknowns, shape (K + 1, p), with linearised wall rows."""
         start, end = self.rows.slopes(sweep)
         k = self.rows.interval
         moved = np.einsum("mp,mp->m", start, change[k]) + np.einsum("mp,mp->m", end, change[k + 1])
         return self._cost(self.rows.values(sweep) + moved, sweep)
 
     def model(self, sweep: Sweep) -> Quadratic:
-        """Return the gradient and Gauss–Newton Hessian with respect to the coordinates."""
+        """Return the quadratic model of the cost at a motion: gradient and Gauss–Newton Hessian."""
         intervals = sweep.intervals
         p = sweep.unknowns.shape[1]
         k = self.rows.interval
@@ -379,7 +387,7 @@ class WallNearness:
         return self.share(sweep.intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
 
     def share(self, intervals: int) -> float:
-        """Return the factor of the sum of squares."""
+        """Return the factor of the sum of squares in the cost of a motion with a number of intervals."""
         # A mean over intervals, and over links as if there were the nominal number of them, so that the weight has the
         # same meaning for any arm.
         return self.weight * self.nominal_share / intervals

@@ -1,10 +1,10 @@
-"""Optimises a found motion: shortens it first, then increases its clearance.
+"""Optimisation of a found motion: fewer keyframes, a shorter joint path, then more clearance.
 
 A step that the certificate refuses is shortened, then damped, and slack in intervals with violations becomes more
 costly; so the motion stays in its homotopy class, and every iterate is a usable motion.
 
-A row keeps both ends of a link, over a whole interval, behind one half-space. The farther the link moves in the
-interval, the more of the available clearance that costs; keyframes closer together leave more.
+A row keeps both ends of a link, over a whole interval, in one half-space. The farther the link moves in the interval,
+the more of the available clearance is lost; keyframes closer together leave more.
 """
 
 from dataclasses import replace
@@ -22,33 +22,33 @@ from ccm_opt.planning.spline_path import at_least_four, clamped_spline, places_a
 from ccm_opt.problem import Weights
 
 _CLEARANCE_SAMPLES = 5
-"""Samples per leg between keyframes at which the clearance of a smooth path is measured. Taste."""
+"""Number of samples per interval at which the clearance of a smooth path is measured. Taste."""
 
 _GATE_INTERVALS = (40, 60, 90, 135)
-"""Numbers of intervals tried in gates with hardly any play. Taste: a play of a hundredth of a radius needs about
-sixty."""
+"""Numbers of intervals that are tried for motions through narrow gates. Taste: a clearance of a hundredth of a radius
+needs about sixty."""
 _GATE_HALVINGS = 3
-"""Number of times that legs which fail in gates may be halved. Taste."""
+"""Maximum number of times that uncertified intervals in gates are halved. Taste."""
 _WORTH_MANY = 0.05
-"""Share of its length by which steps with many keyframes have to shorten a motion for more such steps. Taste."""
+"""Fraction of its length by which steps with many keyframes have to shorten a motion for further such steps. Taste."""
 _COUNTED_ROUNDS = 2
-"""Number of rounds that these steps count as. Measured: with 5, six crooked motions among clutter lasted 2 % longer
-in the median."""
+"""Number of rounds as which a series of steps with many keyframes counts. Measured: with 5, six crooked motions among
+clutter lasted 2 % longer in the median."""
 _KEPT_SHARE = 0.8
-"""Share of its gap that a motion keeps when it is thinned. Taste."""
+"""Fraction of its gap that a motion keeps when keyframes are removed. Taste."""
 _FINER_LACK = 0.1
-"""Share of the wanted gap above which a motion that lacks more is optimised again with more keyframes. Measured in
-pipes and wing boxes with few links: seven in ten of those reach all the clearance available."""
+"""Lack of clearance, as a fraction of the preferred gap, above which a motion is optimised again with more keyframes.
+Measured in pipes and wing boxes with few links: seven in ten of those reach all the clearance available."""
 _FINER_PRICE = 400.0
-"""Initial price of slack in that optimisation."""
+"""Initial price of slack in the optimisation with more keyframes."""
 _MANY = 1.5
-"""Number of intervals that counts as many, as a multiple of the intervals wanted. Taste."""
+"""Number of intervals that counts as many, as a multiple of the desired number. Taste."""
 _FINER = 2.2
 """Factor of the number of intervals where a motion lacks clearance. Measured: of 18 motions among clutter that
-lacked it, few gained much with as many as before, some with half as many more, most with this."""
+lacked clearance, few gained much with factor 1, several with 1.5, most with this factor."""
 
 _MOVED_ROUNDS = 24
-"""Most steps where keyframes have to be moved onto limits. Taste."""
+"""Maximum number of steps where keyframes have to be moved onto limits. Taste."""
 _MOST_INTERVALS = 60
 """Number of intervals above which a motion that no step moves is not subdivided further. Taste."""
 
@@ -56,29 +56,29 @@ _MOST_INTERVALS = 60
 def optimise(
     motion: CurveMotion[Any], task: SearchTask, margin: float | None = None, rounds: int | None = None
 ) -> CurveMotion[Any]:
-    """Shorten a certified motion without leaving its homotopy class.
+    """Return a motion with a shorter joint path and few keyframes in the homotopy class of a given motion.
 
     Args:
-        motion: piecewise linear in its unknowns, certified; its keyframes meet all equations.
-        task: arm, workspace, goal, limits and deadline.
-        margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default when None.
-        rounds: maximum number of steps; that of the settings when None.
+        motion: certified motion, piecewise linear in its unknowns, whose keyframes satisfy all equations.
+        task: arm, workspace, goal, limits, weights and deadline.
+        margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+        rounds: maximum number of steps; that of the settings if None.
 
     Returns:
-        The last certified motion: with a shorter joint path (or better by the task's weights) and few keyframes, with
-        the same start; the given motion when nothing shorter was found.
+        The certified motion of the last step, with the start of the given motion and a shorter joint path (or better by
+        the task's weights); the given motion if none was found.
     """
     if task.optimiser == "none" or len(motion.unknowns) < 2 or task.deadline.passed():
         return motion
     whole = task.program(motion, margin)
     optimised = (_optimised_on_limits if task.user_limits else _optimised)(motion, task, whole, rounds)
     if not motion.curve.affine:
-        # The bends of a fed arm are not linear between keyframes: others may have come in between.
+        # The bends of a fed arm are not linear between keyframes: further configurations may have come in between.
         if len(whole.failures(optimised.unknowns)) > 0:
             return motion
         in_between = motion.curve.configurations(motion.curve.in_pieces(optimised.unknowns))
         return replace(optimised, configurations=in_between)
-    # With default weights the objective is close to the length but not equal to it; other weights may ask for a longer
+    # With default weights the objective is close to the length but not equal to it; other weights may prefer a longer
     # path.
     plain = task.weights == Weights() and task.wanted_gap == 0.0 and not task.user_limits
     return optimised if not plain or optimised.travel < motion.travel else motion
@@ -87,9 +87,16 @@ def optimise(
 def _optimised_on_limits(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
 ) -> CurveMotion[Any]:
-    """Return the motion optimised through keyframes that limits have moved.
+    """Return a motion optimised under the user's limits, through keyframes that have been moved onto the limits.
 
-    Returns the given motion when no optimised motion can be certified.
+    Args:
+        motion: certified motion.
+        task: task of the motion.
+        whole: optimisation problem of the motion.
+        rounds: maximum number of steps, scaled as for a motion without user limits; that of the settings if None.
+
+    Returns:
+        The optimised motion; the given motion if none can be certified.
     """
     settings = task.settings.optimisation
     taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
@@ -108,10 +115,16 @@ def _optimised_on_limits(
 def _optimised(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
 ) -> CurveMotion[Any]:
-    """Return the motion optimised with few keyframes.
+    """Return a motion optimised with as few keyframes as can be certified.
 
     A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after several rounds
-    the motion is thinned again, if possible.
+    keyframes are removed again, if possible.
+
+    Args:
+        motion: certified motion.
+        task: task of the motion.
+        whole: optimisation problem of the motion.
+        rounds: maximum number of steps; that of the settings if None.
     """
     settings = task.settings.optimisation
     left = settings.rounds if rounds is None else rounds
@@ -126,7 +139,7 @@ def _optimised(
         if not many:
             continue
         stuck = np.array_equal(motion.unknowns, before)
-        # Thinning must not bring a motion that has gained clearance back to the walls.
+        # Removing keyframes must not bring a motion that has gained clearance back to the walls.
         keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.configurations))
         if len(keyframes) - 1 <= _MANY * settings.intervals:
             continue
@@ -140,7 +153,13 @@ def _optimised(
 
 
 def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> tuple[FloatArray, FloatArray]:
-    """Return unknowns at keyframes for ``times`` as many, nearly even intervals, and their path parameters."""
+    """Return the unknowns (K + 1, p) and path parameters (K + 1,) of a motion with more, nearly even intervals.
+
+    Args:
+        motion: the motion.
+        whole: optimisation problem, which measures the lengths of intervals.
+        times: factor of the number of intervals.
+    """
     ways = whole.ways(motion.unknowns)
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
     keyframes = subdivided(labelled, ways, int(np.ceil(times * len(ways))))
@@ -150,7 +169,16 @@ def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> 
 def _few_keyframes(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], gap: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return keyframes and path parameters: the motion's own if there are few, else fewer with a certified gap [m]."""
+    """Return few certified keyframes of a motion, unknowns (K + 1, p) and path parameters (K + 1,).
+
+    They are the motion's own if these are few.
+
+    Args:
+        motion: certified motion.
+        task: task of the motion.
+        whole: optimisation problem of the motion.
+        gap: gap beyond contact that intervals between few keyframes have to keep [m].
+    """
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
@@ -160,10 +188,10 @@ def _few_keyframes(
 
 
 def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[FloatArray, FloatArray]:
-    """Return few certified keyframes centred in gates, or the motion's own keyframes, with their path parameters.
+    """Return few certified keyframes of a motion through narrow gates, unknowns and path parameters.
 
-    Straight legs between poses in a gate leave its middle in proportion to the square of their
-    turn, so thinned keyframes are restored.
+    The motion's own keyframes are returned if fewer cannot be certified. Intervals between poses in a gate deviate from
+    the middle of the gate by the square of their turn, so keyframes are moved back to the middle.
     """
     u = motion.path_parameters
     restored = replace(whole, u=u).restored
@@ -175,14 +203,14 @@ def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[
 
 
 def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
-    """Return whether a motion's keyframes keep the user's limits, and the motion is certified between them."""
+    """Return whether the keyframes of a motion satisfy the user's limits and the motion in between is certified."""
     if not task.user_limits:
         return True  # every motion in planning is certified
     return _certified(replace(task.program(motion), u=motion.path_parameters), motion.unknowns)
 
 
 def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
-    """Return whether keyframes, shape (K + 1, p), and the motion between them keep every limit."""
+    """Return whether keyframes, shape (K + 1, p), and the motion between them satisfy every limit of a problem."""
     sweep = program.sweep(unknowns)
     return program.feasible(sweep, sweep) and len(program.failures(unknowns)) == 0
 
@@ -190,13 +218,16 @@ def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
 def thinned(
     motion: CurveMotion[Any], task: SearchTask, intervals: int | None = None, gap: float = -np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """Return unknowns at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
+    """Return few keyframes of a motion with certified intervals in between.
 
     Args:
         motion: certified motion.
-        task: task of the motion.
-        intervals: minimum number of intervals; that of the settings when None.
-        gap: gap beyond contact that legs have to keep, where larger than the default [m].
+        task: task of the motion, which may require certain keyframes.
+        intervals: minimum number of intervals; that of the settings if None.
+        gap: gap beyond contact that intervals have to keep, if larger than the default [m].
+
+    Returns:
+        Unknowns at the keyframes, shape (K + 1, p), and their path parameters, shape (K + 1,).
     """
     settings = task.settings.optimisation
     intervals = settings.intervals if intervals is None else intervals
@@ -227,15 +258,16 @@ def thinned(
 def with_more_room(
     motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
 ) -> CurveMotion[Any]:
-    """Return an optimised motion or, where it lacks clearance, the better of this motion and one with more keyframes.
+    """Return a motion with more clearance where an optimised motion falls short of the preferred gap.
 
-    The motion with more keyframes is optimised with a higher price of missing clearance.
+    A second motion is optimised with more keyframes and a higher price of missing clearance; the one of the two that
+    lacks less clearance is returned.
 
     Args:
-        motion: optimised motion, certified.
-        begun: certified motion from which the motion with more keyframes is optimised.
+        motion: optimised, certified motion.
+        begun: certified motion from which the second motion is optimised.
         task: task of the motions.
-        margin: gap that rows of the optimisation demand, see ``optimise``.
+        margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
     """
     # In the middle of a gate with hardly any play, no more clearance is possible.
     if task.wanted_gap == 0.0 or task.optimiser == "none" or motion.u is not None or task.program(motion).yielding:
@@ -252,7 +284,7 @@ def with_more_room(
 
 
 def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
-    """Return by how much more the smooth path falls short of the preferred gap on its way than at its ends [m]."""
+    """Return the largest shortfall of a motion's smooth path from the preferred gap, less that at its ends [m]."""
     control = at_least_four(motion.unknowns)
     unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
     lacking = task.room_lacking(motion.curve.configurations(unknowns))

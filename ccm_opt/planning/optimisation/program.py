@@ -1,8 +1,8 @@
-"""One step of the sequential convex programming: a block-banded sparse QP over all keyframes, solved by PIQP.
+"""Quadratic program of one step of trajectory optimisation, block-banded and sparse over all keyframes, solved by PIQP.
 
-Its variables are the changes of the unknowns of keyframes 1..K, and one slack for each interval. Rows are linearised;
-their curvature, weighted by the multipliers of the previous step, is in the Hessian where the sweep provides it and it
-is convex.
+Variables are the changes of the unknowns of keyframes 1..K, and one slack for each part of an interval. Constraint rows
+are linearised; the convex part of their second derivatives, weighted by the multipliers of the previous step, is in the
+Hessian where the motion provides it.
 """
 
 from dataclasses import dataclass
@@ -19,35 +19,37 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvatu
 from ccm_opt.planning.optimisation.objective import Objective
 
 _DAMPING_RIDGE = 1e-3
-"""Damping of unknowns in addition to that of the turns. Taste."""
+"""Damping of the unknowns relative to that of the link turns, added to it. Taste."""
 _SLACK_CURVATURE = 1e-6
 """Curvature of slack, so that the Hessian is definite. Taste."""
 
 _QP_TOLERANCE = 1e-5
 """Tolerance of the QP's solution. Taste."""
 _QP_GAP = 1e-3
-"""Absolute duality gap of the QP's solution; the relative one is a tenth of it. Taste."""
+"""Absolute duality gap of the QP's solution; the relative gap is a tenth. Taste."""
 _QP_ITERATIONS = 60
-"""Most iterations of the QP. Taste."""
+"""Maximum number of iterations of the QP solver. Taste."""
 _MANY_ROWS = 2000
-"""Number of rows above which the QP is solved with the tightest of them first. Taste: one of so many takes as long as
-its matrices."""
+"""Number of rows above which the QP is solved with the tightest rows first. Taste: with as many rows, solving takes as
+long as building the matrices."""
 _TIGHTEST = 30
-"""Rows of each interval, and of each keyframe, that enter the QP at a time where there are many. Measured in pipes: of
-10,000 rows 100 to 200 decide; with 30 at a time three QPs with 1000 to 2000 rows take a quarter of the time of one."""
+"""Number of rows of each interval, and of each keyframe, that enter the QP at a time if there are many. Measured in
+pipes: of 10,000 rows 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000 rows take a quarter of the
+time of one QP with all rows."""
 _VIOLATED = 1e-3
-"""Violation above which a row that was left out enters the QP [u, rad]. Taste: a hundredth of the usual gap."""
+"""Violation above which a row that was left out enters the QP [nominal links, rad]. Taste: a hundredth of the usual
+gap."""
 
 
 @dataclass(frozen=True)
 class QuadraticStep:
-    """Solution of the QP of one step.
+    """Solution of the QP of one optimisation step.
 
     Attributes:
         change: change of the unknowns of all keyframes, shape (K + 1, p); 0 for the first.
-        slack: slack of the parts of intervals, in nominal links, shape (K m,).
-        multipliers: multipliers of the rows, at least 0, shape (m,) [1/m].
-        pull: multipliers of the tip's position, shape (d,) [1/m]; 0 when the last keyframe is fixed.
+        slack: slack of every part of every interval, in nominal links, shape (parts,).
+        multipliers: multipliers of the interval rows in the QP, at least 0, shape (rows,) [1/m].
+        pull: multipliers of the tip's position at the goal, shape (d,) [1/m]; 0 if the last keyframe is fixed.
     """
 
     change: FloatArray
@@ -58,16 +60,16 @@ class QuadraticStep:
 
 @dataclass(frozen=True)
 class LinearMotion:
-    """A motion linearised for one step.
+    """Motion with objective and constraints linearised for one optimisation step.
 
     Attributes:
         sweep: the motion.
-        objective: the quadratic objective.
+        objective: quadratic objective.
         costs: further costs of the motion.
-        rows: all rows that the motion has to keep.
-        active: the rows that a step may reach.
-        keyframe_rows: rows on single keyframes, which have to hold.
-        equations: equations on single keyframes, which have to hold.
+        rows: all linearised constraints over intervals.
+        active: the rows over intervals that the step may reach.
+        keyframe_rows: inequalities on single keyframes, without slack.
+        equations: equations on single keyframes.
         end_rows: rows that hold the last keyframe, or the tip at its goal with the position first, shape (r, p).
         end_fixed: whether the last keyframe is fixed.
         unit: length of a nominal link, by which rows are scaled [m].
@@ -85,16 +87,16 @@ class LinearMotion:
     unit: float
 
     def cost(self, sweep: Sweep) -> float:
-        """Return the objective and all costs of a motion."""
+        """Return the objective plus all further costs of a motion."""
         return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
 
     def foreseen_cost(self, change: FloatArray) -> float:
-        """Return the QP's model of the cost after a change of the unknowns, shape (K + 1, p)."""
+        """Return the cost that the QP's model predicts after a change of the unknowns, shape (K + 1, p)."""
         value = self.objective.foreseen(self.sweep, change)
         return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
-        """Return the largest row violation ≥ 0 in every part of the motion's intervals, shape (K m,) [m]."""
+        """Return the largest violation of rows, at least 0, in every part of a motion's intervals, (parts,) [m]."""
         # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
         worst = np.zeros(sweep.intervals * sweep.parts)
         np.maximum.at(worst, self.rows.part(sweep), self.rows.values(sweep))
@@ -102,19 +104,19 @@ class LinearMotion:
 
     @cached_property
     def cost_models(self) -> tuple[Quadratic, ...]:
-        """Quadratic models of the costs."""
+        """Quadratic models of the further costs at the motion."""
         return tuple(cost.model(self.sweep) for cost in self.costs)
 
 
 @dataclass(frozen=True)
 class KeyframeProgram:
-    """The QP of one step.
+    """Quadratic program for one optimisation step of a motion with K intervals.
 
     Attributes:
-        motion: linearised motion to step from.
-        prices: price of one nominal link of slack in each part of an interval, shape (K m,).
-        curvature: curvature of the rows; None where it is not known.
-        damping: weight on the squared turns of the links.
+        motion: linearised motion from which the step starts.
+        prices: price of one nominal link of slack in each part of each interval, shape (parts,).
+        curvature: second derivatives of the weighted rows; None if they are not known.
+        damping: weight on the squared turns of the links in the step.
     """
 
     motion: LinearMotion
@@ -128,11 +130,11 @@ class KeyframeProgram:
 
     @property
     def width(self) -> int:
-        """Number of variables of one stage, which has the unknowns of a keyframe and the slack before the keyframe."""
+        """Number of QP variables per stage: the unknowns of a keyframe and the slack of the interval before it."""
         return int(self.motion.sweep.unknowns.shape[1]) + self.motion.sweep.parts
 
     def solve(self) -> QuadraticStep | None:
-        """Return the solution of the QP; None where the solver fails."""
+        """Return the solution of the QP, or None if the solver fails."""
         p = self.width - self.motion.sweep.parts
         motion = self.motion
         result, multipliers = self._solved()
@@ -146,9 +148,10 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the solver's result, or None where it fails, and the multipliers of all upper bounds.
+        """Return the result of PIQP, or None if it fails, and the multipliers of the upper bounds of all rows.
 
-        Where there are many rows, the tightest enter first, then rows that a solution violates, until none is violated.
+        If there are many rows, the tightest enter the QP first, then rows that the solution violates, until no row is
+        violated.
         """
         matrix, lower, upper = self.inequalities()
         stage = np.concatenate((self.motion.active.interval, *(r.keyframe for r in self.motion.keyframe_rows)))
@@ -175,7 +178,7 @@ class KeyframeProgram:
             entered = np.union1d(entered, violated[_largest(excess[violated], stage[violated], _TIGHTEST)])
 
     def hessian(self) -> Any:
-        """Return the Hessian, block-banded, shape (K width, K width)."""
+        """Return the Hessian of the QP, sparse and block-banded, shape (K width, K width)."""
         intervals = self._intervals
         p = self.width - self.motion.sweep.parts
         k, m = _block_places(intervals)
@@ -198,7 +201,7 @@ class KeyframeProgram:
         return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
 
     def _diagonal(self) -> FloatArray:
-        """Return the diagonal blocks of the damping and of the curvature of rows and costs, shape (K + 1, p, p)."""
+        """Return the diagonal Hessian blocks of damping, rows and further costs, shape (K + 1, p, p)."""
         # Levenberg–Marquardt damping, measured in turns of the links: it damps motion of the arm, not large unknowns.
         diagonal = self.damping * (
             self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - self.motion.sweep.parts)
@@ -212,20 +215,20 @@ class KeyframeProgram:
         return diagonal
 
     def gradient(self) -> FloatArray:
-        """Return the gradient, shape (K width,)."""
+        """Return the gradient of the QP's objective, shape (K width,)."""
         gradient = self.motion.objective.gradient(self.motion.sweep)
         for model in self.motion.cost_models:
             gradient = gradient + model.gradient
         return np.column_stack((gradient[1:], self.prices.reshape(self._intervals, -1))).ravel()
 
     def lower_bounds(self) -> FloatArray:
-        """Return the lower bounds, shape (K width,): 0 for slack, none for the unknowns."""
+        """Return the lower bounds of the QP's variables, 0 for slack and none for the unknowns, shape (K width,)."""
         bounds = np.full((self._intervals, self.width), -UNBOUNDED)
         bounds[:, -self.motion.sweep.parts :] = 0.0
         return bounds.ravel()
 
     def equations(self) -> Any:
-        """Return the rows that hold the last keyframe, or its tip at the goal, and the equations of other keyframes."""
+        """Return the matrix of the QP's equations: the end of the motion, and equations of single keyframes."""
         # Right-hand sides are 0: the last keyframe is already on the goal, and a step only has to keep it there to
         # first order.
         end = self.motion.end_rows
@@ -237,14 +240,22 @@ class KeyframeProgram:
         return sp.vstack(parts).tocsc()
 
     def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
-        """Return the rows of single keyframes after the first as a sparse matrix, each slope of shape (p,)."""
+        """Return rows on single keyframes as a sparse matrix over all QP variables, shape (m, K width).
+
+        Args:
+            keyframe: index of the keyframe of each row, at least 1, shape (m,).
+            slopes: derivatives with respect to the unknowns of the keyframe, shape (m, p).
+        """
         count, p = slopes.shape
         row = np.repeat(np.arange(count), p)
         column = ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Return the matrix and bounds of the interval rows, less their slack, and of the keyframe rows."""
+        """Return the matrix, lower bounds and upper bounds of the QP's inequalities, interval rows before others.
+
+        Interval rows include their slack.
+        """
         active = self.motion.active
         data, row, column = self._row_entries()
         m = len(active)
@@ -258,7 +269,7 @@ class KeyframeProgram:
         return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
 
     def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return the entries of the linearised rows as (data, row, column).
+        """Return the nonzero entries of the interval rows as (data, row, column) of a sparse matrix.
 
         The first keyframe is fixed and has no columns.
         """
@@ -285,14 +296,23 @@ class KeyframeProgram:
 
 @lru_cache(maxsize=8)
 def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Return block rows and columns, from 1, of the Hessian; second differences couple keyframes up to two apart."""
+    """Return the block rows and columns, counted from 1, of the nonzero Hessian blocks for a number of intervals.
+
+    Second differences couple keyframes up to two apart.
+    """
     row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
     near = np.abs(row - column) <= 2
     return row[near], column[near]
 
 
 def _largest(values: FloatArray, group: IntArray, most: int) -> IntArray:
-    """Return the indices of the largest values, at most ``most`` per group; both arrays have the shape (m,)."""
+    """Return the sorted indices of the largest values, at most ``most`` per group.
+
+    Args:
+        values: the values, shape (m,).
+        group: index of the group of each value, shape (m,).
+        most: maximum number per group.
+    """
     order = np.lexsort((-values, group))
     ordered = group[order]
     place = np.arange(len(group)) - np.searchsorted(ordered, ordered)
@@ -308,7 +328,10 @@ def _solve(
     upper: FloatArray,
     least: FloatArray,
 ) -> Any:
-    """Solve min ½ xᵀHx + gᵀx, equal x = 0, lower ≤ matrix x ≤ upper, x ≥ least; None where the solver raises."""
+    """Return PIQP's result for min ½ xᵀHx + gᵀx with equal x = 0, lower ≤ matrix x ≤ upper and x ≥ least.
+
+    The result is None if the solver raises an error.
+    """
     try:
         solver = piqp.SparseSolver()
         _set(solver.settings)
@@ -321,7 +344,7 @@ def _solve(
 
 
 def _set(settings: Any) -> None:
-    """Apply the tolerances and options of this module to the solver's settings."""
+    """Set the tolerances and options of this module in the settings of a PIQP solver."""
     settings.verbose = False
     # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage

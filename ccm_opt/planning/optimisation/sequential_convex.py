@@ -1,7 +1,8 @@
-"""Sequential convex programming over all keyframes: linearised rows, with wall-free regions renewed at every step.
+"""Trajectory optimisation over all keyframes by sequential convex programming, with free regions renewed at every step.
 
-Every iterate is certified: a step that the certificate refuses is shortened, then damped, and slack in intervals with
-violations becomes more costly. So the motion stays in its homotopy class, and every result is a usable motion.
+Constraints are linearised rows. Every iterate is certified: a step that the certificate refuses is shortened, then
+damped, and slack in intervals with violations becomes more costly. So the motion stays in its homotopy class, and every
+result is a usable motion.
 """
 
 from collections.abc import Callable
@@ -25,10 +26,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 SweepType = TypeVar("SweepType", bound=Sweep)
-"""Type of a program's sweep."""
+"""Type of a program's motion."""
 
 _LACK = 0.03
-"""Share of the wanted gap that an interval may lack without its slack becoming more costly. Taste."""
+"""Fraction of the preferred gap that an interval may lack without its slack becoming more costly. Taste."""
 _LACK_RISE = 2.0
 """Factor of the price of slack per step where an interval lacks clearance. Taste."""
 _PRICE_RISE = 4.0
@@ -40,61 +41,62 @@ _REFUSED_GROWTH = 6.0
 _SHORTENED_GROWTH = 2.0
 """Factor of the damping after a shortened step. Taste."""
 _TRIES = 6
-"""QPs of one round before the round is given up. Taste."""
+"""Maximum number of QPs that are solved for one accepted step. Taste."""
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
-"""Shares of a step that are tried until one is certified. Taste."""
+"""Fractions of a step that are tried until one is certified. Taste."""
 _SUFFICIENT = 0.1
-"""Share of the predicted gain above which a step is accepted. Taste."""
+"""Fraction of the predicted gain above which a step is accepted. Taste."""
 _WORTH_AFRESH = 0.1
-"""Share of the objective that has to be gained before prices and damping that let nothing move are reset. Taste."""
+"""Fraction of the objective that has to be gained before prices and damping that let nothing move are reset. Taste."""
 
 _SEEN_AT_MANY = 0.5
 """Factor, with many keyframes, of the distance from their bound within which rows enter the QP. Measured: among 300
-and 1000 polygons the same motions in three quarters of the time."""
+and 1000 polygons equal motions in three quarters of the time."""
 _WALL_DISTANCE = 0.03
-"""Distance beyond the planning margin above which walls cost nothing where clearance is weighted, as a share of the
+"""Distance beyond the planning margin above which walls cost nothing where clearance is weighted, as a fraction of the
 arm's length. Taste."""
 _YIELDINGS = 6
-"""Number of times that, in gates, keyframes near intervals that are not certified reduce their share of a step.
+"""Maximum number of times that, in gates, keyframes near uncertified intervals reduce their fraction of a step.
 Taste."""
 _YIELDING_REACH = 4.0
-"""Number of keyframes on either side that reduce their share as well, less and less. Taste."""
+"""Number of keyframes on either side of an uncertified interval that reduce their fraction too, by less with the
+distance. Taste."""
 _YIELDING_SHARE = 0.4
-"""Share of its part of the step that such a keyframe keeps each time. Taste."""
+"""Factor of the fraction of a step at a keyframe next to an uncertified interval, each time. Taste."""
 _RAISED_DAMPING = 0.05
-"""Least damping to which the growth after a refused or shortened step is applied. Taste."""
+"""Damping from which growth after a refused or shortened step starts at least. Taste."""
 _GOOD_SHRINKAGE = 3.0
 """Divisor of the damping after a good step. Taste."""
 _LEAST_DAMPING = 1e-4
-"""Least damping. Taste."""
+"""Lower bound of the damping. Taste."""
 _GOOD = 0.6
-"""Share of the predicted gain above which a step is good. Taste."""
+"""Fraction of the predicted gain above which a step counts as good. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionProgram(Generic[SweepType]):
-    """A motion to be optimised; the program stacks the contributions of the limits without knowing their kinds.
+    """Optimisation problem of a motion with K intervals: limits, goal and weights of the objective.
 
     Attributes:
-        curve: the map of its unknowns.
-        sweep: builds the motion through keyframes, shape (K + 1, p).
+        curve: map from p unknowns of a curve to configurations.
+        sweep: function that builds the motion through keyframes, shape (K + 1, p).
         limits: all limits that the motion has to satisfy.
-        failures: returns the uncertified intervals of a motion from its keyframes, shape (K + 1, p).
+        failures: function that returns the uncertified intervals of a motion from its keyframes, shape (K + 1, p).
         goal: goal of the tip; None where the last keyframe is fixed.
         end_fixed: whether the last keyframe is fixed.
         u: path parameters of the keyframes, shape (K + 1,).
-        deadline: time at which to stop.
+        deadline: time at which the optimisation stops.
         weights: weights of the parts of the objective.
         wanted_gap: preferred gap, which rows demand where possible [m].
         seen: distance from their bound below which rows enter the QP [m].
         groups: number of links above which rows are for groups of neighbouring joints.
         steps: settings of the steps.
-        slowness: slowness of the coordinates, for the weight of the duration; None when all coordinates are equal.
-        scale: factor of each coordinate, shape (c,); None when all count alike.
+        slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
+        scale: factor of each coordinate in lengths of paths, shape (c,); None if all count alike.
         many: number of intervals above which rows enter the QP within half the distance only.
-        lack: returns the clearance that a motion lacks over all its intervals, in nominal links, where it counts in the
-            merit.
-        yielding: whether keyframes may take a reduced share of a step where the motion would not be certified, while
+        lack: function that returns the clearance that a motion lacks over all its intervals, in nominal links, as a
+            part of the merit.
+        yielding: whether keyframes may take a reduced fraction of a step where the motion would not be certified, while
             the others take the full step.
     """
 
@@ -119,7 +121,7 @@ class MotionProgram(Generic[SweepType]):
 
     @property
     def arm(self) -> Arm:
-        """The arm."""
+        """Arm that moves."""
         return self.curve.arm
 
     @property
@@ -128,14 +130,14 @@ class MotionProgram(Generic[SweepType]):
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
-        """Return the distances that the drives move between keyframes, shape (K,), from unknowns, shape (K + 1, p)."""
+        """Return the lengths of intervals in the space of the drives, shape (K,), for unknowns of shape (K + 1, p)."""
         drives = self.curve.drives(self.curve.configurations(unknowns))
         steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
         return np.asarray(np.linalg.norm(steps, axis=1))
 
     # ------------------------------------------------------------ a motion
     def objective(self, intervals: int) -> Objective:
-        """Return the quadratic part of the objective for a number of intervals."""
+        """Return the quadratic part of the objective for a motion with a number of intervals."""
         return Objective(self.curve, intervals, self.weights, self.slowness, self.scale)
 
     def rows(self, sweep: SweepType) -> IntervalRows:
@@ -143,12 +145,10 @@ class MotionProgram(Generic[SweepType]):
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
     def end_rows(self, sweep: SweepType) -> FloatArray:
-        """Return the rows that hold the last keyframe, or the tip at its goal, shape (r, p).
+        """Return the rows that hold the last keyframe, or only its tip at the goal, to first order, shape (r, p).
 
-        For a goal of the tip, the rows of its position, in nominal links, come first.
-
-        Args:
-            sweep: the motion.
+        The rows are derivatives with respect to the unknowns of the last keyframe. For a goal of the tip, those of the
+        tip's position, in nominal links, come first.
         """
         if self.end_fixed or self.goal is None:
             return np.eye(sweep.unknowns.shape[1])
@@ -156,14 +156,14 @@ class MotionProgram(Generic[SweepType]):
 
     # ------------------------------------------------------------ what may become of it
     def restored(self, unknowns: FloatArray) -> FloatArray:
-        """Return the keyframes restored onto the limits, shape (K + 1, p).
+        """Return keyframes moved so that they satisfy the limits, both of shape (K + 1, p).
 
         The given array is returned if no limit has to move a keyframe.
         """
         return restored_keyframes(self.limits, self.curve, unknowns, self.u)
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return the keyframes restored onto the limits, the last one exactly on the goal; None where that fails."""
+        """Return keyframes (K + 1, p) moved so that they satisfy the limits and end on the goal; None if that fails."""
         unknowns = self.restored(unknowns)
         if self.end_fixed or self.goal is None:
             return unknowns
@@ -174,15 +174,12 @@ class MotionProgram(Generic[SweepType]):
         return unknowns if self.goal.met(last) else None
 
     def feasible(self, sweep: SweepType, before: SweepType) -> bool:
-        """Return whether a motion's keyframes keep all limits, or violate them no more than those of another motion."""
+        """Return whether the keyframes of a motion satisfy all limits, or violate none more than ``before``."""
         return all(limit.holds(sweep, before, self.u) for limit in self.limits)
 
     # ------------------------------------------------------------ put together
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
-        """Return the cost of nearness to walls from the tightest wall rows of a motion.
-
-        The result is empty where clearance has no weight.
-        """
+        """Return the cost of closeness to walls from the tightest of a motion's wall rows; none if it has no weight."""
         if self.weights.clearance == 0.0:
             return ()
         distance = _WALL_DISTANCE * self.arm.length
@@ -191,14 +188,20 @@ class MotionProgram(Generic[SweepType]):
         return (WallNearness(nearest, self.weights.clearance, distance, NOMINAL_LINKS / self.arm.links),)
 
     def active_rows(self, rows: IntervalRows, sweep: SweepType, within: float) -> IntervalRows:
-        """Return the rows that a step may reach, reduced to one per joint, or group of joints, and direction."""
+        """Return the rows that a step may reach, thinned to one per interval, time, group of joints and direction.
+
+        Args:
+            rows: all rows over the intervals of the motion.
+            sweep: the motion.
+            within: distance from the bound below which a row may be reached [m].
+        """
         values = rows.values(sweep)
         near = np.flatnonzero(values > -within)
         near_rows = rows.take(near)
         return near_rows.take(representatives(near_rows, values[near], -(-self.arm.links // self.groups)))
 
     def linearised(self, sweep: SweepType) -> LinearMotion:
-        """Return a motion linearised for one step."""
+        """Return the motion with objective and constraints linearised for one step."""
         rows = self.rows(sweep)
         limits = self.limits
         return LinearMotion(
@@ -220,10 +223,10 @@ class MotionProgram(Generic[SweepType]):
 
 @dataclass(frozen=True, eq=False)
 class _Certified(Generic[SweepType]):
-    """A certified motion of a program.
+    """Certified motion of an optimisation problem, with quantities that are computed once.
 
     Attributes:
-        program: program that is optimised.
+        program: the optimisation problem.
         sweep: the motion.
     """
 
@@ -232,24 +235,24 @@ class _Certified(Generic[SweepType]):
 
     @cached_property
     def linear(self) -> LinearMotion:
-        """The motion linearised for one step."""
+        """Motion with objective and constraints linearised for one step."""
         return self.program.linearised(self.sweep)
 
     @cached_property
     def lack(self) -> float:
-        """Clearance that the motion lacks, where it counts in the merit."""
+        """Clearance that the motion lacks, as a part of the merit, in nominal links."""
         return self.program.lack(self.sweep)
 
 
 @dataclass(frozen=True, eq=False)
 class _Iterate(Generic[SweepType]):
-    """State of the iteration.
+    """State of the sequential convex programming after a step.
 
     Attributes:
         motion: motion from which the next step begins.
-        prices: prices of slack in each part of an interval, shape (K m,).
-        damping: weight on the squared turns of the next step.
-        curvature: curvature of the rows under the last multipliers; None before the first step.
+        prices: price of slack in each of the m parts of the K intervals, shape (K m,).
+        damping: weight on the squared turns of the links in the next step.
+        curvature: second derivatives of the rows weighted by the last multipliers; None before the first step.
         gained: decrease of the merit in the last step.
     """
 
@@ -260,7 +263,7 @@ class _Iterate(Generic[SweepType]):
     gained: float = 0.0
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
-        """Return the iterate after a refused step with a given damping: the motion is unchanged, the prices are new."""
+        """Return the iterate after a refused step: unchanged motion, damping larger than ``damping``, new prices."""
         raised = _REFUSED_GROWTH * max(damping, _RAISED_DAMPING)
         return replace(self, damping=raised, prices=prices)
 
@@ -271,16 +274,16 @@ def sequential_convex(
     rounds: int,
     enough: Callable[[SweepType], bool] | None = None,
 ) -> FloatArray:
-    """Optimise a certified motion.
+    """Return the keyframes of a motion after optimisation by sequential convex programming, with all limits certified.
 
     Args:
         program: limits and objective of the motion.
-        unknowns: unknowns at the keyframes, shape (K + 1, p).
+        unknowns: unknowns at the keyframes of a certified motion, shape (K + 1, p).
         rounds: maximum number of steps.
-        enough: returns whether a motion is good enough to stop; when None, steps end once they gain little.
+        enough: function that returns whether a motion is good enough to stop; if None, steps end once they gain little.
 
     Returns:
-        Unknowns of the last iterate, which is certified, shape (K + 1, p).
+        Unknowns at the keyframes, shape (K + 1, p).
     """
     settings = program.steps
     sweep = program.sweep(unknowns)
@@ -314,7 +317,10 @@ def sequential_convex(
 
 
 def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
-    """Return the iterate after one accepted step, or None when no step is accepted."""
+    """Return the iterate after one accepted step, or None if no step is accepted.
+
+    Rows are linearised once; after a refused step the QP is solved again with more damping and higher prices.
+    """
     program = iterate.motion.program
     # Rows are linearised once; only the QP is solved again, with more damping and higher prices.
     for _ in range(_TRIES):
@@ -333,13 +339,18 @@ def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
 
 
 _NONE = np.zeros(0, dtype=np.intp)
-"""No intervals."""
+"""Empty set of indices of intervals."""
 
 
 def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Iterate[SweepType] | None, IntArray]:
-    """Return the iterate after the longest acceptable part of a step, and the intervals where longer parts failed.
+    """Return the iterate after the longest acceptable fraction of a step, and the intervals where a longer one failed.
 
-    A part is acceptable if it lowers the merit as predicted and is certified; None where no part is.
+    A fraction is acceptable if it lowers the merit by enough of the predicted gain, as in a trust-region method, and
+    the result is certified. The iterate is None if no fraction is acceptable.
+
+    Args:
+        iterate: state before the step.
+        step: solution of the QP.
     """
     program = iterate.motion.program
     settings = program.steps
@@ -355,8 +366,8 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
     before = cost + float(iterate.prices @ motion.worst_rows(start)) / motion.unit
     foreseen = before - motion.foreseen_cost(step.change) - float(iterate.prices @ step.slack)
 
-    # By convexity of the model a share of the step gains at least that share of what the whole step promises; the ratio
-    # of true to promised gain decides, as in a trust-region method.
+    # By convexity of the model a fraction of the step gains at least that fraction of the predicted gain of the whole
+    # step; the ratio of true to predicted gain decides, as in a trust-region method.
     for part in shares:
         share = float(np.mean(part))
         unknowns = program.ended(start.unknowns + part * step.change)
@@ -372,8 +383,8 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
             continue
         failing = program.failures(sweep.unknowns)
         if len(failing) == 0:
-            # The multipliers with the tip's among them make the Hessian that of the Lagrangian; without the tip's,
-            # steps reach a small part of what they promise.
+            # Together with the multipliers of the tip's goal, the Hessian is that of the Lagrangian; without them,
+            # steps gain a small part of what they predict.
             curvature = sweep.curvature(motion.active, step.multipliers, step.pull)
             # Where longer steps failed, slack was too cheap, even though this shorter one passes.
             prices = _raised(iterate.prices, failed, sweep)
@@ -389,16 +400,27 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
 
 
 def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
-    """Return the prices of slack, shape (K m,), raised in the failing intervals of a motion."""
+    """Return prices of slack, shape (K m,), raised in given intervals of a motion.
+
+    Args:
+        prices: prices before, shape (K m,).
+        failing: indices of the intervals.
+        sweep: the motion.
+    """
     raised = prices.reshape(sweep.intervals, -1).copy()
     raised[failing] *= _PRICE_RISE
     return raised.ravel()
 
 
 def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
-    """Return the fraction of a step for each keyframe, shape (K + 1, 1), reduced near uncertified intervals.
+    """Return the fraction of a step that each keyframe takes, shape (K + 1, 1), reduced near uncertified intervals.
 
-    In a gate with hardly any play, a few intervals block a step that all other intervals could take.
+    In a narrow gate, a few intervals block a step that all other intervals could take in full.
+
+    Args:
+        program: the optimisation problem.
+        start: motion before the step.
+        change: change of the unknowns of the keyframes in the full step, shape (K + 1, p).
     """
     shares = np.ones(len(change))
     keyframes = np.arange(len(change))
@@ -407,14 +429,20 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
         failing = _NONE if taken is None else program.failures(taken)
         if len(failing) == 0:
             break
-        # Neighbouring keyframes reduce their share as well, to avoid a kink.
+        # Neighbouring keyframes reduce their fraction too, to avoid a kink.
         apart = np.min(np.abs(keyframes[:, None] - (failing + 0.5)), axis=1) - 0.5
         shares *= np.minimum(1.0, _YIELDING_SHARE + (1.0 - _YIELDING_SHARE) * apart / _YIELDING_REACH)
     return shares[:, None]
 
 
 def _damping(damping: float, share: float, gain: float) -> float:
-    """Return the damping of the next step, increased after a shortened step and reduced after a good one."""
+    """Return the damping of the next step, increased after a shortened step and reduced after a good one.
+
+    Args:
+        damping: damping of the last step.
+        share: fraction of the last step that was taken.
+        gain: true gain of the last step as a fraction of the predicted gain.
+    """
     if share < 1.0:
         return max(damping, _RAISED_DAMPING) * _SHORTENED_GROWTH
     if gain > _GOOD:
