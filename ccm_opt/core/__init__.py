@@ -1,1 +1,1 @@
-"""Foundations used by every other package: errors, array types, plane geometry, lengths in words, executors, IPOPT."""
+"""Foundations of all other packages: errors, array types, plane geometry, lengths in messages, executors, IPOPT."""

@@ -1,4 +1,4 @@
-"""Checks of function arguments, which report defects as ``ProblemError``."""
+"""Checks of function arguments that report defects as ``ProblemError``."""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -14,13 +14,13 @@ from ccm_opt.core.length_words import METRES
 
 
 def expect(value: object, kind: type | tuple[type, ...], what: str, hint: str = "") -> None:
-    """Refuse a value of the wrong type.
+    """Raise an error if a value has the wrong type.
 
     Args:
-        value: the value given.
+        value: the value to check.
         kind: the allowed type or types.
-        what: the expected kind of value, in words, with an article.
-        hint: advice on what to give instead; may be empty.
+        what: text for the expected kind of value, with an article.
+        hint: advice on what to pass instead; may be empty.
 
     Raises:
         ProblemError: the value has another type.
@@ -30,13 +30,13 @@ def expect(value: object, kind: type | tuple[type, ...], what: str, hint: str = 
 
 
 def expect_that(fits: Callable[[], bool], value: object, what: str, hint: str = "") -> None:
-    """Refuse a value that fails a test; a test that raises an error for an unsuitable value counts as failed.
+    """Raise an error if a value fails a test.
 
     Args:
         fits: the test; TypeError, ValueError and AttributeError raised by the test count as failure.
-        value: the value tested.
-        what: the expected kind of value, in words, with an article.
-        hint: advice on what to give instead; may be empty.
+        value: the value to report if the test fails.
+        what: text for the expected kind of value, with an article.
+        hint: advice on what to pass instead; may be empty.
 
     Raises:
         ProblemError: the value fails the test.
@@ -50,13 +50,13 @@ def expect_that(fits: Callable[[], bool], value: object, what: str, hint: str = 
 
 
 def expect_method(value: object, methods: Sequence[str], what: str, hint: str = "") -> None:
-    """Refuse an object that lacks required methods; None is accepted.
+    """Raise an error if an object lacks a required method; None is accepted.
 
     Args:
-        value: the object.
+        value: the object to check.
         methods: names of the required methods.
-        what: the expected kind of value, in words, with an article.
-        hint: advice on what to give instead; may be empty.
+        what: text for the expected kind of value, with an article.
+        hint: advice on what to pass instead; may be empty.
 
     Raises:
         ProblemError: the object lacks a method, or is a class instead of an instance.
@@ -70,7 +70,12 @@ def expect_method(value: object, methods: Sequence[str], what: str, hint: str = 
 
 
 def expect_callable(value: object, what: str, hint: str = "") -> None:
-    """Refuse a value that is not callable; None is accepted.
+    """Raise an error if a value is not callable; None is accepted.
+
+    Args:
+        value: the value to check.
+        what: text for the expected kind of value, with an article.
+        hint: advice on what to pass instead; may be empty.
 
     Raises:
         ProblemError: the value is not callable.
@@ -80,13 +85,13 @@ def expect_callable(value: object, what: str, hint: str = "") -> None:
 
 
 def refusal(value: object, what: str, hint: str = "") -> str:
-    """Return the message that refuses a value: the expected kind, the value given, and a hint."""
+    """Return the message that rejects a value: the expected kind, the actual value, and a hint if there is one."""
     advice = f"; {hint}" if hint else ""
     return f"expected {what}, got {in_words(value)}{advice}"
 
 
 def in_words(value: object) -> str:
-    """Return the type of a value in words, followed by the value itself where its text is short."""
+    """Return text for a value in messages: its type and, if short, the value itself."""
     if value is None:
         return "None"
     shown = repr(value)
@@ -94,23 +99,25 @@ def in_words(value: object) -> str:
 
 
 _LONG = 60
-"""Length of a value's text from which a message names only its type."""
+"""Length of the text of a value from which on messages name only its type."""
 
 
 LARGEST = 1e15
-"""Largest coordinate or angle accepted: beyond it doubles have too few digits left for motions, and areas overflow
-single precision."""
+"""Largest magnitude of a coordinate or angle that is accepted.
+
+Beyond, doubles have too few digits left for motions, and areas overflow single precision.
+"""
 
 
 @dataclass
 class Arguments:
-    """Checks the arguments of a call one by one, collects the defects, and reports them all at once.
+    """Collector of defects among the arguments of a call, which are then reported all at once.
 
     Attributes:
-        of: the object that the call makes, in words.
+        of: text for the object that the call creates.
         unit: unit of the lengths among the arguments: "m", "mm" or "in".
         metres: metres per unit.
-        wrong: defects so far, a line each.
+        wrong: defects found so far, one line each.
     """
 
     of: str
@@ -128,12 +135,12 @@ class Arguments:
 
         Args:
             name: name of the argument.
-            value: value given.
+            value: value of the argument.
             least: least value allowed.
             above: value that the argument must exceed.
 
         Returns:
-            The number; NaN, with the defect noted, where the value is not acceptable.
+            The number; NaN if the value is not acceptable, in which case a defect is recorded.
         """
         if is_number(value) and value >= least and value > above:
             return float(value)
@@ -142,18 +149,18 @@ class Arguments:
         return math.nan
 
     def length(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
-        """Return an argument that must be a length in ``unit``, converted to metres; otherwise like ``number``."""
+        """Return an argument that must be a length in ``unit``, converted to metres [m]; checks as for ``number``."""
         return self.metres * self.number(name, value, least=least, above=above)
 
     def whole(self, name: str, value: object, least: int) -> int:
-        """Return an argument that must be a whole number >= ``least``; note a defect and return ``least`` if not."""
+        """Return an argument that must be an integer ≥ ``least``; otherwise record a defect and return ``least``."""
         if is_whole(value) and value >= least:
             return int(value)
         self._refused(name, f"a whole number of at least {least}", value)
         return least
 
     def numbers(self, name: str, value: object, count: int, what: str = "numbers") -> FloatArray:
-        """Return an argument that must be ``count`` finite numbers; note a defect and return zeros if it is not."""
+        """Return an argument that must be ``count`` finite numbers; otherwise record a defect and return zeros."""
         found = finite_array(value)
         if found is None or found.shape != (count,):
             self._refused(name, f"{count} {what}", value)
@@ -161,7 +168,7 @@ class Arguments:
         return found
 
     def each(self, name: str, value: object, count: int, *, above: float = -math.inf) -> FloatArray:
-        """Return an argument given as one number for all entries or as one number per entry, shape (count,)."""
+        """Return an argument given as one common number or as one number per entry, as an array of shape (count,)."""
         if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
             found = self.numbers(name, value, count)
             if np.any(found <= above) and np.any(found):
@@ -170,25 +177,25 @@ class Arguments:
         return np.full(count, self.number(name, value, above=above))
 
     def choice(self, name: str, value: object, choices: Collection[str]) -> None:
-        """Note a defect unless an argument is one of the given words."""
+        """Record a defect unless an argument is one of the given words."""
         if not isinstance(value, str) or value not in choices:
             self._refused(name, f"one of {', '.join(choices)}", value)
 
     def flag(self, name: str, value: object) -> None:
-        """Note a defect unless an argument is True or False."""
+        """Record a defect unless an argument is True or False."""
         if not isinstance(value, bool):
             self._refused(name, "True or False", value)
 
     def must(self, holds: bool, line: str) -> None:
-        """Note the defect ``line`` unless a condition holds."""
+        """Record the defect ``line`` unless a condition holds."""
         if not holds:
             self.wrong.append(line)
 
     def refuse(self) -> None:
-        """Refuse the call if any defect was noted.
+        """Raise an error if any defect was recorded.
 
         Raises:
-            ProblemError: a defect was noted; the message has a line for each.
+            ProblemError: a defect was recorded; the message has one line per defect.
         """
         if self.wrong:
             raise ProblemError(f"{self.of} cannot be made:\n" + "\n".join(f"  {line}" for line in self.wrong))
@@ -205,12 +212,12 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Return whether a value is a whole number; booleans do not count."""
+    """Return whether a value is an integer; booleans do not count."""
     return isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
 
 
 def finite_array(value: object) -> FloatArray | None:
-    """Return a value as an array of floats; None where it is no array of numbers of magnitude at most ``LARGEST``."""
+    """Return a value as an array of floats; None if it is not an array of numbers up to ``LARGEST`` in magnitude."""
     if isinstance(value, (str, bytes)):
         return None
     try:

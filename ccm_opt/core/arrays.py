@@ -1,4 +1,4 @@
-"""Array types and tolerances for rounding."""
+"""Array types, and tolerances for rounding errors."""
 
 from typing import TypeAlias
 
@@ -11,14 +11,19 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 
 ROUNDING = 1e-9
-"""Lengths [m], angles [rad] and shares below this count as rounding: a thousandth of the finest tolerance of any check
-of a motion."""
+"""Value below which lengths [m], angles [rad] and fractions count as rounding errors.
+
+A thousandth of the finest tolerance of any check of a motion.
+"""
 TINY = 1e-12
-"""Guards divisions; negligible next to numbers near one: some thousand times the spacing of doubles there."""
+"""Small number that guards divisions, negligible compared with numbers near one.
+
+Several thousand times the spacing of doubles there.
+"""
 SHORTEST = 1e-6
-"""Shortest length [m], or share of one, used in shapes: the direction of anything shorter is unreliable."""
+"""Shortest length [m], or fraction of a length, in shapes; shorter vectors have no reliable direction."""
 
 
 def in_space(places: FloatArray) -> FloatArray:
-    """Return points padded with zeros to three coordinates, shape (..., d) to (..., 3); points in space unchanged."""
+    """Return points (..., d) padded with zeros to three coordinates, shape (..., 3); points in space unchanged."""
     return np.pad(places, [(0, 0)] * (places.ndim - 1) + [(0, 3 - places.shape[-1])])

@@ -1,22 +1,17 @@
-"""All exceptions of the package, in one hierarchy; each carries the evidence for its cause.
+"""Hierarchy of all exceptions of the package, with records of why a problem has no plan.
 
 ::
 
-    CcmError
-    ├── ProblemError            the input cannot be used                              exit code 2
-    │   └── ProblemFileError    all issues of a problem file, with key path and line
-    ├── NoPlanFound             the input is sound, but no plan was found             exit code 3
-    │   ├── UnreachableGoal     a necessary condition fails before any search
-    │   ├── ConfigurationNotFound  no goal configuration in any corridor tried
-    │   ├── MotionNotFound      no candidate motion reached the goal
-    │   ├── TimeLimitReached    the time limit passed first
-    │   ├── RetimingError       the path cannot be timed within the limits
-    │   └── SimulationError     the simulated arm left the finite world
-    ├── VerificationError       a plan, or a folder, that the verifier rejects        exit code 3
-    └── NativeLibraryError      the compiled library is missing or an old one         exit code 2
+    CcmError ├── ProblemError            the input cannot be used                              exit code 2 │   └──
+    ProblemFileError    all issues of a problem file, with key path and line ├── NoPlanFound             the input is
+    sound, but no plan was found             exit code 3 │   ├── UnreachableGoal     a necessary condition fails before
+    any search │   ├── ConfigurationNotFound  no goal configuration in any corridor tried │   ├── MotionNotFound      no
+    candidate motion reached the goal │   ├── TimeLimitReached    the time limit passed first │   ├── RetimingError
+    the path cannot be timed within the limits │   └── SimulationError     the simulated arm left the finite world ├──
+    VerificationError       a plan, or a folder, that the verifier rejects        exit code 3 └── NativeLibraryError
+    the compiled library is missing or an old one         exit code 2
 
-    KeyboardInterrupt
-    └── CancelledWithPlan       Ctrl-C once there is a verified plan                  exit code 130
+    KeyboardInterrupt └── CancelledWithPlan       Ctrl-C once there is a verified plan                  exit code 130
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,11 +24,11 @@ class CcmError(Exception):
 
 
 class NativeLibraryError(CcmError):
-    """The compiled library is missing or out of date; the message says how to build it."""
+    """The compiled library is missing or out of date; the message says how to build the library."""
 
 
 class ProblemError(CcmError):
-    """The problem cannot be used as given; the message states the given and the expected value, and a remedy."""
+    """The problem cannot be used as given; the message states actual and expected value, and a remedy."""
 
 
 @dataclass(frozen=True, order=True)
@@ -41,10 +36,10 @@ class FileIssue:
     """One defect of a problem file.
 
     Attributes:
-        line: line in the file, counted from 1; 0 when the defect has no line.
+        line: line in the file, counted from 1; 0 if the defect has no line.
         key: dotted key path, for example ``workspace.obstacles[2].polygon``.
-        message: what was given and what was expected.
-        setting: the override ``key.path=value`` that causes the defect; empty where the file itself does.
+        message: text that states the actual and the expected value.
+        setting: the override ``key.path=value`` that causes the defect; empty if the file itself does.
     """
 
     line: int
@@ -60,11 +55,11 @@ class FileIssue:
 
 
 MOST_LISTED = 100
-"""Largest number of defects listed for one file."""
+"""Largest number of defects that are listed for one problem file."""
 
 
 class ProblemFileError(ProblemError):
-    """All defects of one problem file; the message lists the first hundred by line, and the number of the others."""
+    """All defects of one problem file; the message lists the first hundred by line, and counts the others."""
 
     def __init__(self, path: str, issues: Sequence[FileIssue]) -> None:
         self.path = path
@@ -77,22 +72,23 @@ class ProblemFileError(ProblemError):
 
 @dataclass(frozen=True)
 class Finding:
-    """One obstruction to a plan.
+    """An obstruction that prevents, or probably prevents, a plan.
 
     Attributes:
         kind: "constraint", "contact", "joint limit", "too short", "too thick", "blocked", "hemmed in", "too stiff",
             "torque" or "curve".
-        reason: the obstruction in the user's terms, with its place and size; a short sentence, with details after
+        reason: the obstruction in the user's terms, with its position and size; a short sentence, with details after
             semicolons.
         proved: whether no planner could find a plan while this obstruction remains; otherwise it is merely a likely
             cause.
-        key: key of the problem file concerned, or empty.
-        place: location, (x, y) or in space (x, y, z) [m], or None.
+        key: key concerned in the problem file, or empty.
+        place: position, (x, y) or in space (x, y, z) [m], or None.
         measured: value found, in ``unit``, or None.
         allowed: value with which ``measured`` is compared, in ``unit``, or None.
         unit: unit of ``measured`` and ``allowed``.
         obstacles: names of the walls involved, the most important first.
-        way: points, in order, along a route that is too long, or too narrow at ``place`` [m]; else empty.
+        way: points, in order, along a path of the arm's axis that is too long, or too narrow at ``place`` [m]; else
+            empty.
         bounds: for each parameter that may remove the obstruction (by its key in the problem file, SI units, radians)
             the value that the parameter must at least reach.
     """
@@ -112,15 +108,15 @@ class Finding:
 
 @dataclass(frozen=True)
 class Relaxation:
-    """One change to the problem under which it was solved, with the motion timed and verified.
+    """A change of a problem with which the problem was solved, including timing and verification.
 
     Attributes:
-        words: the change in words, for example "arm.radius ≤ 20.9 mm".
-        key: key of the problem file that changes.
-        value: value with which the problem was solved: SI units, radians; a factor where ``words`` say "times"; the
-            name of an obstacle left out; None for a key left out.
-        bound: value that the parameter must reach at least, as far as is known, or None.
-        change: relative size of the change; 1 for something left out.
+        words: text for the change, for example "arm.radius ≤ 20.9 mm".
+        key: key of the change in the problem file.
+        value: value with which the problem was solved (SI units, radians), or a factor if ``words`` say "times"; the
+            name of an omitted obstacle; None for an omitted key.
+        bound: value that the parameter must at least reach, as far as is known, or None.
+        change: relative size of the change; 1 for an omission.
     """
 
     words: str
@@ -132,16 +128,16 @@ class Relaxation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Why there is no plan, in the user's terms.
+    """Explanation, in the user's terms, of why there is no plan.
 
     Attributes:
-        reason: the obstruction, its place and its size: a short sentence, with details after semicolons.
+        reason: the obstruction, its position and its size: a short sentence, with details after semicolons.
         stage: stage of the pipeline that failed.
         advice: possible remedies, most promising first.
         evidence: figures behind the reason; JSON-serialisable values.
         findings: obstructions found, most important first.
-        relaxations: single changes under which the problem was solved, the smallest first.
-        failed_changes: single changes, in words, with which no plan was found either, within the time for each.
+        relaxations: single changes with which the problem was solved, the smallest first.
+        failed_changes: texts for single changes with which no plan was found, either, within the time limit of each.
     """
 
     reason: str
@@ -154,7 +150,7 @@ class Diagnosis:
 
     @property
     def proved(self) -> bool:
-        """Whether it is proved that no plan exists, rather than that none was found."""
+        """Whether it is proved that no plan exists, rather than only that none was found."""
         return any(finding.proved for finding in self.findings)
 
     def __str__(self) -> str:
@@ -172,12 +168,12 @@ class Diagnosis:
 
 
 def sentences(reason: str) -> tuple[str, ...]:
-    """Return the parts of a reason, which semicolons separate; the first is the most important."""
+    """Return the parts of a reason, separated by semicolons; the first is the most important."""
     return tuple(reason.split("; "))
 
 
 class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect
-    """The problem is sound but no plan was found; ``diagnosis`` says why."""
+    """No plan was found for a valid problem; ``diagnosis`` explains why."""
 
     unproved_status = "no plan found"
 
@@ -187,20 +183,20 @@ class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect
 
     @property
     def status(self) -> str:
-        """Status written to ``solution.json``, which is "infeasible" only where a finding proves infeasibility."""
+        """Status written to ``solution.json``; "infeasible" only if a finding proves that there is no plan."""
         return "infeasible" if self.diagnosis.proved else self.unproved_status
 
 
 class UnreachableGoal(NoPlanFound):
-    """A necessary condition fails before any search: out of reach, contact at start or goal, or no route."""
+    """A necessary condition for a plan fails before any search: out of reach, contact at start or goal, or no route."""
 
 
 class ConfigurationNotFound(NoPlanFound):
-    """No goal configuration was found in any corridor tried."""
+    """No goal configuration of the curve was found in any corridor tried."""
 
 
 class MotionNotFound(NoPlanFound):
-    """No candidate motion reached the goal."""
+    """None of the motions tried reached the goal."""
 
 
 class TimeLimitReached(NoPlanFound):
@@ -214,7 +210,7 @@ class RetimingError(NoPlanFound):
 
 
 class SimulationError(NoPlanFound):
-    """The simulation met a non-finite state or unstable gains."""
+    """A simulation cannot run, because of unstable gains or singular joints, or met a non-finite state."""
 
 
 class VerificationError(CcmError):
@@ -226,7 +222,7 @@ class VerificationError(CcmError):
 
 
 class CancelledWithPlan(KeyboardInterrupt):
-    """Ctrl-C after a plan was verified, during its analysis; ``solution`` is the plan with the results so far."""
+    """Ctrl-C was pressed after a plan was verified; ``solution`` is the plan with the results so far."""
 
     def __init__(self, solution: Any) -> None:
         self.solution = solution

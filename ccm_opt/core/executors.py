@@ -1,4 +1,4 @@
-"""Parallel execution of tasks on processes of this machine or on a Dask cluster, by ``concurrent.futures`` executors.
+"""Parallel execution of tasks by ``concurrent.futures`` executors, in processes of this machine or on a Dask cluster.
 
 Only a few tasks are in flight at a time, so that ten thousand take no more memory than ten. Whatever happens to a
 worker, every task is returned exactly once, with its result or with its error.
@@ -27,9 +27,9 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.threads import in_background
 
 _TASKS_PER_PROCESS = 2
-"""Tasks in flight per process of this machine. Taste."""
+"""Number of tasks in flight per worker process of this machine. Taste."""
 _TASKS_PER_THREAD = 4
-"""Tasks in flight per thread of a cluster. Taste."""
+"""Number of tasks in flight per worker thread of a cluster. Taste."""
 _LEAST_ON_CLUSTER = 64
 """Least number of tasks in flight on a cluster, so that short tasks do not wait for the network. Taste."""
 _LOOK_EVERY = 0.5
@@ -37,13 +37,13 @@ _LOOK_EVERY = 0.5
 _FAREWELL = 2.0
 """Time allowed for closing the connection to a cluster [s]. Taste."""
 MESSAGES_KEPT = "distributed.admin.low-level-log-length"
-"""Key of Dask's configuration: number of recent messages that Dask retains for debugging."""
+"""Key in the configuration of Dask for the number of recent messages that Dask retains for debugging."""
 RESULT = TypeVar("RESULT")
 
 
 @dataclass(frozen=True)
 class DaskWorkers:
-    """A Dask cluster, whose workers must have the same versions of this package and of the planners compared.
+    """A Dask cluster whose workers have this package and any compared planners in the versions used here.
 
     Attributes:
         address: address of the scheduler, for example ``tcp://host:8786``.
@@ -55,7 +55,7 @@ class DaskWorkers:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """Open an executor on the cluster, with the number of tasks to keep in flight.
+        """Open an executor on the cluster, and return it with the number of tasks to keep in flight.
 
         The scheduler reruns the tasks of a lost worker.
 
@@ -69,7 +69,7 @@ class DaskWorkers:
                 "--dask needs the package distributed; install it with: pip install distributed"
             ) from error
 
-        # For debugging, Dask retains its last thousand messages with the tasks in them, which costs memory. It reads
+        # For debugging, Dask retains its last thousand messages including their tasks, which costs memory. Dask reads
         # this setting at every (re)connection, so the setting stays in force while the client is open.
         none_kept = import_module("dask").config.set({MESSAGES_KEPT: 0})
         with _unheard("distributed", "distributed.client", "tornado.application"), none_kept:
@@ -82,7 +82,7 @@ class DaskWorkers:
                     client.close(timeout=_FAREWELL)
 
     def _connect_client(self, distributed: Any) -> Any:
-        """Return a connected client.
+        """Return a connected Dask client.
 
         Raises:
             ProblemError: no scheduler answers, or the machine is too busy for the client's thread to start.
@@ -93,7 +93,7 @@ class DaskWorkers:
             # Dask raises a bare AssertionError if its own thread does not start within ten seconds.
             with suppress(AssertionError):
                 try:
-                    # Dask's own timeout covers only the connection; it then waits for ever for the first message.
+                    # Dask's own timeout covers only the connection; Dask then waits forever for the first message.
                     return in_background(connect).result(limit)
                 except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
                     reason = str(error) or f"no answer within {limit:g} s"
@@ -111,7 +111,7 @@ class DaskWorkers:
 
 @contextmanager
 def _unheard(*loggers: str) -> Iterator[None]:
-    """Silence loggers during the block, where Dask's tracebacks on a lost cluster would bury the package's message."""
+    """Silence loggers during a block, in which tracebacks on a lost cluster would hide the message of this package."""
     found = [logging.getLogger(name) for name in loggers]
     levels = [logger.level for logger in found]
     for logger in found:
@@ -124,7 +124,7 @@ def _unheard(*loggers: str) -> Iterator[None]:
 
 
 class ClusterExecutor(Executor):
-    """Dask's executor, which can also report whether the cluster is still connected."""
+    """Executor of a Dask cluster that can also report whether the cluster is still connected."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
@@ -138,17 +138,17 @@ class ClusterExecutor(Executor):
 
     @property
     def gone(self) -> bool:
-        """Whether the connection to the scheduler was ever lost, even briefly, after which Dask drops pending tasks."""
+        """Whether the connection to the scheduler was ever lost, even briefly; Dask then drops pending tasks."""
         return bool(self._client.status != "running")
 
 
 CLUSTER_IS_GONE = frozenset(("ClosedClientError", "CommClosedError"))
-"""Dask's errors when tasks can no longer be submitted, by name because Dask is not imported here."""
+"""Names of the errors that Dask raises if tasks can no longer be submitted; Dask itself is not imported here."""
 TASK = TypeVar("TASK")
 
 
 class Workers(Protocol):
-    """Interface of the objects that provide executors."""
+    """Protocol of objects that provide executors."""
 
     def open(self) -> "Any":
         """Return a context manager around (executor, number of tasks to keep in flight)."""
@@ -157,7 +157,7 @@ class Workers(Protocol):
 
 @dataclass(frozen=True)
 class ThisProcess:
-    """Execution without workers; every task runs in this process when it is submitted."""
+    """Execution without workers: every task runs in this process while it is submitted."""
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
@@ -166,7 +166,7 @@ class ThisProcess:
 
 
 class _Immediate(Executor):
-    """An executor that runs a task while it is submitted."""
+    """Executor that runs a task while the task is submitted."""
 
     def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
         """Run a task and return its completed future; Ctrl-C is raised in the caller, not kept in the future."""
@@ -191,6 +191,8 @@ class LocalWorkers:
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
         """Open an executor on new processes, which end with the block; after an error they are terminated.
+
+        The executor comes with the number of tasks to keep in flight.
 
         Raises:
             ProblemError: the system cannot start the processes.
@@ -224,13 +226,13 @@ class LocalWorkers:
 def completed(
     workers: Workers, function: Callable[[TASK], RESULT], tasks: Iterable[TASK]
 ) -> Iterator[tuple[TASK, RESULT | BaseException]]:
-    """Run a function on every task, and yield each task with its result or error as soon as the task is done.
+    """Run a function on every task, and yield each task with its result or error as soon as it is done.
 
     When a process of this machine dies, the task that killed it is unknown. All tasks in flight are then run again, one
     at a time, and the one that kills its process is yielded with its error.
 
     Args:
-        workers: where the tasks run.
+        workers: provider of the executor on which the tasks run.
         function: function of one task; function and tasks are pickled.
         tasks: the tasks, consumed one by one as workers become free.
 
@@ -250,8 +252,8 @@ def _until_broken(
 ) -> Generator[tuple[TASK, RESULT | BaseException], None, bool]:
     """Yield tasks with their results until all are done or the executor breaks; return whether all are done.
 
-    The tasks in flight when the executor breaks become suspects: the next executor runs them one at a time, so that the
-    next failure identifies its task.
+    The tasks in flight when the executor breaks become suspects: the next executor runs the suspects one at a time, so
+    that the next failure identifies its task.
 
     Raises:
         ProblemError: the cluster is lost.
@@ -279,10 +281,10 @@ def _until_broken(
 
 
 def _next_done(pending: Collection["Future[RESULT]"], executor: Executor) -> "Future[RESULT]":
-    """Wait for the next completed future and return it.
+    """Wait for the next future to complete, and return that future.
 
     Raises:
-        ProblemError: the cluster is lost; Dask then cancels some futures and leaves others pending for ever.
+        ProblemError: the cluster is lost; Dask then cancels several futures and leaves others pending forever.
     """
     while not (over := futures.wait(pending, _LOOK_EVERY, futures.FIRST_COMPLETED).done):
         if isinstance(executor, ClusterExecutor) and executor.gone:
@@ -315,7 +317,8 @@ def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TAS
 def _serve_parent() -> None:
     """Make a worker process ignore Ctrl-C, which the parent handles, and end when the parent ends for any reason.
 
-    A worker waits for tasks on a pipe of which it also holds the other end, so it would not notice the parent's end.
+    A worker waits for tasks on a pipe of which it also holds the other end, so it would not notice the end of the
+    parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
@@ -329,10 +332,10 @@ def _serve_parent() -> None:
 
 
 def _end_with(sentinel: int) -> None:
-    """Wait until the process behind a sentinel ends, then end this one."""
+    """Wait until the process with a given sentinel ends, then end this process."""
     wait([sentinel])
     os._exit(1)
 
 
 _SIGNAL_AT_PARENTS_END = 1
-"""``PR_SET_PDEATHSIG`` of Linux."""
+"""Value of ``PR_SET_PDEATHSIG`` on Linux: the signal that a process gets when its parent ends."""

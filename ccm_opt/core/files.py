@@ -1,4 +1,4 @@
-"""Reading and atomic writing of whole files, and strict JSON text of records."""
+"""Reading and atomic writing of whole files, and conversion of records to strict JSON."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from pathlib import Path
 from ccm_opt.core.errors import ProblemError
 
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
-"""Flag without which opening a pipe that has no writer would block for ever."""
+"""Flag without which opening a pipe that has no writer would block forever."""
 
 
 def read_plain(path: Path, most_bytes: int) -> bytes:
@@ -20,10 +20,10 @@ def read_plain(path: Path, most_bytes: int) -> bytes:
 
     Args:
         path: path of the file, or of a link to one.
-        most_bytes: largest size; larger files are refused unread.
+        most_bytes: largest size; larger files are rejected without reading.
 
     Raises:
-        OSError: the file cannot be read, is no regular file, or is too large.
+        OSError: the file cannot be read, is not a regular file, or is too large.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | _AT_ONCE)
     try:
@@ -42,7 +42,7 @@ def read_plain(path: Path, most_bytes: int) -> bytes:
 
 
 def put_file(place: Path, content: bytes) -> None:
-    """Write a file atomically: readers find either the old or the new content, complete, even after a failure.
+    """Write a file atomically: readers find the complete old or new content, even after a failure.
 
     Args:
         place: path of the file; anything else, such as a pipe or ``/dev/null``, is written to directly.
@@ -71,7 +71,7 @@ def put_file(place: Path, content: bytes) -> None:
 
 
 def put_file_or_refuse(place: Path, content: bytes, advice: str = "") -> None:
-    """Write a file as ``put_file`` does, creating its folder if needed.
+    """Write a file atomically, as ``put_file`` does, and create its folder if needed.
 
     Raises:
         ProblemError: the file cannot be written; the message ends with ``advice``.
@@ -85,14 +85,14 @@ def put_file_or_refuse(place: Path, content: bytes, advice: str = "") -> None:
 
 
 def _umask() -> int:
-    """Return the process's umask, the permissions withheld from new files."""
+    """Return the umask of this process, the permissions withheld from new files."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def strict_text(record: Mapping[str, object]) -> str:
-    """Return a record, which may contain NumPy values, as strict JSON text with a final line break.
+    """Convert a record, which may contain NumPy values, to strict JSON text with a final line break.
 
     Numbers that are not finite become null.
     """
@@ -100,7 +100,7 @@ def strict_text(record: Mapping[str, object]) -> str:
 
 
 def _strict(value: object) -> object:
-    """Return a value with None in place of every number that is not finite."""
+    """Return a value with every number that is not finite replaced by None."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -111,6 +111,6 @@ def _strict(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """Convert a NumPy scalar or array to plain numbers and lists, any other object to text, for the JSON encoder."""
+    """Convert a NumPy scalar or array to numbers and lists, and any other object to text, for the JSON encoder."""
     convert = getattr(value, "tolist", None)
     return _strict(convert()) if convert is not None else str(value)

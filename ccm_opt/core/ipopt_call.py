@@ -1,7 +1,8 @@
 """Calls of IPOPT: one at a time, and without losing Ctrl-C.
 
-MUMPS, the linear solver inside IPOPT, keeps global state, so two threads in it crash the process. CasADi checks for
-signals while IPOPT runs but discards what the handler raises: IPOPT just stops early, as after a failure.
+MUMPS, the linear solver inside IPOPT, keeps global state, so two threads that call it at once crash the process. CasADi
+checks for signals while IPOPT runs but discards the exception that the handler raises: IPOPT just stops early, as after
+a failure.
 """
 
 import signal
@@ -21,16 +22,17 @@ _LOCK = threading.Lock()
 def ipopt_answer(
     solver: Callable[[], Any], start: FloatArray, **arguments: Any
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Solve an NLP with IPOPT from an initial guess; an exception in the solver is reported like any other failure.
+    """Solve a nonlinear program with IPOPT from an initial guess; an exception in the solver counts as a failed solve.
 
     Args:
-        solver: returns CasADi's solver, building it if necessary.
+        solver: returns the CasADi solver, building it if necessary.
         start: initial guess, shape (variables,).
-        arguments: bounds and parameters by CasADi's names; ``lbg`` is required.
+        arguments: bounds and parameters by the names of CasADi; ``lbg`` is required.
 
     Returns:
-        The result by CasADi's names, and the statistics. If the solver raised, the result is the initial guess with NaN
-        for every constraint row.
+        The result and the statistics, by the names of CasADi. If the solver raised an exception, the result is the
+        initial
+        guess with NaN for every constraint row.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed during the call.
@@ -52,7 +54,7 @@ def ipopt_answer(
 
 @contextmanager
 def ipopt_call() -> Iterator[None]:
-    """Lock IPOPT for this thread during the block, which must not be nested.
+    """Give this thread exclusive use of IPOPT during a block, which must not be nested.
 
     Raises:
         BaseException: the exception that the handler of Ctrl-C raised in the block, usually ``KeyboardInterrupt``.
@@ -63,7 +65,7 @@ def ipopt_call() -> Iterator[None]:
 
 @contextmanager
 def _deferred_interrupt() -> Iterator[None]:
-    """Raise again, at the end of the block, any exception that the handler of SIGINT raised inside the block."""
+    """Raise again, at the end of a block, any exception that the handler of SIGINT raised inside the block."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield  # handlers run in the main thread only

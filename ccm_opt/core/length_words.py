@@ -1,10 +1,10 @@
-"""Lengths in messages, in the unit of the problem file.
+"""Text for lengths in messages, in the unit of the problem file.
 
 Messages are composed deep inside the planners, where neither the unit of the file nor the planner's own unit of length
 is known. Both are therefore context variables: the unit of the file is set where a problem enters, the length of a
-planner's unit where the planner switches to it.
+planner's unit where the planner switches to that unit.
 
-In a problem in metres, gaps are still stated in millimetres; in millimetres or inches, all lengths use that unit.
+For a problem in metres, gaps are still stated in millimetres; for millimetres or inches, all lengths use that unit.
 """
 
 from collections.abc import Iterator
@@ -16,23 +16,23 @@ from typing import Literal, TypeAlias
 from ccm_opt.core.arrays import FloatArray
 
 LengthUnit: TypeAlias = Literal["m", "mm", "in"]
-"""Units in which lengths may be given."""
+"""Unit in which lengths may be given."""
 METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
-"""Metres per unit."""
+"""Metres per unit of length."""
 _DIGITS = 15
-"""Decimal digits that every double preserves; numbers written by hand have no more."""
+"""Number of decimal digits that every double preserves; numbers written by hand have no more."""
 
 
 def in_unit(metres: float, unit: LengthUnit) -> float:
-    """Return a length in a unit, chosen to convert back to exactly the same number of metres where possible.
+    """Convert a length to a unit such that it converts back to exactly the given metres where possible.
 
     Args:
         metres: the length [m].
         unit: "m", "mm" or "in".
 
     Returns:
-        The number rounded to 15 digits, as a person would write it, if the rounded number gives the length to the last
-        bit; otherwise the unrounded quotient.
+        The number rounded to 15 digits, as a person would write it, if this number converts back to the last bit;
+        otherwise the unrounded quotient.
     """
     factor = METRES[unit]
     quotient = float(metres) / factor
@@ -42,14 +42,14 @@ def in_unit(metres: float, unit: LengthUnit) -> float:
 
 @dataclass(frozen=True)
 class _Rule:
-    """How lengths of one kind are formatted in one unit.
+    """Format of lengths of one kind, long or short, in one unit.
 
     Attributes:
         unit: unit shown.
         metres: metres per unit.
         decimals: number of decimals, used from ``enough`` on.
         enough: smallest length shown with ``decimals`` [unit].
-        figures: number of significant figures of smaller lengths.
+        figures: number of significant digits of smaller lengths.
     """
 
     unit: str
@@ -59,12 +59,12 @@ class _Rule:
     figures: int
 
     def number(self, value: float, size: float) -> str:
-        """Return a length [m] as text without a unit, with the digits appropriate to a length of ``size`` [m]."""
+        """Return text for a length [m] without a unit, with the digits that suit a length of ``size`` [m]."""
         enough = size / self.metres >= self.enough or size == 0.0
         return f"{value / self.metres:.{self.decimals}f}" if enough else f"{value / self.metres:.{self.figures}g}"
 
     def words(self, value: float) -> str:
-        """Return a length [m] as text with its unit."""
+        """Return text for a length [m] with its unit."""
         return f"{self.number(value, abs(value))} {self.unit}"
 
 
@@ -73,20 +73,20 @@ _LONG = {
     "mm": _Rule("mm", 1e-3, 0, 10.0, 3),
     "in": _Rule("in", METRES["in"], 2, 0.1, 3),
 }
-"""Formats of long lengths, such as those of arms and paths: to about a millimetre."""
+"""Formats of long lengths, such as those of arms and paths, by unit: to about a millimetre."""
 _SHORT = {
     "m": _Rule("mm", 1e-3, 1, 1.0, 2),
     "mm": _Rule("mm", 1e-3, 1, 1.0, 2),
     "in": _Rule("in", METRES["in"], 3, 0.1, 2),
 }
-"""Formats of short lengths, such as gaps: to about a tenth of a millimetre."""
+"""Formats of short lengths, such as gaps, by unit: to about a tenth of a millimetre."""
 _MANY = 10.0
-"""Length from which a gap is formatted like a long length [m]; no real gap is this large."""
+"""Length from which on a gap is formatted as a long length [m]; no real gap is this large."""
 
 
 @dataclass(frozen=True)
 class _Speech:
-    """Rule by which a number becomes a length in a message.
+    """Rule by which numbers become lengths in messages.
 
     Attributes:
         metres: metres per unit of the numbers.
@@ -103,14 +103,14 @@ _SPEECH: ContextVar[_Speech] = ContextVar("how lengths are said", default=_IN_ME
 
 @contextmanager
 def words_in(unit: LengthUnit) -> Iterator[None]:
-    """Show lengths in the unit of a problem file until the block ends; the default is metres."""
+    """Show lengths in messages in a given unit until the end of a block; the default unit is metres."""
     with _said(replace(_SPEECH.get(), unit=unit)):
         yield
 
 
 @contextmanager
 def words_for_unit(metres: float) -> Iterator[None]:
-    """Rescale the unit of the numbers that become lengths, until the block ends.
+    """Interpret numbers in messages as lengths in a new unit until the end of a block.
 
     Args:
         metres: length of the new unit in the unit in force outside the block, which is the metre by default.
@@ -135,22 +135,28 @@ def said_unit() -> LengthUnit:
 
 
 def in_metres(length: float) -> float:
-    """Return a length, given in the unit currently in force, in metres."""
+    """Convert a length from the unit currently in force to metres."""
     return length * _SPEECH.get().metres
 
 
 def long_length(length: float) -> str:
-    """Return a long length, such as that of an arm or a path, with its unit.
+    """Return text for a long length, such as that of an arm or a path, with its unit.
 
-    Lengths are rounded to about a millimetre, small ones to three significant figures.
+    Lengths are rounded to about a millimetre, small ones to three significant digits.
+
+    Args:
+        length: the length, in the unit currently in force.
     """
     return _LONG[_SPEECH.get().unit].words(in_metres(length))
 
 
 def short_length(length: float) -> str:
-    """Return a short length, such as that of a gap, with its unit.
+    """Return text for a short length, such as that of a gap, with its unit.
 
-    Lengths are rounded to about a tenth of a millimetre, small ones to two significant figures.
+    Lengths are rounded to about a tenth of a millimetre, small ones to two significant digits.
+
+    Args:
+        length: the length, in the unit currently in force.
     """
     metres = in_metres(length) + 0.0  # turns -0.0 into 0.0
     rules = _LONG if abs(metres) >= _MANY else _SHORT
@@ -158,11 +164,11 @@ def short_length(length: float) -> str:
 
 
 def file_length(length: float, figures: int = 4) -> str:
-    """Return a length in the unit of the problem file, for messages that tell the user what to write there.
+    """Return text for a length in the unit of the problem file, for messages on values to write into the file.
 
     Args:
         length: the length, in the unit currently in force.
-        figures: number of significant figures.
+        figures: number of significant digits.
     """
     unit = _SPEECH.get().unit
     value = in_metres(length) / METRES[unit]
@@ -172,7 +178,7 @@ def file_length(length: float, figures: int = 4) -> str:
 
 
 def place(point: FloatArray | tuple[float, ...]) -> str:
-    """Return the coordinates of a point, (x, y) or (x, y, z) in space, with their unit."""
+    """Return text for the coordinates of a point, (x, y) or (x, y, z), given in the unit in force, with their unit."""
     rule = _LONG[_SPEECH.get().unit]
     coordinates = [in_metres(float(coordinate)) for coordinate in point]
     size = max(map(abs, coordinates))
@@ -180,6 +186,6 @@ def place(point: FloatArray | tuple[float, ...]) -> str:
 
 
 def curvature(value: float) -> str:
-    """Return a curvature with its unit, to three significant figures."""
+    """Return text for a curvature, given in the unit in force, with its unit, to three significant digits."""
     speech = _SPEECH.get()
     return f"{value / speech.metres * METRES[speech.unit]:.3g} 1/{speech.unit}"

@@ -1,7 +1,7 @@
-"""The package's compiled C library, made by the build hook, and calls of its functions.
+"""The compiled C library of the package, created by the build hook, and calls of its functions.
 
-Every function takes the address of one struct. The build (``hatch_build.py``) reads the layouts of the structs from the
-C source and stores them in the library, so that Python does not repeat them and the two cannot differ.
+Every C function takes the address of one struct. The build (``hatch_build.py``) reads the layouts of the structs from
+the C source and stores them in the library, so that Python does not repeat them and the two cannot differ.
 """
 
 import ctypes
@@ -23,7 +23,7 @@ LIBRARY = Path(
     os.environ.get("CCM_OPT_NATIVE")
     or Path(__file__).parents[1] / f"_native.{'dll' if sys.platform == 'win32' else 'so'}"
 )
-"""File of the library; the environment variable ``CCM_OPT_NATIVE`` selects another, as `tests.sanitizers` does."""
+"""Path of the library; the environment variable ``CCM_OPT_NATIVE`` selects another one, for tests."""
 _HOW_TO_BUILD = "install ccm_opt anew (pip install .), or run 'python hatch_build.py' in its source folder"
 _NUMBERS: dict[str, Any] = {"int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32, "double": ctypes.c_double,
                             "float": ctypes.c_float}  # fmt: skip
@@ -33,11 +33,11 @@ _BYTES = np.dtype(np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class _Pointer:
-    """The target of a pointer in a struct.
+    """The target of a pointer in a C struct.
 
     Attributes:
         dtype: type of the elements; None for a pointer without element type.
-        struct: layout of the elements where they are structs; None for numbers.
+        struct: layout of the elements if they are structs; None for numbers.
         read_only: whether C only reads the elements.
     """
 
@@ -63,7 +63,9 @@ class _Layout:
 
 @cache
 def native_library() -> ctypes.PyDLL:
-    """Load and return the library; its functions hold the interpreter lock, which makes short calls faster.
+    """Return the compiled library, loaded on first use.
+
+    Its functions hold the interpreter lock, which makes short calls faster.
 
     Raises:
         NativeLibraryError: the library is missing, or cannot be loaded on this machine.
@@ -76,13 +78,13 @@ def native_library() -> ctypes.PyDLL:
 
 
 def native_constant(name: str) -> int:
-    """Return the value of an ``int64_t`` constant exported by the library."""
+    """Return the value of an ``int64_t`` constant that the compiled library exports."""
     return ctypes.c_int64.in_dll(native_library(), name).value
 
 
 @cache
 def _told() -> Mapping[str, Any]:
-    """Return the fields of every function's struct, as the build stored them in the library."""
+    """Return the fields of the struct of every C function, as the build stored them in the library."""
     text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(native_library(), "native_layouts")))
     told: Mapping[str, Any] = json.loads(text)
     return told
@@ -104,11 +106,12 @@ def _struct_layout(function: str) -> _Layout:
 
 
 def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
-    """Return the layout of a struct.
+    """Return the layout of a C struct.
 
     Args:
         fields: name, type and use of each field; the type of a struct is a list of its fields; the use is 'in' or 'out'
-            for a pointer that C reads or writes, the length for an array, and '' otherwise.
+            for
+            a pointer that C reads or writes, the length for an array, and '' otherwise.
     """
     types: list[tuple[str, Any]] = []
     pointers: dict[str, _Pointer] = {}
@@ -129,7 +132,7 @@ def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
 
 
 def element_type(function: str, field: str) -> np.dtype[Any]:
-    """Return the element type of a pointer field of a function's struct, needed to make arrays of structs."""
+    """Return the element type of a pointer field of a C function's struct, for making arrays of structs."""
     dtype = _struct_layout(function).pointers[field].dtype
     return np.dtype(dtype)
 
@@ -163,7 +166,7 @@ class NativeCall:
         self.set(**values)
 
     def set(self, **values: Any) -> None:
-        """Set fields of the struct.
+        """Set named fields of the struct.
 
         Raises:
             TypeError: C would write into an array of another type or layout.
@@ -171,7 +174,7 @@ class NativeCall:
         _fill(self.fields, self._layout, values, self._kept)
 
     def __call__(self) -> None:
-        """Call the function on the struct."""
+        """Call the C function on the struct."""
         self.function(self.address)
 
 
@@ -192,7 +195,7 @@ def _fill(struct: Any, layout: _Layout, values: Mapping[str, Any], kept: dict[st
 
 
 def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
-    """Return the object that owns the memory for a pointer: the value itself, a converted array, or a struct.
+    """Return the object that owns the memory for a pointer field: the value itself, a converted array, or a struct.
 
     Args:
         pointer: target of the pointer.
@@ -220,7 +223,7 @@ def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
 
 
 class _OwnedStruct:
-    """A struct to which a pointer points, together with the memory to which its own pointers point."""
+    """A struct that a pointer refers to, together with the memory that its own pointers refer to."""
 
     def __init__(self, layout: _Layout, values: Mapping[str, Any]) -> None:
         self.struct = layout.type()

@@ -1,4 +1,4 @@
-"""Polygons in the plane."""
+"""Geometry of polygons in the plane."""
 
 import numpy as np
 import shapely
@@ -7,24 +7,24 @@ from ccm_opt.core.arrays import TINY, FloatArray
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the scalar cross product a × b of plane vectors, shapes (..., 2) broadcast to (...)."""
+    """Return the scalar cross products a × b of plane vectors (..., 2), shape (...)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product
 
 
 def after_each(vertices: FloatArray) -> FloatArray:
-    """Return the successor of each vertex of a closed ring, shape (m, 2)."""
+    """Return the successor of each vertex (m, 2) of a closed ring, shape (m, 2)."""
     return np.concatenate((vertices[1:], vertices[:1]))
 
 
 def signed_area(vertices: FloatArray) -> float:
-    """Return the area of a simple polygon [m²], positive when ``vertices`` (m, 2) run counter-clockwise."""
+    """Return the area of a simple polygon with vertices (m, 2), positive if they are counter-clockwise [m²]."""
     x, y = vertices.T
     return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
 
 
 def counter_clockwise(vertices: FloatArray) -> FloatArray:
-    """Return the vertices of a polygon, shape (m, 2), in counter-clockwise order."""
+    """Return the vertices of a polygon (m, 2) in counter-clockwise order."""
     return vertices if signed_area(vertices) >= 0.0 else vertices[::-1]
 
 
@@ -32,7 +32,7 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
     """Return whether a counter-clockwise polygon is convex: it turns left or goes straight on at every vertex.
 
     Args:
-        vertices: shape (m, 2) [m].
+        vertices: vertices of the polygon, shape (m, 2) [m].
         tolerance: depth of dents that still count as straight [m].
     """
     edges = after_each(vertices) - vertices
@@ -52,11 +52,11 @@ def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the half-planes ``normals @ x <= offsets`` whose intersection is a convex polygon.
 
     Args:
-        vertices: counter-clockwise, no two alike in succession, shape (m, 2) [m].
+        vertices: counter-clockwise vertices without repetitions, shape (m, 2) [m].
 
     Returns:
         Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; row i belongs to the edge from vertex i to
-        i + 1.
+        vertex i + 1.
     """
     edges = after_each(vertices) - vertices
     normals = (edges / np.hypot(edges[:, 0], edges[:, 1])[:, None])[:, ::-1] * (1.0, -1.0)
@@ -67,12 +67,12 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
     """Return the part of a convex polygon with ``normal @ x <= offset`` (one step of Sutherland & Hodgman, 1974).
 
     Args:
-        vertices: counter-clockwise, shape (m, 2) [m].
-        normal: shape (2,).
-        offset: [m].
+        vertices: counter-clockwise vertices, shape (m, 2) [m].
+        normal: normal of the half-plane, shape (2,).
+        offset: offset of the half-plane [m].
 
     Returns:
-        Counter-clockwise vertices, shape (k, 2); k = 0 when nothing is left.
+        Counter-clockwise vertices, shape (k, 2); k = 0 if nothing is left.
     """
     excess: list[float] = (vertices @ normal - offset).tolist()
     if max(excess) <= 0.0:
@@ -93,7 +93,7 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
 
 
 def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the part of a convex polygon, shape (m, 2) to (k, 2), within half-planes ``normals @ x <= offsets``."""
+    """Return the part of a convex polygon (m, 2) in half-planes ``normals @ x <= offsets``, as vertices (k, 2)."""
     for normal, offset in zip(normals, offsets, strict=True):
         if len(vertices) == 0:
             break
@@ -111,8 +111,8 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
         directions: unit directions of the lines, shape (n, 2).
 
     Returns:
-        The two ends of each chord, the one behind the point first, shape (n, 2, 2) [m]; both equal the point when a
-        line only touches the polygon.
+        The two ends of each chord in the order of its direction, shape (n, 2, 2) [m]; both equal the point if a line
+        only touches the polygon.
     """
     rate = directions @ normals.T
     slack = np.maximum(offsets - through @ normals.T, 0.0)
@@ -124,7 +124,7 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
 
 
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
-    """Return the nearest point [m] on each segment, (..., 2, 2), to each point, (..., 2), broadcast to (..., 2)."""
+    """Return the point on each segment (..., 2, 2) nearest to a point (..., 2) each, broadcast to (..., 2) [m]."""
     tail = segments[..., 0, :]
     along = segments[..., 1, :] - tail
     fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
@@ -132,18 +132,18 @@ def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
 
 
 _NEEDLE = 1e-6
-"""Corners whose edges turn back on each other to within this angle are needles [rad]."""
+"""Angle between edges that turn back at a corner below which the corner counts as a needle [rad]."""
 _ARC = 8
-"""Sides per quarter of the circle around the tip of a needle."""
+"""Number of polygon sides per quarter of the circle around the tip of a needle."""
 
 
 def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
-    """Return a shape offset by a distance, with mitred corners; the result contains every point within the distance.
+    """Return planar polygons offset by a distance with mitred corners, containing every point in this distance.
 
     Args:
         shape: polygons in the plane [m].
         distance: offset, negative to shrink [m].
-        limit: mitre limit; corners that would reach farther than this many times the distance are cut off.
+        limit: mitre limit; corners that would extend farther than this many times the distance are cut off.
     """
     # At the tip of a needle of zero width GEOS divides by zero, shapely warns, and the tip is not offset.
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,7 +1,7 @@
-"""Progress reports and the timing of stages.
+"""Progress reports of planning, and CPU times of its stages.
 
-Progress is made deep inside the search, while the listener is known only to the caller. A context variable connects the
-two, so that nothing in between has to pass the listener on.
+Progress arises deep inside the search, while the listener is known only to the caller. A context variable connects the
+two, so that no function in between has to pass the listener on.
 """
 
 import math
@@ -18,13 +18,13 @@ from ccm_opt.core.length_words import LengthUnit, in_metres, said_unit, short_le
 
 @dataclass(frozen=True)
 class Progress:
-    """A progress report.
+    """A progress report of planning.
 
     Attributes:
         stage: name of the running stage.
         elapsed: CPU time since the start [s].
         limit: CPU time after which planning ends [s]; infinite without a limit.
-        candidate: number of the candidate being tried, from 1; 0 for none.
+        candidate: number of the search attempt (candidate) in progress, from 1; 0 for none.
         name: name of that candidate, or the change being tried on a problem without a plan.
         distance: least distance from the goal at which an earlier candidate ended [m]; infinite without one.
         unit: unit in which lengths are shown.
@@ -57,13 +57,13 @@ class Progress:
 
 
 Listener: TypeAlias = Callable[[int, str, float], None]
-"""Called before every candidate of the search with number, name and distance as in ``Progress``."""
+"""Function called before every search attempt with number, name and distance as in ``Progress``."""
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Report candidates to a listener until the block ends; None silences the reports."""
+    """Send reports of search attempts to a listener until the end of a block; None silences the reports."""
     token = _LISTENER.set(listener)
     try:
         yield
@@ -72,7 +72,7 @@ def listening(listener: Listener | None) -> Iterator[None]:
 
 
 def report_candidate(candidate: int, name: str, distance: float) -> None:
-    """Report to the listener, if any, that a candidate is about to be tried.
+    """Report to the current listener, if any, that a search attempt (candidate) is about to start.
 
     Args:
         candidate: number of the candidate, from 1.
@@ -86,10 +86,10 @@ def report_candidate(candidate: int, name: str, distance: float) -> None:
 
 @dataclass
 class Stages:
-    """Reporter of the running stage, which also records the CPU time of each stage.
+    """Reporter of the running stage of planning, which also records the CPU time of each stage.
 
     Attributes:
-        progress: called when a stage or a candidate of the search starts, or None.
+        progress: called when a stage or a search attempt starts, or None.
         limit: CPU time after which planning ends [s].
         timings: CPU time of this process by stage, excluding nested stages [s].
     """
@@ -103,7 +103,7 @@ class Stages:
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        """Run a block as the stage ``name``; times of a repeated stage add up, even when the block fails."""
+        """Run a block as the stage ``name``; times of a repeated stage add up, even if the block fails."""
         self._account()
         self._running.append(name)
         self.tell()
@@ -116,18 +116,18 @@ class Stages:
             self.tell()
 
     def tell(self, **news: Any) -> None:
-        """Report the running stage; ``news`` sets further fields of ``Progress``."""
+        """Report the running stage to the listener; ``news`` sets further fields of ``Progress``."""
         if self.progress is not None and self._running:
             elapsed = time.process_time() - self._beginning
             self.progress(replace(Progress(self._running[-1], elapsed, self.limit, unit=said_unit()), **news))
 
     def report_change(self, words: str, spent: float, most: float) -> None:
-        """Report which change is being tried on a problem without a plan.
+        """Report the change that is being tried on a problem without a plan.
 
         Args:
-            words: the change, in words.
+            words: text for the change.
             spent: CPU time spent on the search for changes so far [s].
-            most: CPU time allowed for that search [s].
+            most: CPU time allowed for the search for changes [s].
         """
         self.tell(elapsed=spent, limit=most, name=words)
 

@@ -1,4 +1,4 @@
-"""Small dense quadratic programs, solved by DAQP: min ½ δᵀHδ + gᵀδ subject to bounds on rows."""
+"""Small dense quadratic programs, min ½ δᵀHδ + gᵀδ subject to bounds on rows, solved by DAQP."""
 
 import daqp
 import numpy as np
@@ -16,18 +16,18 @@ def solve_small_qp(
     sense: npt.NDArray[np.intc],
     most_iterations: int | None = None,
 ) -> FloatArray | None:
-    """Return the minimiser δ, shape (p,), or None when the problem is infeasible or the solver fails.
+    """Return the minimiser of ½ δᵀHδ + gᵀδ within bounds, shape (p,); None if infeasible or if the solver fails.
 
-    Failures are cycling, running out of iterations, and a raised error.
+    Failures are cycling, too many iterations, and an exception of the solver.
 
     Args:
         hessian: H, positive definite, shape (p, p).
         gradient: g, shape (p,).
-        matrix: constraint rows, shape (m, p), contiguous; no rows where the bounds are on δ itself.
+        matrix: constraint rows, shape (m, p), contiguous; no rows if the bounds are on δ itself.
         upper: upper bounds of the rows, shape (m,), or of δ, shape (p,).
-        lower: lower bounds, of the same shape as ``upper``.
-        sense: kind of each row, in DAQP's codes; DAQP writes into this array.
-        most_iterations: maximum number of iterations; None for DAQP's default.
+        lower: lower bounds, of the shape of ``upper``.
+        sense: kind of each row, in the codes of DAQP; DAQP writes into this array.
+        most_iterations: maximum number of iterations; None for the default of DAQP.
     """
     limits = {} if most_iterations is None else {"iter_limit": most_iterations}
     try:

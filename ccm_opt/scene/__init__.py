@@ -1,1 +1,1 @@
-"""The scene of the arm: walls and free space, bodies as triangles, distances, and collision-free certificates."""
+"""Scene of an arm: walls and free space, bodies as triangles, distances, and collision-free certificates."""

@@ -1,4 +1,4 @@
-"""Refuses poses that break joint limits or touch something, with advice on how to correct them."""
+"""Rejection of poses that exceed joint limits or are in contact, with advice on how to correct them."""
 
 import numpy as np
 import shapely
@@ -13,12 +13,12 @@ from ccm_opt.scene.workspace import Workspace
 
 
 def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
-    """Return at most one line of advice on which settings to reduce so that the arm needs less space.
+    """Return at most one line of advice on which of radius and clearance to reduce so that the arm needs less space.
 
     Args:
         radius: radius of the arm [m].
         clearance: required clearance [m].
-        lacking: distance by which radius plus clearance is known to be too large [m]; 0 if unknown.
+        lacking: length by which radius plus clearance is known to be too large [m]; 0 if unknown.
     """
     keys = []
     if radius > lacking:
@@ -30,13 +30,13 @@ def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> t
 
 
 AT_LIMIT = 0.99
-"""Share of its limit from which a joint counts as held by it. Taste."""
+"""Fraction of its limit from which on a joint counts as being at the limit. Taste."""
 MOST_NAMED = 6
-"""Most joints that are listed one by one. Taste."""
+"""Largest number of joints that a message lists one by one. Taste."""
 
 
 def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[str, ...]]:
-    """Return a description of the joints of a pose that are at their limits, and advice; both may be empty.
+    """Return text that names the joints of a pose that are at their limits, and advice; both empty if there are none.
 
     Args:
         bends: bends of each joint, shape (links,), or in space (links, 2) [rad].
@@ -60,20 +60,19 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
 
 
 def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
-    """Refuse a pose that breaks a joint limit or is in contact, and return its least clearance [m].
+    """Return the least gap between an arm and its surroundings in a pose [m]; refuse a pose not allowed.
 
-    The returned clearance excludes the required clearance; it is infinite if nothing is near.
+    The gap excludes the required clearance; it is infinite if nothing is near.
 
     Args:
         arm: the arm.
-        workspace: the workspace, in the plane.
+        workspace: a planar workspace.
         q: configuration, shape (c,) [rad, m].
         which: name of the pose in messages.
         reach: distance, as a fraction of the arm's length, within which obstacles are checked.
 
     Raises:
-        UnreachableGoal: the pose breaks a joint limit or touches something; the message names joint or link and
-            obstacle.
+        UnreachableGoal: the pose exceeds a joint limit or is in contact; the message names joint or link and obstacle.
     """
     _refuse_sharp_bends(arm, q[: arm.links], which)
     points = arm.joint_positions_at(q)
@@ -87,13 +86,13 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
     least = -DEFAULT_CERTIFICATE.rounding if may_touch else DEFAULT_CERTIFICATE.touch
     crossing = finder.crosses(points)
     touching = bool(np.any(contacts.gap < least)) or crossing
-    # A stationary pose is a motion too: its certificate detects links inside obstacles, far from any wall.
+    # A stationary pose is a motion, too: its certificate detects links that lie deep inside obstacles.
     inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((q, q)))) > 0
     if touching or inside:
         if (outside := _outside(arm, workspace, points)) is not None:
             advice = f"move the {which} inside, or widen workspace.bounds"
             raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (advice,)))
-        # If axes meet walls, or each other, a thinner arm would not help.
+        # If link axes meet walls, or each other, a thinner arm would not help.
         overlap = -float(contacts.gap.min())
         met = crossing or inside or overlap >= arm.radius + workspace.clearance
         room = () if met else clearance_advice(arm.radius, workspace.clearance, overlap)
@@ -120,9 +119,12 @@ def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
 
 
 def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
-    """Return a description of where a pose leaves the workspace, or None if the pose stays inside.
+    """Return text that says where a pose leaves the workspace; None if the pose stays inside.
 
-    ``points`` are the positions of the joints and the tip, shape (links + 1, 2) [m].
+    Args:
+        arm: the arm.
+        workspace: a planar workspace.
+        points: positions of the joints and the tip, shape (links + 1, 2) [m].
     """
     link, share = arm.mount_end
     behind_mount = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))

@@ -1,4 +1,4 @@
-"""Bodies in space and their placements.
+"""Rigid bodies in space and their placements.
 
 A body has ``triangles``, shape (m, 3, 3) [m], and ``rounding`` [m]: it is contained in the set of points within
 ``rounding`` of a triangle, together with the volume that the triangles enclose. Boxes, spheres, capsules and meshes are
@@ -32,7 +32,7 @@ class RigidPlacement:
 
     @classmethod
     def turned(cls, position: FloatArray, angles: FloatArray) -> "RigidPlacement":
-        """Return the placement that turns about the fixed x, y and z axes, in this order, and then moves.
+        """Return a placement that rotates about the fixed x, y and z axes, in this order, and then translates.
 
         Args:
             position: position of the body's origin, shape (3,) [m].
@@ -43,7 +43,7 @@ class RigidPlacement:
 
     @classmethod
     def of_quaternion(cls, position: FloatArray, quaternion: FloatArray) -> "RigidPlacement":
-        """Return the placement that turns by a quaternion (w, x, y, z) of any non-zero length and then moves."""
+        """Return a placement that rotates by a quaternion (w, x, y, z) of any non-zero length and then translates."""
         w, x, y, z = quaternion / np.linalg.norm(quaternion)
         rotation = np.array(
             [
@@ -56,7 +56,7 @@ class RigidPlacement:
 
     @property
     def quaternion(self) -> FloatArray:
-        """The rotation as a unit quaternion (w, x, y, z), w not negative, shape (4,)."""
+        """Rotation of the placement as a unit quaternion (w, x, y, z) with non-negative w, shape (4,)."""
         # Divide by the greatest of the four squares, to avoid loss of digits.
         turn = self.rotation
         trace = float(np.trace(turn))
@@ -75,20 +75,20 @@ class RigidPlacement:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the placement neither turns nor moves bodies."""
+        """Whether the placement neither rotates nor translates bodies."""
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
 
     def placed(self, by: "RigidPlacement") -> "RigidPlacement":
-        """Return this placement followed by another one."""
+        """Return this placement followed by another placement."""
         return RigidPlacement(by.points(self.position), by.rotation @ self.rotation)
 
     def points(self, own: FloatArray) -> FloatArray:
-        """Return the placed positions of points of the body, shape (..., 3) [m]."""
+        """Return points (..., 3), given in the frame of the body, in the frame of the room [m]."""
         return np.asarray(own @ self.rotation.T + self.position)
 
 
 def _about(axis: int, angle: float) -> FloatArray:
-    """Return the rotation about a coordinate axis by an angle [rad]."""
+    """Return the matrix of a rotation about a coordinate axis, 0 to 2, by an angle [rad], shape (3, 3)."""
     first = (axis + 1) % 3
     second = (axis + 2) % 3
     turn = np.eye(3)
@@ -116,7 +116,7 @@ class SceneSettings:
 
 
 SCENE = SceneSettings()
-"""Settings used if no others are given."""
+"""Default settings for the conversion of bodies to triangles."""
 
 
 BOX_FACES = np.array(
@@ -126,17 +126,20 @@ BOX_FACES = np.array(
         *([0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]),
     ]
 )
-"""Triangles of a box as indices of its corners, which are numbered as binary z y x; counter-clockwise from outside."""
+"""Triangles of a box as indices of its corners, counter-clockwise from outside, shape (12, 3).
+
+The index of a corner in binary digits is z y x.
+"""
 
 
 def box_corners(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the eight corners of a box, shape (8, 3), numbered as binary z y x."""
+    """Return the eight corners of a box, shape (8, 3) [m]; the index of a corner in binary digits is z y x."""
     counted = np.arange(8)[:, None] >> np.arange(3) & 1
     return np.asarray(np.where(counted == 1, high, low), dtype=np.float64)
 
 
 def rotation_to_axis(axis: FloatArray) -> FloatArray:
-    """Return a rotation that turns x to an axis, shape (3, 3); the identity for an axis of zero length."""
+    """Return a rotation matrix that turns x to a given axis, shape (3, 3); the identity for a zero axis."""
     length = np.linalg.norm(axis)
     if length == 0.0:
         return np.eye(3)
@@ -147,9 +150,9 @@ def rotation_to_axis(axis: FloatArray) -> FloatArray:
 
 
 def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArray, IntArray]:
-    """Return vertices and faces of a cylinder along x with a hemisphere at either end.
+    """Return vertices (v, 3) [m] and faces (m, 3) of a cylinder along x with a hemisphere at either end.
 
-    Each of the rings of vertices from pole to pole has ``sides`` vertices; ``sides`` is a multiple of four.
+    The vertices lie in rings from pole to pole, each of ``sides`` vertices, a multiple of four.
     """
     quarters = sides // 4
     tilt = np.linspace(0.0, 0.5 * np.pi, quarters + 1)
@@ -178,21 +181,21 @@ def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArra
 
 
 def loose_triangles(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return triangles (m, 3, 3) as vertices, shape (3 m, 3) [m], and faces, shape (m, 3)."""
+    """Convert triangles (m, 3, 3) [m] to vertices, shape (3 m, 3) [m], and faces, shape (m, 3)."""
     return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 class _Solid:
-    """Common base of bodies, which by default are solid, closed and represented exactly."""
+    """Base class of bodies, which by default are solid, closed and represented exactly."""
 
     @property
     def rounding(self) -> float:
-        """Distance by which the body reaches beyond its triangles [m]."""
+        """Distance by which the body extends beyond its triangles [m]."""
         return 0.0
 
     @property
     def error(self) -> float:
-        """Greatest distance by which the representation protrudes from the body [m]."""
+        """Largest distance by which the representation by triangles protrudes from the true body [m]."""
         return 0.0
 
     @property
@@ -207,7 +210,7 @@ class _Solid:
 
     @property
     def triangles(self) -> FloatArray:
-        """Triangles of the body, shape (m, 3, 3) [m]."""
+        """Triangles that represent the body, shape (m, 3, 3) [m]."""
         raise NotImplementedError
 
     @property
@@ -217,29 +220,29 @@ class _Solid:
         return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
 
     def placed(self, by: RigidPlacement) -> Self:
-        """Return the body turned and moved by a placement."""
+        """Return the body moved by a rigid motion."""
         raise NotImplementedError
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
         """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the surface.
 
-        Round parts get the given number of sides, a multiple of four.
+        Round parts are approximated with the given number of sides per turn, a multiple of four.
         """
         return loose_triangles(self.triangles)
 
     def moved(self, by: FloatArray) -> Self:
-        """Return the body moved by a displacement, shape (3,) [m]."""
+        """Return the body translated by a displacement, shape (3,) [m]."""
         return self.placed(RigidPlacement(by))
 
 
 @dataclass(frozen=True)
 class BoxBody(_Solid):
-    """A box with its sides along its own axes.
+    """A rectangular box in space.
 
     Attributes:
-        low: lower corner in the box's own axes, shape (3,) [m].
-        high: upper corner in the box's own axes, shape (3,) [m].
-        placement: placement of the box in the room.
+        low: lower corner in the frame of the box, shape (3,) [m].
+        high: upper corner in the frame of the box, shape (3,) [m].
+        placement: placement of this frame in the room.
     """
 
     low: FloatArray
@@ -250,16 +253,16 @@ class BoxBody(_Solid):
 
     @property
     def corners(self) -> FloatArray:
-        """Corners of the box in the room, shape (8, 3) [m]."""
+        """Corners of the box in the frame of the room, shape (8, 3) [m]."""
         return self.placement.points(box_corners(self.low, self.high))
 
     def placed(self, by: RigidPlacement) -> "BoxBody":
-        """Return the box turned and moved by a placement."""
+        """Return the box moved by a rigid motion."""
         return replace(self, placement=self.placement.placed(by))
 
     @property
     def triangles(self) -> FloatArray:
-        """The twelve triangles of the box, shape (12, 3, 3) [m]."""
+        """Triangles of the box, shape (12, 3, 3) [m]."""
         return np.asarray(self.corners[BOX_FACES])
 
 
@@ -279,16 +282,19 @@ class SphereBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Radius of the ball, about its centre [m]."""
+        """Radius of the ball, by which it extends beyond its centre [m]."""
         return self.radius
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
-        """Return the vertices (v, 3) [m] and faces (m, 3) of the ball with a number of sides, a multiple of four."""
+        """Return vertices (v, 3) [m] and faces (m, 3) of the ball with a number of sides per turn.
+
+        The number of sides is a multiple of four.
+        """
         corners, faces = capsule_surface(0.0, self.radius, sides)
         return corners + self.center, faces
 
     def placed(self, by: RigidPlacement) -> "SphereBody":
-        """Return the ball turned and moved by a placement."""
+        """Return the ball moved by a rigid motion."""
         return replace(self, center=by.points(self.center))
 
     @property
@@ -299,11 +305,11 @@ class SphereBody(_Solid):
 
 @dataclass(frozen=True)
 class CapsuleBody(_Solid):
-    """A round bar with round ends.
+    """A capsule in space: all points within a radius of a segment.
 
     Attributes:
-        start: one end of its axis, shape (3,) [m].
-        end: the other end of its axis, shape (3,) [m].
+        start: one end of the segment, shape (3,) [m].
+        end: the other end of the segment, shape (3,) [m].
         radius: radius [m].
     """
 
@@ -315,11 +321,11 @@ class CapsuleBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Radius of the capsule, about its axis [m]."""
+        """Radius of the capsule, by which it extends beyond its axis [m]."""
         return self.radius
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
-        """Return the vertices (v, 3) [m] and faces (m, 3) of the capsule with a number of sides.
+        """Return vertices (v, 3) [m] and faces (m, 3) of the capsule with a number of sides per turn.
 
         The number of sides is a multiple of four.
         """
@@ -328,7 +334,7 @@ class CapsuleBody(_Solid):
         return corners @ rotation_to_axis(axis).T + self.start, faces
 
     def placed(self, by: RigidPlacement) -> "CapsuleBody":
-        """Return the capsule turned and moved by a placement."""
+        """Return the capsule moved by a rigid motion."""
         return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
@@ -339,7 +345,7 @@ class CapsuleBody(_Solid):
 
 @dataclass(frozen=True)
 class CylinderBody(_Solid):
-    """A round bar with flat ends, represented by its circumscribed prism.
+    """A cylinder in space, represented by its circumscribed prism.
 
     Attributes:
         start: centre of one end, shape (3,) [m].
@@ -357,11 +363,11 @@ class CylinderBody(_Solid):
 
     @property
     def error(self) -> float:
-        """Greatest distance by which the prism protrudes from the cylinder [m]."""
+        """Largest distance by which the prism protrudes from the cylinder [m]."""
         return self.radius * self.settings.cylinder_error
 
     def placed(self, by: RigidPlacement) -> "CylinderBody":
-        """Return the cylinder turned and moved by a placement."""
+        """Return the cylinder moved by a rigid motion."""
         return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
@@ -384,7 +390,7 @@ class CylinderBody(_Solid):
         return np.concatenate((*walls, *ends))
 
     def _ring(self, sides: int) -> FloatArray:
-        """Return the prism's corners about the axis, counter-clockwise seen from the end, shape (sides, 3) [m]."""
+        """Return the prism's corners relative to the axis, counter-clockwise seen from the end, (sides, 3) [m]."""
         axis = (self.end - self.start) / np.linalg.norm(self.end - self.start)
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
@@ -401,14 +407,14 @@ class MeshBody(_Solid):
         vertices: vertices in the room, shape (v, 3) [m].
         faces: vertex indices of each triangle, shape (m, 3).
         file: path of the mesh's file as given in the problem file.
-        digest: SHA-256 of that file, in hexadecimal digits.
+        digest: SHA-256 of the file, in hexadecimal digits.
         solid: whether the enclosed volume belongs to the mesh; otherwise only its surface counts.
-        scale: length of the mesh's unit [m].
-        placement: placement in the room; it has already been applied to the vertices.
-        up: axis of the file that points up, ``y`` or ``z``; if it was y, the vertices have already been turned.
-        content: bytes of the file, for copying it; empty if they were not kept.
+        scale: length of one unit of the file [m].
+        placement: placement in the room, already applied to the vertices.
+        up: axis of the file that points up, ``y`` or ``z``; if it was y, the vertices are already turned.
+        content: bytes of the file, to write copies from; empty if not kept.
         triangles_read: number of triangles in the file.
-        mended: descriptions of the repairs that were made.
+        mended: descriptions of repairs of the mesh.
         notes: remarks for the user on the file's unit, axes and other content.
     """
 
@@ -428,10 +434,10 @@ class MeshBody(_Solid):
 
     @classmethod
     def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":
-        """Return the mesh that arrays of vertices and faces describe; the vertices are already placed in the room.
+        """Return the mesh given by arrays of vertices, in the frame of the room, and faces.
 
         Args:
-            vertices: vertices in the room, shape (v, 3) [m].
+            vertices: positions of the vertices, shape (v, 3) [m].
             faces: vertex indices of each triangle, counted from 0, shape (m, 3).
 
         Raises:
@@ -454,11 +460,11 @@ class MeshBody(_Solid):
         return cls(known, numbers, triangles_read=len(numbers))
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3)."""
+        """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the mesh."""
         return self.vertices, self.faces
 
     def placed(self, by: RigidPlacement) -> "MeshBody":
-        """Return the mesh turned and moved by a placement."""
+        """Return the mesh moved by a rigid motion."""
         return replace(self, vertices=by.points(self.vertices), placement=self.placement.placed(by))
 
     @cached_property
@@ -468,14 +474,14 @@ class MeshBody(_Solid):
 
     @cached_property
     def shells(self) -> Shells:
-        """The closed and open shells of the mesh's surface."""
+        """Closed and open shells (connected pieces) of the mesh's surface."""
         return find_shells(self.vertices, self.faces)
 
     @property
     def closed(self) -> bool:
-        """Whether every edge joins two triangles, so that the mesh has a well-defined inside."""
+        """Whether every edge of the mesh joins two triangles, so that the inside is well defined."""
         return bool(self.shells.closed.all())
 
 
 Body: TypeAlias = BoxBody | SphereBody | CylinderBody | CapsuleBody | MeshBody
-"""Any kind of body."""
+"""Any kind of rigid body in space."""

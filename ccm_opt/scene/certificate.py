@@ -1,15 +1,15 @@
-"""Certificates that a motion in the plane is free of collisions.
+"""Certificates that a piecewise-linear motion of a planar arm is free of collisions.
 
-Between two keyframes the link headings are linear in u. A joint then deviates from the chord between its end positions
-by at most ⅛ Σ l Δφ² over the links before it, since |∂²P/∂u²| ≤ Σ l Δφ² and linear interpolation errs by ⅛ max|f''|
-(links are straight: no curvature term). So link j stays within the hull of its four end positions, grown by that chord
-deviation.
+Between two keyframes the link headings φ are linear in the path parameter u. A joint then deviates from the chord
+between its end positions by at most ⅛ Σ l Δφ² over the links (of length l) before it, since |∂²P/∂u²| ≤ Σ l Δφ² and
+linear interpolation errs by ⅛ max|f''| (links are straight: no curvature term). So a link stays within the convex hull
+of the four end positions of its joints, grown by that chord deviation.
 
 A link is clear if this grown hull meets no wall. A pair of links is apart if all eight corner differences keep their
 distance along the direction that is closest half-way; only the links between the two add to the chord deviation of
 their difference.
 
-Whatever is not proved is bisected, link by link and pair by pair: each bisection quarters the chord deviation.
+Whatever is not proved is bisected in u, link by link and pair by pair: each bisection quarters the chord deviation.
 
 The verifier computes its own bounds, so that it is independent of this certificate.
 """
@@ -29,13 +29,15 @@ from ccm_opt.scene.workspace import Workspace
 
 @dataclass(frozen=True)
 class Stretches:
-    """Stretches of a motion under test, with joint positions and bounds on the chord deviation.
+    """Parts of a motion under test, with joint positions and bounds on their deviation from chords.
+
+    The coordinates change linearly over each part.
 
     Attributes:
         arm: the moving arm.
-        start: configurations at the starts, shape (m, c) [rad, m].
+        start: configurations at the starts of the m parts, shape (m, c) [rad, m].
         end: configurations at the ends, shape (m, c) [rad, m].
-        owner: index of the interval of the motion that each stretch belongs to, shape (m,).
+        owner: index of the interval between keyframes to which each part belongs, shape (m,).
     """
 
     arm: Arm
@@ -50,39 +52,42 @@ class Stretches:
 
     @cached_property
     def a(self) -> FloatArray:
-        """Joint positions at the start, shape (m, links + 1, 2) [m]."""
+        """Joint positions at the start of each part, shape (m, links + 1, 2) [m]."""
         return self.arm.joint_positions_at(self.start)
 
     @cached_property
     def b(self) -> FloatArray:
-        """Joint positions at the end, shape (m, links + 1, 2) [m]."""
+        """Joint positions at the end of each part, shape (m, links + 1, 2) [m]."""
         return self.arm.joint_positions_at(self.end)
 
     @cached_property
     def middle(self) -> FloatArray:
-        """Joint positions half-way, shape (m, links + 1, 2) [m]."""
+        """Joint positions half-way through each part, shape (m, links + 1, 2) [m]."""
         return self.arm.joint_positions_at(0.5 * (self.start + self.end))
 
     @cached_property
     def sag(self) -> FloatArray:
-        """Bound on the chord deviation of the joint at the end of each link, shape (m, links) [m]."""
+        """Bounds on the deviation of the distal joint of each link from its chord, shape (m, links) [m]."""
         # The base moves straight, so only turning links contribute to the chord deviation.
         turned = np.cumsum((self.end - self.start)[:, : self.arm.links], axis=1)
         return np.asarray(np.cumsum(self.arm.link_length * turned**2, axis=1) / 8.0)
 
     @cached_property
     def moved(self) -> FloatArray:
-        """Bound on any point's distance from its mean position, half the chord plus chord deviation, shape (m,) [m]."""
+        """Bounds on the distance of any point of the arm from its mean position, shape (m,) [m].
+
+        Each bound is half the longest chord plus the largest chord deviation.
+        """
         return np.asarray(0.5 * np.linalg.norm(self.b - self.a, axis=2).max(axis=1) + self.sag[:, -1])
 
 
 Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]
-"""Indices of stretch, link, and a later link, each of shape (k,)."""
+"""Indices of motion part, link, and a later link, each of shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PairProofs:
-    """Proofs that pairs of links stay apart.
+    """A proof method for pairs of links that must stay apart.
 
     Attributes:
         first_apart: least difference of the indices of two links that must stay apart.
@@ -93,11 +98,11 @@ class PairProofs:
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the pairs not proved apart, and the stretches in which one of them touches half-way.
+        """Return the pairs of links not proved apart, and the motion parts in which such a pair touches half-way.
 
         Args:
-            stretches: stretches of a motion.
-            pairs: pairs to test; None for all distant links that come anywhere near each other.
+            stretches: parts of a motion.
+            pairs: pairs to test; None for all links far apart along the arm that come near each other.
         """
         arm = stretches.arm
         call = NativeCall(
@@ -116,7 +121,7 @@ class PairProofs:
 
 
 def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
-    """Call the C code; return the stretch and links of each result (3, capacity), and a contact mask (capacity,)."""
+    """Run C code; return motion part and links of each result (3, capacity), and a contact mask (capacity,)."""
     found = np.empty((3, capacity), dtype=np.int64)
     touching = np.empty(capacity, dtype=np.bool_)
     call.set(capacity=capacity, stretch=found[0], first=found[1], second=found[2], touching=touching)
@@ -125,18 +130,19 @@ def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
 
 
 Links: TypeAlias = tuple[IntArray, IntArray]
-"""Indices of stretch and link, each of shape (k,)."""
+"""Indices of motion part and link, each of shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallProofs:
-    """Proofs that links stay clear of walls.
+    """A proof method for links that must stay clear of walls.
 
     Attributes:
         workspace: the workspace with the walls.
         least: least distance of the axis of each link from walls, rounding included, shape (links,) [m].
         mount: index of the link on which the mount ends, and the fraction of that link in the mount, in [0, 1]; the
-            mount may touch walls.
+            mount
+            may touch walls.
     """
 
     workspace: Workspace
@@ -144,11 +150,11 @@ class WallProofs:
     mount: tuple[int, float]
 
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
-        """Return the links not proved clear, and the stretches in which one of them touches a wall half-way.
+        """Return the links not proved clear of walls, and the motion parts in which such a link touches one half-way.
 
         Args:
-            stretches: stretches of a motion.
-            links: links to test; None for all links beyond the mount, stretch by stretch.
+            stretches: parts of a motion.
+            links: links to test; None for all links beyond the mount, part by part.
         """
         mount, share = self.mount
         of_arm = stretches.arm.links
@@ -169,7 +175,7 @@ class WallProofs:
 
     @cached_property
     def _walls(self) -> dict[str, Any]:
-        """The walls as arguments of the C call, by name."""
+        """Walls as named arguments of the C code."""
         walls = self.workspace.wall_segments
         return {
             "least": self.least,
@@ -184,18 +190,18 @@ class WallProofs:
 
 
 UNIT = 2.0**-53
-"""Half the distance from 1 to the next floating-point number."""
+"""Unit roundoff of double precision, 2⁻⁵³: half the distance from 1 to the next larger number."""
 
 
 def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
-    """Return a bound on the rounding error of an axis's distance from a wall minus chord deviation [m].
+    """Return a bound on the rounding error of a computed distance of a link from a wall, less its chord deviation [m].
 
     The rounding error of the distance between two links is at most twice this bound.
 
     Args:
         arm: the arm; its headings, sums of bends, are at most those of joints that all bend by half a turn.
         workspace: the workspace with the walls.
-        depth: number of times that stretches are halved.
+        depth: number of bisections of the motion.
     """
     links = arm.links
     headings = abs(arm.base_heading) + np.pi * links
@@ -214,12 +220,12 @@ def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Certifies motions of one arm in one workspace.
+    """Certifies that motions of one arm in one workspace are free of collisions.
 
     Attributes:
         arm: the arm.
-        workspace: the workspace.
-        spare: required clearance beyond contact [m].
+        workspace: a planar workspace.
+        spare: gap beyond the required clearance that motions must keep [m]; negative to allow slight contact.
         settings: number of bisections, and tolerances.
     """
 
@@ -232,18 +238,18 @@ class Certificate:
     def allowing_contact(
         cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
     ) -> "Certificate":
-        """Return a certificate that allows slight contact if the arm has non-zero width."""
+        """Return a certificate that tolerates slight contact if the arm has non-zero width."""
         return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a piecewise-linear motion that cannot be certified.
+        """Return the intervals of a piecewise-linear motion that are not certified.
 
         Args:
-            q: configurations at the keyframes, shape (K, c) [rad, m].
+            q: configurations at the K keyframes, shape (K, c) [rad, m].
             depth: number of bisections; that of the settings if None.
 
         Returns:
-            Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
+            Sorted indices k of intervals from keyframe k to k + 1; empty if the motion is free of collisions.
         """
         depth = self.settings.depth if depth is None else depth
         spans = Stretches(self.arm, q[:-1], q[1:], np.arange(len(q) - 1))
@@ -264,8 +270,8 @@ class Certificate:
         return np.unique(np.concatenate(failed))
 
     def _halved(self, spans: Stretches, links: Links, pairs: Pairs, failed: IntArray) -> tuple[Stretches, Links, Pairs]:
-        """Return both halves of every stretch with an unproved test, and the tests to repeat on these halves."""
-        # An interval that has failed need no further tests: the caller only learns that it failed.
+        """Return both halves of every motion part with an unproved test, and the tests to repeat on these halves."""
+        # An interval that has failed needs no further tests: the caller only learns that it failed.
         alive = ~np.isin(spans.owner, failed)
         keep_link = alive[links[0]]
         keep_pair = alive[pairs[0]]
@@ -289,7 +295,7 @@ class Certificate:
         return halves, twice_links, twice_pairs
 
     def _unproved_pairs(self, spans: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the given pairs, or by default all pairs, not proved apart, and the stretches with contact."""
+        """Return the given pairs of links, or all by default, not proved apart, and the motion parts with contact."""
         if not self.arm.self_collision:
             none = np.zeros(0, dtype=np.intp)
             return (none, none, none), none
@@ -297,7 +303,7 @@ class Certificate:
 
     @cached_property
     def _rounding(self) -> float:
-        """Extra distance that proofs require so that rounding errors cannot make them false [m]."""
+        """Distance added to required distances so that rounding errors cannot make proofs false [m]."""
         return proof_rounding(self.arm, self.workspace, self.settings.depth)
 
     @cached_property
@@ -317,7 +323,7 @@ class Certificate:
     def _mount(self) -> tuple[int, float]:
         """Index of the link on which the mount ends, and the fraction of that link in the mount, in [0, 1].
 
-        The index is past the last link if the mount is the whole arm.
+        The index is the number of links if the mount is the whole arm.
         """
         links = self.arm.mount_length / self.arm.link_length
         whole = min(int(links + 1e-9), self.arm.links)
@@ -325,7 +331,7 @@ class Certificate:
 
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
-    """Return the allowed depth of contact [m]; zero if it would let link axes touch walls or each other."""
+    """Return the depth of contact that certificates tolerate [m]; 0 if link axes could then touch walls or links."""
     widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
     # Rounding must not refuse an arm that starts in contact, but an axis without width would end up on the other side
     # of the wall.

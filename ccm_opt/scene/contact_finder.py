@@ -1,4 +1,4 @@
-"""Contacts of links with walls and with each other."""
+"""Contacts of the links of an arm in one pose with walls and with each other."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,22 +14,22 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.walls import Walls
 
 WALL = -1
-"""Stands for the second link in a contact with a wall."""
+"""Value that replaces the index of the second link in a contact with a wall."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Pairs of bodies that are close to each other in one pose.
+    """The m pairs of bodies, each a link and a wall or another link, that are close to each other in one pose.
 
     Attributes:
         first: index of the link that ``normal`` pushes away, shape (m,).
-        first_at: nearest point on that link, as a fraction of its length in [0, 1], shape (m,).
+        first_at: nearest point on the first link, as a fraction of its length in [0, 1], shape (m,).
         second: index of the other link, or ``WALL``, shape (m,).
         second_at: nearest point on the other link, as a fraction of its length in [0, 1], shape (m,).
-        normal: unit direction from the other body to the first point, shape (m, d).
-        gap: distance between the surfaces beyond the required clearance, shape (m,) [m].
+        normal: unit direction from the other body to the nearest point of the first link, shape (m, d).
+        gap: distance between the surfaces less the required clearance, shape (m,) [m].
         margin: gap that planning keeps, shape (m,) [m].
-        wall: index of the wall, or the number of walls for self-contacts, shape (m,).
+        wall: index of the wall, or the number of walls for contacts between links, shape (m,).
     """
 
     first: IntArray
@@ -45,7 +45,7 @@ class Contacts:
         return len(self.gap)
 
     def take(self, mask: BoolArray) -> "Contacts":
-        """Return the contacts selected by a mask."""
+        """Return the contacts selected by a mask, shape (m,)."""
         return Contacts(*(getattr(self, each.name)[mask] for each in fields(Contacts)))
 
     def shortfall(self) -> float:
@@ -55,18 +55,22 @@ class Contacts:
 
 @dataclass(frozen=True)
 class CertificateSettings:
-    """Settings of certificates.
+    """Number of bisections and tolerances of collision-free certificates.
 
     Attributes:
         depth: number of bisections of an interval before its certificate is refused. Taste: the chord deviation falls
             four-fold at each.
-        touch: clearance that even an arm of zero width keeps [arm lengths]. Derived: above the rounding error in a room
-            of up to a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
+        touch: gap that even an arm of zero width keeps [arm lengths]. Derived: above the rounding error in a room of up
+            to
+            a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
         rounding: depth of contact [arm lengths], and bend beyond a joint limit [rad], that are ignored at either end of
-            a motion. Derived: as for ``touch``.
+            a
+            motion. Derived: as for ``touch``.
         contact: depth of contact [arm lengths] allowed for motions that start or end in contact, if the arm has
-            non-zero width. Derived: half of what the verifier allows; if the problem sets another tolerance for the
-            verifier, half of that.
+            non-zero
+            width. Derived: half of what the verifier allows; if the problem sets another tolerance for the verifier,
+            half
+            of that.
     """
 
     depth: int = 7
@@ -76,23 +80,23 @@ class CertificateSettings:
 
 
 DEFAULT_CERTIFICATE = CertificateSettings()
-"""Settings used if no others are given."""
+"""Default number of bisections and tolerances of certificates."""
 
 
 _PLANES = 14
-"""Most half-spaces per link in space."""
+"""Largest number of contacts (free half-spaces) per link in space."""
 _RUN = 8
-"""``RUN`` of near_pairs.c."""
+"""Number of links per group, equal to ``RUN`` of near_pairs.c."""
 
 
 class ContactFinder(ABC):
-    """Finds the contacts of poses of one arm; not safe for use by two threads at once.
+    """Finds the contacts of an arm in given poses; not safe for use by two threads at once.
 
     Args:
         arm: the arm.
         names: names of the obstacles that the arm may touch.
-        margin: margin that planning keeps beyond contact [m].
-        reach: contacts with a gap below this are reported [m].
+        margin: gap beyond the required clearance that planning keeps [m].
+        reach: gap below which contacts are reported [m].
     """
 
     def __init__(self, arm: Arm, names: Sequence[str], margin: float, reach: float) -> None:
@@ -103,31 +107,34 @@ class ContactFinder(ABC):
 
     @abstractmethod
     def find(self, points: FloatArray) -> Contacts:
-        """Return the contacts of a pose with a gap below the reach.
+        """Return the contacts with a gap below the reach in a pose.
 
         Args:
             points: joint and tip positions, shape (links + 1, d) [m].
         """
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether a link of a pose crosses an obstacle or a distant link although no gap shows it.
+        """Return whether a link of a pose crosses an obstacle or a link far along the arm although no gap shows it.
 
         This is False by default: in space the distance from a crossed triangle is 0, so the gaps show it.
+
+        Args:
+            points: joint and tip positions, shape (links + 1, d) [m].
         """
         del points
         return False
 
     def describe(self, contacts: Contacts) -> str:
-        """Return a description of the contact that violates its margin most or comes closest to violating it."""
+        """Return text on the contact that violates its margin most, or else comes closest to violating it."""
         tightest = self.tightest(contacts)
         if tightest is None:
             return "nothing near"
         return describe_clearance(*tightest)
 
     def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
-        """Return the contact that violates its margin most or comes closest to violating it; None without contacts.
+        """Return the contact that violates its margin most, or else comes closest to it; None without contacts.
 
-        The contact is returned as the link, counted from 1, the name of the obstacle or link near it, and the gap [m].
+        The contact is given as the link, counted from 1, the name of the obstacle or link near it, and the gap [m].
         """
         if len(contacts) == 0:
             return None
@@ -138,21 +145,21 @@ class ContactFinder(ABC):
 
 
 def describe_clearance(link: int, other: str, gap: float) -> str:
-    """Describe the clearance of a link, counted from 1, from a body, less the required clearance [m]."""
+    """Return text on the gap [m] between a link, counted from 1, and a named body; negative if too near."""
     if gap < 0.0:
         return f"link {link} is {short_length(-gap)} too near to {other}"
     return f"link {link} to {other}, clearance {short_length(gap)}"
 
 
 class WallFinder(ContactFinder):
-    """Finds contacts with fixed walls, and between links, in the plane.
+    """Finds contacts of a planar arm with walls, and between its links.
 
     Args:
         arm: the arm.
         walls: the walls.
-        clearance: clearance required to walls beyond the radius [m].
-        margin: further margin that planning keeps [m].
-        reach: contacts with a gap below this are reported [m].
+        clearance: clearance required from walls beyond the radius [m].
+        margin: gap beyond the required clearance that planning keeps [m].
+        reach: gap below which contacts are reported [m].
     """
 
     def __init__(self, arm: Arm, walls: Walls, clearance: float, margin: float, reach: float) -> None:
@@ -180,7 +187,7 @@ class WallFinder(ContactFinder):
         self._grow_capacity(64)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 2) [m]."""
+        """Return the contacts with a gap below the reach in a pose; points have shape (links + 1, 2) [m]."""
         # By identity, not by value: a step and its check ask about the same array twice. Callers must not change arrays
         # of points in place.
         if self._latest is not None and self._latest[0] is points:
@@ -196,7 +203,7 @@ class WallFinder(ContactFinder):
         return contacts
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether any link of a pose crosses an edge of a wall or a distant link."""
+        """Return whether any link crosses an edge of a wall or another link; points have shape (links + 1, 2) [m]."""
         self.find(points)
         return bool(self._call.fields.crosses)
 
@@ -213,15 +220,15 @@ class WallFinder(ContactFinder):
 
 
 class SurfaceFinder(ContactFinder):
-    """Finds contacts with surfaces, and between links, in space.
+    """Finds contacts of an arm in space with surfaces, and between its links.
 
     Args:
         arm: the arm.
         tree: distance tree of the surfaces.
-        names: names of their owners.
-        clearance: clearance required to surfaces beyond the radius [m].
-        margin: further margin that planning keeps [m].
-        reach: contacts with a gap below this are reported [m].
+        names: names of the obstacles to which the surfaces belong.
+        clearance: clearance required from surfaces beyond the radius [m].
+        margin: gap beyond the required clearance that planning keeps [m].
+        reach: gap below which contacts are reported [m].
     """
 
     def __init__(
@@ -235,7 +242,7 @@ class SurfaceFinder(ContactFinder):
         self._grow_capacity(256)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 3) [m].
+        """Return the contacts with a gap below the reach in a pose; points have shape (links + 1, 3) [m].
 
         Each contact with a surface comes from a half-space that contains the link and is free of surfaces.
         """
@@ -255,7 +262,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(*(np.concatenate(parts) for parts in joined))
 
     def near_links(self, points: FloatArray, reach: float) -> Contacts:
-        """Return the contacts between distant links with a gap below a reach [m].
+        """Return the contacts between links far apart along the arm with a gap below a reach [m].
 
         ``points`` are the positions of the joints and the tip, shape (links + 1, 3) [m].
         """
@@ -273,7 +280,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
 
     def _grow_capacity(self, capacity: int) -> None:
-        """Allocate result arrays for a given number of pairs."""
+        """Allocate result arrays for a given number of pairs of links."""
         self._numbers = np.zeros((2, capacity), dtype=np.int64)
         self._reals = np.zeros((3, capacity))
         self._normals = np.zeros((capacity, 3))
@@ -287,11 +294,11 @@ class SurfaceFinder(ContactFinder):
 
 @dataclass(frozen=True, eq=False)
 class NearestLinks:
-    """The nearest pair of distant links in each of several poses in space.
+    """The nearest pair of links far apart along the arm, in each of T poses in space.
 
     Attributes:
         first: index of the link nearer to the base; −1 if no pair is within reach, shape (T,).
-        second: index of the other link, shape (T,).
+        second: index of the other link; −1 if no pair is within reach, shape (T,).
         distance: distance between the axes; the reach if no pair is within reach, shape (T,) [m].
     """
 
@@ -301,12 +308,12 @@ class NearestLinks:
 
 
 def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
-    """Return the nearest pair of distant links in every pose; the first one if several are equally near.
+    """Return the nearest pair of links far apart along the arm in every pose, the first of equally near pairs.
 
     Args:
         arm: the arm.
-        points: joints and tip, shape (T, links + 1, 3) [m].
-        reach: pairs whose axes are at least this far apart are left out [m].
+        points: joints and tip in T poses, shape (T, links + 1, 3) [m].
+        reach: distance of axes from which on pairs are left out [m].
     """
     poses = len(checked_joints(arm, points))
     first, second = np.full((2, poses), -1, dtype=np.int64)
@@ -320,10 +327,10 @@ def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
 
 
 def checked_joints(arm: Arm, points: FloatArray) -> FloatArray:
-    """Return the joints and tips of poses in space, after checking their shape for C.
+    """Return joint and tip positions unchanged, after checking their shape for the C code.
 
     Raises:
-        ValueError: their shape is not (T, links + 1, 3).
+        ValueError: the shape is not (T, links + 1, 3).
     """
     if points.ndim != 3 or points.shape[1:] != (arm.links + 1, 3):
         raise ValueError(f"joints have the shape {points.shape[1:]}; expected ({arm.links + 1}, 3)")

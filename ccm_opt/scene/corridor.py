@@ -1,4 +1,4 @@
-"""Routes through free space and the corridors of convex regions around them (section 4.1)."""
+"""Routes through planar free space and the corridors of convex regions around them (the paper's section 4.1)."""
 
 from dataclasses import dataclass
 
@@ -22,13 +22,14 @@ class ConvexRegion:
 
 @dataclass(frozen=True)
 class Route:
-    """One homotopy class of paths from a start to a goal, identified by the triangles its taut string crosses.
+    """One homotopy class of paths from a start to a goal in triangulated planar free space.
 
     Attributes:
-        sleeve: indices of the triangles crossed, in order, without immediate returns.
-        taut: the shortest path of the class, a polyline, shape (k, 2) [m].
+        sleeve: indices of the triangles crossed by the shortest path, in order, without immediate returns; they
+            identify the class.
+        taut: the shortest path of the class, a polyline (taut string), shape (k, 2) [m].
         length: length of ``taut`` [m].
-        heading: heading required at its end [rad], or None.
+        heading: heading required at the end of the path [rad], or None.
     """
 
     sleeve: tuple[int, ...]
@@ -42,10 +43,10 @@ class Corridor:
     """Overlapping convex regions along a route; the first contains the start, the last the goal.
 
     Attributes:
-        route: the route the corridor was built on.
-        regions: in order along the route.
-        portals: directed crossings from region k to k + 1: left end, then right end as seen along the route, shape
-            (regions - 1, 2, 2) [m].
+        route: the route around which the corridor was built.
+        regions: convex regions in order along the route.
+        portals: segments at which the route passes from region k to k + 1, left end then right end as seen along the
+            route, shape (regions - 1, 2, 2) [m].
     """
 
     route: Route

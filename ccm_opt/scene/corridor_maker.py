@@ -1,12 +1,12 @@
-"""Convex regions of free space that cover a route.
+"""Overlapping convex regions of planar free space that cover a route.
 
-A region is grown from a cell: each wall is excluded by one half-plane through the wall's point nearest to the cell,
-nearest walls first, skipping walls that are already outside. This is the first step of IRIS (Deits & Tedrake, 2015)
-with the cell in place of the ellipse, so the result contains the cell.
+A region is grown from a convex cell: each wall is excluded by one half-plane through the wall's point nearest to the
+cell, nearest walls first, skipping walls that are already outside. This is the first step of IRIS (Deits & Tedrake,
+2015) with the cell in place of the ellipse, so the result contains the cell.
 
 Candidates are the regions grown from the cells on the route and from the edges between them. Each covers a span of the
-taut string. The fewest that overlap well are kept, and each overlap gets a portal, a chord that the taut string
-crosses.
+taut string, the shortest path of the route. The fewest candidates that overlap well are kept, and each overlap gets a
+portal, a chord of the overlap that the taut string crosses.
 """
 
 import itertools
@@ -33,29 +33,31 @@ from ccm_opt.scene.sleeve import TautString
 from ccm_opt.scene.triangulation import Partition, Triangulation, merge
 
 _WALLS_FIRST = 48
-"""Number of walls that are excluded from a growing region before the others are checked; these usually hide all others,
-so the number affects only the time. Taste."""
+"""Number of walls that are excluded from a growing region before all others are checked.
+
+These walls usually hide all others, so the number affects only the time. Taste.
+"""
 _PORTAL_WIDTH = 0.5
-"""Width that a portal should have, as a share of the route's narrowest edge. Taste."""
+"""Width that a portal should have, as a fraction of the narrowest triangle edge on the route. Taste."""
 _PORTAL_TRIALS = 6
-"""Most crossings of the string at which a portal is tried. Taste."""
+"""Largest number of edge crossings of a taut string at which a portal is tried. Taste."""
 _OVERLAP_THICKNESS = 0.2
-"""Least thickness of an overlap, as a share of the width that its portal should have. Taste."""
+"""Least thickness of an overlap, as a fraction of the width that its portal should have. Taste."""
 
 UNUSABLE = -1.0
-"""Quality of a pair of regions that overlap away from the string: used only if nothing else leads on."""
+"""Quality of two regions that overlap away from the taut string; such pairs are used as a last resort."""
 WORTHLESS = 1e-7
-"""Overlaps of lower quality count as none [m]: rounding, 100 times what counts as touching."""
+"""Quality below which an overlap counts as none [m]: 100 times the distance that counts as touching."""
 
 
 @dataclass(frozen=True)
 class RegionSpan:
-    """A region and the part of a taut string that it covers.
+    """A convex region and the part of a taut string that lies in the region.
 
     Attributes:
         region: a convex free region.
         first: arc length at which the taut string enters the region [m].
-        last: arc length at which it leaves the region [m].
+        last: arc length at which the taut string leaves the region [m].
     """
 
     region: ConvexRegion
@@ -66,14 +68,14 @@ class RegionSpan:
     def around(
         cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
     ) -> "RegionSpan":
-        """Return a region with the longest part of the string that it covers, extended from a known covered span.
+        """Return a region with the longest part of a taut string in that region, around a known span.
 
         Args:
             region: the convex free region.
             first: arc length at which the known span begins [m].
             last: arc length at which the known span ends [m].
             taut: the taut string.
-            slack: distance by which the string may leave the region and still count as covered, except at its ends [m].
+            slack: distance by which the string may leave the region and still count as inside, except at its ends [m].
         """
         slacks = np.full(len(taut.stations), max(slack, ROUNDING))
         slacks[[0, -1]] = ROUNDING
@@ -94,10 +96,10 @@ class RegionSpan:
 
 @dataclass(frozen=True)
 class Cover:
-    """Searches for a short sequence of candidates that cover a taut string and overlap well.
+    """Search for a short sequence of convex regions that cover a taut string and overlap well.
 
     Attributes:
-        candidates: candidates in order along the string; each one's span meets that of the next.
+        candidates: regions in order along the string; the span of each meets that of the next.
         taut: the taut string.
         slack: distance by which the string may leave the regions, and by which it may miss the portals [m].
         settings: settings for the choice of portals.
@@ -113,24 +115,24 @@ class Cover:
         return {}
 
     def link(self, here: int, there: int) -> "Link":
-        """Return the overlap of two candidates, which is cached."""
+        """Return the overlap of two candidate regions, given by their indices; results are cached."""
         if (here, there) not in self._links:
             pair = self.candidates[here], self.candidates[there]
             self._links[here, there] = link_between(*pair, self.taut, self.slack)
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
-        """Return portals between consecutive candidates, left end then right end, shape (n - 1, 2, 2) [m]."""
+        """Return portals between consecutive regions of a sequence of n, left end then right end, (n - 1, 2, 2) [m]."""
         choices = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
         return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
-        """Return candidates that cover the string with overlaps of a given quality [m], or nearly the best possible.
+        """Return indices of regions that cover the string with overlaps of a given quality [m], or nearly the best.
 
         Raises:
             ValueError: the spans of consecutive candidates do not meet.
         """
-        # Wide overlaps suit the curve planner best, so accept less only if nothing else leads through.
+        # Wide overlaps suit the curve planner best, so less is accepted only if there is no other cover.
         wanted = min(wanted, self.taut.length)
         while wanted > WORTHLESS:
             found = self._search(wanted)
@@ -143,9 +145,9 @@ class Cover:
         return found
 
     def _search(self, wanted: float) -> list[int]:
-        """Return a covering sequence by depth-first search, farthest-reaching candidate first; empty if there is none.
+        """Return a sequence of candidates that covers the string, by depth-first search; empty if there is none.
 
-        Each candidate is visited once.
+        The candidate that reaches farthest is tried first, and each candidate is visited once.
         """
         seen: set[int] = set()
         stack = [[k] for k in self._nearest_first(range(len(self.candidates)), 0.0)]
@@ -162,7 +164,7 @@ class Cover:
         return []
 
     def _nearest_first(self, which: Sequence[int], reached: float) -> list[int]:
-        """Return the candidates that cover the string at ``reached`` [m], the farthest-reaching one last."""
+        """Return the candidates that contain the string at arc length ``reached`` [m], the farthest-reaching last."""
         # Spans of consecutive candidates must meet, or the string would be uncovered between them.
         holding = [k for k in which if self.candidates[k].first <= reached <= self.candidates[k].last]
         return sorted(holding, key=lambda k: self.candidates[k].last)
@@ -173,9 +175,9 @@ class Chord:
     """A chord of the overlap of two regions, crossed by a taut string.
 
     Attributes:
-        place: arc length at which the string crosses it [m].
-        ends: left and right end seen along the string, shape (2, 2) [m].
-        score: width of the chord times its squareness [m].
+        place: arc length at which the string crosses the chord [m].
+        ends: left and right end as seen along the string, shape (2, 2) [m].
+        score: width of the chord times its squareness, the cosine of its angle from perpendicular to the string [m].
     """
 
     place: float
@@ -185,11 +187,11 @@ class Chord:
 
 @dataclass(frozen=True)
 class Link:
-    """The overlap of two regions.
+    """The overlap of two convex regions, with candidates for the portal.
 
     Attributes:
         quality: width of the best portal, reduced if the overlap is thin [m].
-        chords: possible portals, sorted by place.
+        chords: possible portals, sorted by arc length.
     """
 
     quality: float
@@ -202,7 +204,14 @@ def link_between(
     taut: TautString,
     beside: float,
 ) -> Link:
-    """Return the overlap of two regions whose spans meet, with chords that pass within ``beside`` [m] of the string."""
+    """Return the overlap of two regions, with chords that pass near a taut string as candidates for the portal.
+
+    Args:
+        here: first region, with the span of the string in the region.
+        there: second region, whose span meets that of the first.
+        taut: the taut string.
+        beside: distance from the string within which a chord counts as a portal in full [m].
+    """
     first = max(here.first, there.first)
     last = min(here.last, there.last)
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
@@ -227,7 +236,7 @@ def link_between(
 def _chords(
     trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
 ) -> tuple[Chord, ...]:
-    """Return the chords cut out by half-planes, one for each tried place, point, direction and squareness."""
+    """Return the chords that half-planes cut from lines, one per arc length, point, direction and squareness."""
     places, points, directions, squareness = zip(*trials, strict=True)
     ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
     scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
@@ -235,7 +244,7 @@ def _chords(
 
 
 def _trial_places(taut: TautString, first: float, last: float, trials: int) -> list[float]:
-    """Return the arc lengths at which portals are tried: the ends and middle of a span, and several crossings in it."""
+    """Return the arc lengths of a span at which portals are tried: both ends, middle and several crossings."""
     crossings = taut.crossings_within(first, last)
     some = crossings[:: 1 + len(crossings) // trials]
     places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
@@ -243,7 +252,7 @@ def _trial_places(taut: TautString, first: float, last: float, trials: int) -> l
 
 
 def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
-    """Return one chord per link, in order along the string, with the greatest product of scores.
+    """Return one chord per overlap, in order along the string, with the greatest product of scores.
 
     The choice is made by dynamic programming.
     """
@@ -261,7 +270,7 @@ def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
 
 
 def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
-    """Return the point of a polygon (m, 2) nearest to a point (2,).
+    """Return the point of a convex polygon (m, 2) nearest to a point (2,).
 
     A point within the half-planes, or any point if the polygon is empty, is returned unchanged.
     """
@@ -273,22 +282,19 @@ def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArra
 
 
 def _thickness(overlap: FloatArray) -> float:
-    """Return the mean thickness of a polygon (m, 2) if it is long: twice its area over its perimeter [m].
-
-    The thickness of a point is 0.
-    """
+    """Return a polygon's mean thickness if it is long, twice its area over its perimeter [m]; 0 for a point."""
     perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
     return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0
 
 
 def make_region(vertices: FloatArray) -> ConvexRegion:
-    """Return the convex region of a polygon with counter-clockwise vertices, shape (m, 2) [m]."""
+    """Return the convex region with given counter-clockwise vertices, shape (m, 2) [m]."""
     vertices = without_short_edges(vertices, ROUNDING)
     return ConvexRegion(vertices, *half_planes(vertices))
 
 
 def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
-    """Return a convex free region that contains a convex free cell.
+    """Return a convex free region that contains a convex free cell and is as large as walls allow.
 
     Args:
         cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
@@ -306,14 +312,14 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
 
 
 def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
-    """Return the walls sorted by a lower bound on their distance from the middle of the cell."""
+    """Return indices of walls, sorted by a lower bound on their distance from the middle of a cell."""
     middles = walls.mean(axis=1)
     halves = 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
     return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
 
 
 def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
-    """Return the part of a convex region around the cell that remains after excluding walls, nearest first."""
+    """Return the part of a convex region, around a cell, that remains after excluding walls, nearest first."""
     gaps, on_cell, on_wall = nearest_points(cell, walls)
     inside = np.ones(len(walls), dtype=bool)
     for wall in np.argsort(gaps, kind="stable"):
@@ -333,7 +339,7 @@ def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatA
 
 
 def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the distance between a convex cell and each wall that does not cross it, and the nearest points.
+    """Return the distances of a convex cell from walls that do not cross it, and the nearest points of both.
 
     Args:
         cell: vertices of the cell, shape (m, 2) [m].
@@ -357,11 +363,12 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
-    """Return the half-plane between a touching cell and wall that keeps the largest part of the region.
+    """Return the half-plane, between a cell and a wall that touch, that keeps the largest part of a region.
 
     Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis theorem);
-    perpendiculars to the wall at its ends are tried as well. A line along a cell that is a segment would keep only one
-    side of it, so that is the last resort.
+    perpendiculars to the wall at its ends are tried as well. If the cell is a segment, a line along the segment keeps
+    only
+    the region on one side, so such a line is the last resort.
     """
     normals, offsets = _separators(cell, wall)
     overlap = np.maximum(
@@ -375,7 +382,7 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
 
 
 def _separators(cell: FloatArray, wall: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return candidate separating half-planes (k, 2), (k,) for a cell (m, 2) and a wall (2, 2)."""
+    """Return candidate separating half-planes, normals (k, 2) and offsets (k,), for a cell (m, 2) and a wall (2, 2)."""
     wall_normals, wall_offsets = half_planes(wall)
     cell_normals, cell_offsets = half_planes(cell)
     squares = wall_normals[:, ::-1] * (-1.0, 1.0)
@@ -388,13 +395,13 @@ def _area(vertices: FloatArray) -> float:
 
 
 def contains(region: ConvexRegion, points: FloatArray, tolerance: float = ROUNDING) -> BoolArray:
-    """Return which points (..., 2) lie in the region, within ``tolerance`` [m]; shape (...)."""
+    """Return a mask of the points (..., 2) that lie in a region, within ``tolerance`` [m], shape (...)."""
     return np.asarray(np.all(points @ region.normals.T <= region.offsets + tolerance, axis=-1), dtype=np.bool_)
 
 
 @dataclass(frozen=True)
 class CorridorMaker:
-    """Makes corridors in one triangulated free space; cells and grown regions are reused for later routes.
+    """Makes corridors in one triangulated free space; cells and grown regions are cached for later routes.
 
     Attributes:
         triangulation: triangulation of free space.
@@ -409,12 +416,12 @@ class CorridorMaker:
 
     @cached_property
     def partition(self) -> Partition:
-        """The convex cells of free space."""
+        """Partition of free space into convex cells."""
         return merge(self.triangulation)
 
     @cached_property
     def _room(self) -> FloatArray:
-        """The bounding box of free space, counter-clockwise, shape (4, 2) [m]."""
+        """Bounding box of free space, counter-clockwise, shape (4, 2) [m]."""
         x0, y0 = self.triangulation.vertices.min(axis=0)
         x1, y1 = self.triangulation.vertices.max(axis=0)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -424,32 +431,33 @@ class CorridorMaker:
         return {}
 
     def grown(self, seed: FloatArray) -> ConvexRegion:
-        """Return the region, cached, that is grown from a convex free polygon or segment with vertices (m, 2) [m]."""
+        """Return the region grown from a convex free polygon or segment with vertices (m, 2) [m]; cached."""
         key = seed.tobytes()
         if key not in self._grown:
             self._grown[key] = grow(seed, self.triangulation.walls, self._room)
         return self._grown[key]
 
     def corridor_along(self, route: Route, path: FloatArray | None = None) -> Corridor:
-        """Return the corridor of a route, with as few regions as overlap well.
+        """Return the corridor of a route, with the fewest regions that overlap well.
 
         Args:
-            route: the route; its sleeve determines the cells.
+            route: the route; the triangles that it crosses determine the cells.
             path: the free part of the route's taut string, shape (k, 2) [m]; the whole string by default.
 
         Returns:
-            Regions in order, the first containing the path's start, the last its end, and their directed portals.
+            Regions in order, the first containing the start of the string, the last its end, and their directed
+            portals.
         """
         edges = self.triangulation.portals(route.sleeve)
         taut = TautString.through(edges, route.taut if path is None else path, self.settings)
-        # Portals need not be wider than the route allows; if no edge is crossed any width will do.
+        # Portals need not be wider than the route allows; if no edge is crossed, any width suffices.
         narrowest = float(np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=np.inf))
         cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack, self.settings)
         kept = cover.sequence(_PORTAL_WIDTH * narrowest)
         return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
 
     def _candidates(self, sleeve: tuple[int, ...], edges: FloatArray, taut: TautString) -> list[RegionSpan]:
-        """Return regions grown from the cells along a sleeve and from the edges at which the cell changes."""
+        """Return regions grown from the cells along a triangle sequence, and from the edges between cells."""
         cells = self.partition.cell_of[list(sleeve)]
         changes = np.flatnonzero(np.diff(cells))
         times = np.concatenate(([0.0], taut.crossings[changes], [taut.length]))

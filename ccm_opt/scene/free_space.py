@@ -1,10 +1,11 @@
-"""Free space of a disc among walls, and routes through it.
+"""Free space of a disc among walls in the plane, and routes through free space.
 
-Walks through the junction graph that pass no triangle twice are enumerated best first (A*). The estimate of the
-remaining length is exact in the sampled metric of ``narrow_gates``, except for turning on the spot, so walks come out
-in the order of their sampled length.
+Walks through the junction graph of the triangulation that pass no triangle twice are enumerated best first (A*). The
+estimate of the remaining length is exact in the sampled metric of ``narrow_gates``, except for turning on the spot, so
+walks come out in the order of their sampled length.
 
-The homotopy classes thus come nearly in order of length; each gets its taut string, and they are sorted by true length.
+The homotopy classes thus come nearly in order of length; the shortest path of each class (its taut string) is computed,
+and the classes are sorted by true length.
 
 All approximations are on the safe side: the polygons are subsets of the true free set (the points farther than the
 inflation from all walls). Sides are offset exactly; the arc at a convex corner is replaced by at most two tangents, a
@@ -46,29 +47,34 @@ from ccm_opt.scene.triangulation import Triangulation, triangulate
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _MITRE_LIMIT = 1.02
-"""Distance of the tangent at a grown corner, as a multiple of the inflation. Derived: with 1.02, turns below 22° need
-only one vertex, and only 2 % of the inflation is given away."""
+"""Distance of the tangent at the corner of an inflated wall, as a multiple of the inflation.
+
+Derived: with 1.02, turns below 22° need only one vertex, and only 2 % of the inflation is given away.
+"""
 
 _ROUTE_SURPLUS = 6
-"""Most homotopy classes that are pulled taut per wanted route. Taste."""
+"""Largest number of homotopy classes per wanted route whose shortest path is computed. Taste."""
 _LEAST_CLASSES = 20
-"""Least number of classes that are pulled taut: in near-empty rooms the sampled length is at its coarsest. Taste."""
+"""Least number of homotopy classes whose shortest path is computed. Taste.
+
+In near-empty rooms the sampled length, by which classes are ordered, is at its coarsest.
+"""
 _SAMPLED_EXCESS = 1.25
-"""Greatest ratio of the sampled to the taut length of a class; mostly 1.01 in clutter. Taste, with a wide margin."""
+"""Largest ratio of sampled to true length of a homotopy class; mostly 1.01 in clutter. Taste: a wide margin."""
 _WALKS_PER_ROUTE = 400
-"""Number of partial walks examined per wanted route. Taste."""
+"""Largest number of partial walks examined per wanted route. Taste."""
 _LEAST_ROUTES = 4
-"""Least number of routes for which that effort is spent, even if fewer are wanted. Taste."""
+"""Least number of routes for which partial walks are examined, even if fewer are wanted. Taste."""
 
 
 @dataclass(frozen=True, order=True)
 class _Partial:
-    """The beginning of a walk; beginnings are ordered by the estimated total length of the walk.
+    """The beginning of a walk through the triangles of free space, ordered by the estimated length of the whole walk.
 
     Attributes:
         total: length walked plus the least remaining length [m].
-        history: indices of the chains walked.
-        walked: length walked to each sample point of the last edge, shape (m,) [m].
+        history: indices of the chains of triangles walked.
+        walked: length walked to each of the m sample points of the last edge, shape (m,) [m].
     """
 
     total: float
@@ -78,12 +84,12 @@ class _Partial:
 
 @dataclass(frozen=True)
 class ClassGraph:
-    """Directed chains as nodes, with the steps from chain to chain and the remaining lengths to the goal.
+    """Graph of the directed chains of triangles between junctions, with lengths from chain to chain and to the goal.
 
     Attributes:
         chains: all directed chains.
-        steps: for each chain, the chains that may follow, with the lengths from its last edge to their last edges,
-            shape (m, m) [m].
+        steps: for each chain, the chains that may follow, with the lengths from the m sample points of its last edge to
+            those of their last edges, shape (m, m) [m].
         rest: least remaining length to the goal from the sample points of each chain's last edge, shape (chains, m)
             [m].
     """
@@ -93,20 +99,22 @@ class ClassGraph:
     rest: FloatArray
 
     def partial(self, history: tuple[int, ...], walked: FloatArray) -> _Partial:
-        """Return the beginning of a walk along chains, with the estimated total length."""
+        """Return the beginning of a walk along given chains, with the estimated total length."""
         return _Partial(float((walked + self.rest[history[-1]]).min()), history, walked)
 
 
 def homotopy_classes(
     metric: EdgeMetric, ends: IntArray, points: FloatArray, longest: float, effort: int
 ) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """Yield the sampled length and reduced sleeve of every walk that passes no triangle twice, shortest first.
+    """Yield the sampled length [m] and the triangle sequence of homotopy classes from start to goal, shortest first.
+
+    Only walks that pass no triangle twice are considered.
 
     Args:
         metric: metric of the triangulation.
         ends: triangles of start and goal, shape (2,).
         points: start and goal, shape (2, 2) [m].
-        longest: greatest sampled length of a sleeve [m]; longer sleeves are left out.
+        longest: greatest sampled length [m]; longer walks are left out.
         effort: maximum number of partial walks examined.
     """
     start, goal = ends.tolist()
@@ -128,7 +136,7 @@ def homotopy_classes(
 
 
 def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: FloatArray) -> Iterator[_Partial]:
-    """Yield the walks along a single chain from the start."""
+    """Yield the walks along a single chain of triangles from the start point (2,) [m]."""
     for index, chain in enumerate(graph.chains):
         if chain.triangles[0] == start:
             first = np.linalg.norm(metric.points[start, chain.exit] - point, axis=1)
@@ -136,7 +144,7 @@ def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: Float
 
 
 def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -> Iterator[_Partial]:
-    """Yield the extensions of a walk by one chain that pass no node twice."""
+    """Yield the extensions of a walk by one chain of triangles that pass no junction twice."""
     # The goal may be the start; a walk then returns to it.
     passed = {start, *(graph.chains[index].head for index in before.history)} - {goal}
     for index, lengths in graph.steps[before.history[-1]]:
@@ -150,7 +158,15 @@ def _joined(chains: list[Chain]) -> tuple[int, ...]:
 
 
 def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> ClassGraph:
-    """Return the graph of chains and steps, with remaining lengths from one Dijkstra search from the goal."""
+    """Return the graph of chains of triangles and their successors, with remaining lengths to the goal.
+
+    The remaining lengths come from one Dijkstra search from the goal.
+
+    Args:
+        metric: metric of the triangulation.
+        ends: triangles of start and goal, shape (2,).
+        goal_point: goal, shape (2,) [m].
+    """
     start, goal = ends.tolist()
     chains = chains_between(metric, (start, goal))
     leaving: dict[int, list[int]] = {}
@@ -174,7 +190,7 @@ def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> C
 
 
 def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> FloatArray:
-    """Return the lengths from the end of each pair's first chain along its second chain, shape (pairs, m, m) [m]."""
+    """Return the lengths from the end of the first chain of each pair along the second, (pairs, m, m) [m]."""
     if len(pairs) == 0:
         return np.empty((0, metric.samples, metric.samples))
     heads = np.array([chain.head for chain in chains])[pairs[:, 0]]
@@ -187,7 +203,7 @@ def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> F
 def _remaining(
     metric: EdgeMetric, chains: list[Chain], pairs: IntArray, lengths: FloatArray, goal: int, point: FloatArray
 ) -> FloatArray:
-    """Return the least lengths to the goal from the sample points of each chain's last edge, shape (chains, m) [m]."""
+    """Return the least lengths to the goal from the m sample points of each chain's last edge, (chains, m) [m]."""
     samples = metric.samples
     size = len(chains) * samples
     sample = np.arange(samples)
@@ -218,14 +234,14 @@ def shortest_routes(
     longest: float = np.inf,
     shrink: float = 0.0,
 ) -> tuple[Route, ...]:
-    """Return up to ``count`` routes in different homotopy classes, in order of taut length.
+    """Return up to ``count`` routes in different homotopy classes, the shortest first.
 
     Args:
         metric: metric of the triangulation of free space.
         ends: triangles of start and goal, shape (2,).
         points: start and goal, which are free points, shape (2, 2) [m].
         count: maximum number of routes.
-        longest: routes with a longer taut string are left out [m].
+        longest: length above which routes are left out [m].
         shrink: distance to keep from corners where space allows [m].
 
     Returns:
@@ -251,16 +267,26 @@ def shortest_routes(
 def sleeve_route(
     mesh: Triangulation, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float
 ) -> Route:
-    """Return the route along the taut string of a sleeve."""
+    """Return the route along the shortest path through a sequence of neighbouring triangles.
+
+    Args:
+        mesh: triangulation of free space.
+        sleeve: indices of the triangles.
+        start: a point in the first triangle, shape (2,) [m].
+        goal: a point in the last triangle, shape (2,) [m].
+        shrink: distance to keep from corners where space allows [m].
+    """
     taut = taut_string(mesh.portals(sleeve), start, goal, shrink)
     return Route(sleeve, taut, path_length(taut))
 
 
 _CIRCLE_QUAD_SEGS = 3
-"""Polygon sides per quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices. Taste."""
+"""Polygon sides per quarter circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices. Taste."""
 _CORNER_SLACK = 0.9
-"""Share of the inflation by which a taut string may leave a corridor where it bends around a corner. Derived: less than
-1, so that no obstacle fits in between."""
+"""Distance by which a taut string may leave a corridor where it bends around a corner, as a fraction of the inflation.
+
+Derived: less than 1, so that no obstacle fits in between.
+"""
 
 
 def free_set(
@@ -268,7 +294,7 @@ def free_set(
 ) -> shapely.MultiPolygon:
     """Return the set of points farther than ``inflation`` from every wall, where the arm's axis may be.
 
-    At rounded corners, the returned set is slightly smaller.
+    The returned set is a subset of the exact one: slightly smaller at rounded corners.
 
     Args:
         workspace: the room and its obstacles.
@@ -295,7 +321,7 @@ def free_set(
 def grown_outline(
     obstacle: Obstacle, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.Geometry:
-    """Return a polygon of few vertices that contains all points within ``inflation`` [m] of the obstacle."""
+    """Return a polygon with few vertices that contains all points within ``inflation`` [m] of an obstacle."""
     if settings.corner_quad_segs > 0:
         return obstacle.outline(inflation, settings.corner_quad_segs)
     radius = obstacle.rounding + inflation
@@ -309,7 +335,7 @@ def grown_outline(
 
 
 def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
-    """Return the octagon of tangents around all points within ``radius`` of the segment a–b."""
+    """Return the octagon of tangents around all points within ``radius`` [m] of the segment from a to b, each (2,)."""
     heading = vector_heading(b - a)
     angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
     corners = radius / np.cos(np.pi / 8) * unit_vector(angles)
@@ -326,9 +352,13 @@ def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
 
 
 def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
-    """Return a ring (m, 2) without its flat and barely convex vertices; two neighbours are never removed at once.
+    """Return a ring (m, 2) without its flat and barely convex vertices; of two neighbours at most one is removed.
 
     Free space is on the left of the ring.
+
+    Args:
+        ring: vertices of the ring, shape (m, 2) [m].
+        depth: height of a vertex over its neighbours' connection below which it is removed [m].
     """
     before = np.roll(ring, 1, axis=0)
     after = np.roll(ring, -1, axis=0)
@@ -342,9 +372,11 @@ def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """Positions of the arm's axis farther than the inflation from all walls, computed as needed.
+    """Free space of an arm's axis in the plane: positions farther than the inflation from all walls.
 
-    Points a little outside, for example a base that stands on a wall, count as the nearest free points.
+    All properties are computed on first use. Points a little outside, for example a base that stands on a wall, count
+    as
+    the nearest free points.
 
     Attributes:
         workspace: the room and its obstacles.
@@ -369,19 +401,19 @@ class FreeSpace:
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
-        """Free space as polygons; a subset of the exact free set."""
+        """Free space as polygons, a subset of the exact free set."""
         polygons = free_set(self.workspace, self.inflation, self.settings)
         shapely.prepare(polygons)
         return polygons
 
     @cached_property
     def triangulation(self) -> Triangulation:
-        """The triangles that tile free space."""
+        """Triangulation of free space."""
         return triangulate(self.polygons)
 
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
-        """Maker of corridors, with convex cells and the regions grown from them."""
+        """Maker of corridors in free space, which caches convex cells and the regions grown from them."""
         return CorridorMaker(self.triangulation, _CORNER_SLACK * self.inflation, self.settings)
 
     @cached_property
@@ -389,21 +421,21 @@ class FreeSpace:
         return EdgeMetric(self.triangulation, self.settings.edge_samples)
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Return which points (m, 2) [m] are free; shape (m,)."""
+        """Return a mask of the points (m, 2) [m] that are free, shape (m,)."""
         points = np.asarray(points, dtype=np.float64)
         return np.asarray(shapely.intersects_xy(self.polygons, points[:, 0], points[:, 1]), dtype=np.bool_)
 
     def snapped(self, points: FloatArray) -> FloatArray:
-        """Return the free points nearest to points (m, 2) [m]; shape (m, 2)."""
+        """Return the free points nearest to given points (m, 2) [m], shape (m, 2) [m]."""
         return self.triangulation.nearest(np.asarray(points, dtype=np.float64))[1]
 
     def component(self, point: FloatArray) -> int:
-        """Return the index of the connected component that a point (2,) [m] belongs to."""
+        """Return the index of the connected component of free space to which a point (2,) [m] belongs."""
         triangle = self.triangulation.nearest(np.asarray(point, dtype=np.float64)[None])[0][0]
         return int(self.triangulation.components[triangle])
 
     def sleeve_of(self, polyline: FloatArray) -> tuple[int, ...]:
-        """Return the homotopy class of a polyline (m, 2) [m]: the reduced sequence of triangles it crosses.
+        """Return the homotopy class of a polyline (m, 2) [m]: the triangles that it crosses, without returns.
 
         Raises:
             UnreachableGoal: the ends lie in different components.
@@ -411,11 +443,11 @@ class FreeSpace:
         return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
 
     def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
-        """Return whether two polylines (m, 2), (k, 2) [m] with the same ends are homotopic in free space."""
+        """Return whether two polylines (m, 2) and (k, 2) [m] with equal ends are homotopic in free space."""
         return self.sleeve_of(one) == self.sleeve_of(other)
 
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
-        """Return the shortest path homotopic to a polyline, with the same ends.
+        """Return the shortest path homotopic to a polyline, with equal ends.
 
         The path runs straight through narrow gates if ``gate_runs`` is set.
 
@@ -443,10 +475,7 @@ class FreeSpace:
     def sleeve_path(
         self, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float = 0.0
     ) -> FloatArray:
-        """Return the shortest path from start to goal through the triangles of a sleeve, shape (k, 2) [m].
-
-        Start and goal have shape (2,) [m].
-        """
+        """Return the shortest path from start to goal, each (2,), through a sequence of triangles, shape (k, 2) [m]."""
         ends = np.array([start, goal], dtype=np.float64)
         free = self.snapped(ends)
         return _with_ends(taut_string(self.triangulation.portals(sleeve), free[0], free[1], shrink), ends)
@@ -454,7 +483,7 @@ class FreeSpace:
     def routes(
         self, start: FloatArray, goal: FloatArray, count: int, longest: float = np.inf, shrink: float = 0.0
     ) -> tuple[Route, ...]:
-        """Return routes in different homotopy classes, in order of taut length.
+        """Return routes in different homotopy classes, the shortest first.
 
         No route passes a triangle twice.
 
@@ -462,7 +491,7 @@ class FreeSpace:
             start: start point, shape (2,) [m].
             goal: goal point, shape (2,) [m].
             count: maximum number of routes.
-            longest: longer routes are left out [m].
+            longest: length above which routes are left out [m].
             shrink: distance to keep from corners where space allows [m].
 
         Returns:
@@ -477,7 +506,7 @@ class FreeSpace:
         return tuple(Route(r.sleeve, taut, path_length(taut)) for r, taut in zip(found, strings, strict=True))
 
     def corridor(self, route: Route) -> Corridor:
-        """Return the overlapping convex regions along a route, from its first free point to its last."""
+        """Return the corridor of overlapping convex regions along a route, between its first and last free points."""
         free = self.snapped(route.taut[[0, -1]])
         # Ends that are not free are not part of the corridor.
         moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > ROUNDING
@@ -487,7 +516,7 @@ class FreeSpace:
     def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
         """Return the narrowest passage on the shortest route between two points (2,) [m].
 
-        If the points are not connected, return the gap between the components that contain them.
+        If the points are not connected, return the gap between the components of free space that contain them.
         """
         ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
         routes = shortest_routes(self._metric, ends, free, 1)
@@ -497,7 +526,7 @@ class FreeSpace:
 
 
 def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
-    """Return a path (k, 2) between free points, extended to the original ends (2, 2) that these replace."""
+    """Return a path (k, 2) between free points, extended to the original end points (2, 2) outside free space."""
     first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > ROUNDING else ends[:0]
     last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > ROUNDING else ends[:0]
     return np.concatenate((first, path, last))

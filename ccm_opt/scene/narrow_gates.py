@@ -1,12 +1,12 @@
-"""Narrow gates of free space, chains of triangles between junctions, and widths between walls.
+"""Narrow gates of planar free space, chains of triangles between junctions, and widths between walls.
 
-A link is stiff. Through a gate with almost no play it passes only at a right angle to the gate, and so must the link
-that follows; a taut string, which bends right in the gate, would lead the link in at a slant.
+A link is stiff. Through a gate hardly wider than the arm, a link passes only at a right angle to the gate, and so must
+the link that follows; a shortest path, which bends right in the gate, would lead the link in at a slant.
 
-Lengths are measured between a few sample points on every edge: straight lines lead from the sample points of one edge
-to those of another edge of the same triangle, and are composed along a chain as min-plus matrix products. The result
-approaches the taut length from above, within 0.03 (mostly 0.01) of it in clutter, more coarsely in near-empty rooms:
-enough to sort homotopy classes approximately before their taut strings are known.
+Lengths are measured between a few sample points on every edge of the triangulation: straight lines lead from the sample
+points of one edge to those of another edge of the same triangle, and are composed along a chain as min-plus matrix
+products. The result approaches the true shortest length from above, within 0.03 (mostly 0.01) of it in clutter, more
+coarsely in near-empty rooms: enough to sort homotopy classes approximately before their shortest paths are known.
 """
 
 import itertools
@@ -23,14 +23,14 @@ from ccm_opt.scene.triangulation import WALL, Triangulation
 from ccm_opt.scene.workspace import Workspace
 
 Tautening = Callable[[FloatArray], FloatArray]
-"""Pulls a polyline (m, 2) [m] taut."""
+"""Function that returns the shortest path homotopic to a polyline (m, 2) [m]."""
 Membership = Callable[[FloatArray], BoolArray]
-"""Returns which points (m, 2) [m] are free."""
+"""Function that returns a mask of the points (m, 2) [m] that are free."""
 
 
 @dataclass(frozen=True)
 class GateRuns:
-    """Definition of narrow gates, and the length for which paths run straight on either side of these gates.
+    """Definition of narrow gates, and length for which paths run straight before and after such gates.
 
     Attributes:
         narrow: width of free space below which a passage is a narrow gate [m].
@@ -49,7 +49,7 @@ class GateRuns:
     shortenings: tuple[float, ...] = (1.0, 0.7, 0.4)
 
     def gates(self, portals: FloatArray) -> list[tuple[int, int]]:
-        """Return the indices of the first and last portal of each narrow gate, given portals of shape (n, 2, 2) [m]."""
+        """Return the indices of the first and last portal of each narrow gate among n portals, shape (n, 2, 2) [m]."""
         if len(portals) == 0:
             return []
         widths = np.linalg.norm(portals[:, 0] - portals[:, 1], axis=1)
@@ -60,10 +60,7 @@ class GateRuns:
         return [(int(group[0]), int(group[-1])) for group in groups if len(group)]
 
     def places(self, portals: FloatArray) -> FloatArray:
-        """Return points along the middle lines of all narrow gates, shape (m, 2) [m].
-
-        Portals have shape (n, 2, 2) [m].
-        """
+        """Return points along the centre lines of all narrow gates among n portals (n, 2, 2), shape (m, 2) [m]."""
         ways = [portals[first : last + 1].mean(axis=1) for first, last in self.gates(portals)]
         share = np.linspace(0.0, 1.0, self.samples)[:, None]
         legs = [(1.0 - share) * a + share * b for way in ways for a, b in itertools.pairwise(way)]
@@ -72,11 +69,11 @@ class GateRuns:
 
 @dataclass(frozen=True)
 class _Gate:
-    """One narrow gate on a path.
+    """A narrow gate on a path, with the straight runs of the path on both sides.
 
     Attributes:
-        first: index of the first portal.
-        last: index of the last portal.
+        first: index of the first portal of the gate.
+        last: index of the last portal of the gate.
         before: start of the straight run into the gate, shape (2,) [m].
         behind: end of the straight run out of the gate, shape (2,) [m].
     """
@@ -90,16 +87,16 @@ class _Gate:
 def straight_through_gates(
     path: FloatArray, portals: FloatArray, runs: GateRuns, taut: Tautening, free: Membership
 ) -> FloatArray:
-    """Return a taut path with straight runs through the narrow gates that it crosses.
+    """Return a shortest path modified to run straight through the narrow gates that it crosses.
 
     A path without narrow gates is returned unchanged.
 
     Args:
-        path: taut path, shape (k, 2) [m].
+        path: shortest path of a homotopy class, shape (k, 2) [m].
         portals: portals that the path crosses, shape (n, 2, 2) [m].
         runs: definition of narrow gates, and the length of the straight runs.
-        taut: function that pulls the parts between the gates taut.
-        free: function that returns which points are free, so that runs may pass through them.
+        taut: function that returns the shortest path homotopic to a polyline, for the parts between gates.
+        free: function that returns a mask of free points, to check runs.
     """
     gates = _gates(path, portals, runs, free)
     if not gates:
@@ -119,9 +116,9 @@ def straight_through_gates(
 
 
 def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> tuple[FloatArray, ...]:
-    """Return the middle lines of a path's gates with their runs, shape (k, 2) [m] each.
+    """Return the centre lines of the narrow gates on a path, extended by their straight runs, each of shape (k, 2) [m].
 
-    Its arguments are those of ``straight_through_gates``.
+    The arguments are those of ``straight_through_gates``.
     """
     middles = portals.mean(axis=1)
     gates = _gates(path, portals, runs, free)
@@ -129,7 +126,7 @@ def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Memb
 
 
 def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
-    """Return the gates of a path with their straight runs, each at most half as long as the way to the next gate."""
+    """Return the narrow gates on a path; straight runs are at most half as long as the distance to the next gate."""
     groups = runs.gates(portals)
     if not groups:
         return []
@@ -153,8 +150,8 @@ def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membersh
 def _direction(portals: FloatArray) -> FloatArray:
     """Return the direction in which a gate is entered at its first portal, shape (2,).
 
-    The gate is entered in the direction from the first portal to the next one whose distance exceeds the first portal's
-    width or, if there is none, along the normal of the narrowest portal.
+    The direction is that from the middle of the first portal to the next one whose distance exceeds the first portal's
+    width or, if there is none, the normal of the narrowest portal.
     """
     middles = portals.mean(axis=1)
     width = float(np.linalg.norm(portals[0, 0] - portals[0, 1]))
@@ -169,7 +166,7 @@ def _direction(portals: FloatArray) -> FloatArray:
 
 
 def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -> FloatArray:
-    """Return the end of the longest free run from a point, or the point itself if none is free, shape (2,) [m]."""
+    """Return the end of the longest free straight run from a point, or the point itself if none is free, (2,) [m]."""
     for share in runs.shortenings:
         end = place + share * run
         if free(np.linspace(place, end, runs.samples)).all():
@@ -179,13 +176,14 @@ def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -
 
 @dataclass(frozen=True)
 class Chain:
-    """A directed sequence of triangles from one node of the junction graph to the next.
+    """A directed sequence of neighbouring triangles from one junction of the triangulation to the next.
 
     Attributes:
-        triangles: indices of all triangles, including both nodes.
+        triangles: indices of all triangles, including both junctions.
         entry: edge through which the chain enters its last triangle.
         exit: edge through which the chain leaves its first triangle.
-        lengths: least lengths from the sample points of the first edge crossed to those of the last, shape (m, m) [m].
+        lengths: least lengths from the m sample points of the first edge crossed to those of the last, shape (m, m)
+            [m].
     """
 
     triangles: tuple[int, ...]
@@ -195,7 +193,7 @@ class Chain:
 
     @property
     def head(self) -> int:
-        """The node that the chain leads to."""
+        """Index of the triangle at which the chain ends."""
         return self.triangles[-1]
 
 
@@ -213,7 +211,7 @@ class EdgeMetric:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Sample points of each triangle's edges, the same from either side, shape (T, 3, m, 2) [m]."""
+        """Sample points on the edges of each of T triangles, equal from either side, shape (T, 3, m, 2) [m]."""
         mesh = self.triangulation
         forward = mesh.triangles < np.roll(mesh.triangles, -1, axis=1)
         tails = mesh.corners
@@ -226,7 +224,7 @@ class EdgeMetric:
 
     @cached_property
     def across(self) -> FloatArray:
-        """Distances from the points of edge e to those of edge f of a triangle, shape (T, 3, 3, m, m) [m]."""
+        """Distances from the sample points of edge e to those of edge f of a triangle, shape (T, 3, 3, m, m) [m]."""
         gaps = self.points[:, :, None, :, None] - self.points[:, None, :, None]
         return np.asarray(np.hypot(gaps[..., 0], gaps[..., 1]), dtype=np.float64)
 
@@ -237,11 +235,13 @@ def min_plus(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
-    """Return all directed chains of the junction graph, without dead ends.
+    """Return all directed chains of triangles between junctions, without dead ends.
+
+    Junctions are triangles with three neighbours, and the terminals.
 
     Args:
         metric: metric of the triangulation.
-        terminals: triangles that are nodes whatever their degree: those of start and goal.
+        terminals: triangles of start and goal, which are junctions whatever their number of neighbours.
     """
     neighbours = _pruned(metric.triangulation, set(terminals))
     degrees = [sum(t != WALL for t in row) for row in neighbours]
@@ -255,7 +255,7 @@ def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
 
 
 def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
-    """Return the neighbour lists with dead ends removed, except those that lead to a terminal."""
+    """Return the neighbour lists of all triangles without dead ends, except those that lead to a terminal."""
     neighbours = [list(row) for row in mesh.adjacency]
     leaves = [t for t, row in enumerate(neighbours) if row.count(WALL) >= 2]
     while leaves:
@@ -286,7 +286,7 @@ def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], no
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """The narrowest passage between a start and a goal.
+    """The narrowest passage between a start and a goal in planar free space.
 
     Attributes:
         connected: whether a route exists.
@@ -302,7 +302,7 @@ class Bottleneck:
 
 
 def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[int, ...]) -> Bottleneck:
-    """Return the narrowest edge that a sleeve crosses; infinite width for a sleeve of a single triangle."""
+    """Return the narrowest edge crossed by a sequence of triangles, as a bottleneck; infinite for one triangle."""
     edges = mesh.portals(sleeve)
     if len(edges) == 0:
         place = mesh.centroids[sleeve[0]]
@@ -313,7 +313,7 @@ def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[i
 
 
 def missing_link(workspace: Workspace, mesh: Triangulation, start: int, goal: int) -> Bottleneck:
-    """Return the shortest gap between the components of two triangles, as a bottleneck of width 0."""
+    """Return the shortest gap between the components of free space that contain two triangles, with width 0."""
     around = [_component(mesh, mesh.components[triangle]) for triangle in (start, goal)]
     place = shapely.get_coordinates(shapely.shortest_line(*around)).mean(axis=0)
     return Bottleneck(connected=False, width=0.0, place=place, walls=nearest_walls(workspace, place))
@@ -326,6 +326,6 @@ def nearest_walls(workspace: Workspace, place: FloatArray, count: int = 2) -> tu
 
 
 def _component(mesh: Triangulation, number: int) -> shapely.Geometry:
-    """Return all triangles of one component as a geometry."""
+    """Return all triangles of one connected component as a geometry."""
     triangles: shapely.Geometry = shapely.multipolygons(shapely.polygons(mesh.corners[mesh.components == number]))
     return triangles

@@ -1,7 +1,7 @@
-"""Shells of a mesh: connected pieces of its surface, their orientation, and whether they are closed.
+"""Shells of a triangle mesh: connected pieces of its surface, their orientation, and whether they are closed.
 
-The triangles of a shell join over edges, which are matched by their vertices. If any edges stay without a partner,
-vertices that coincide up to rounding are welded, and edges that lie on each other are split at each other's vertices
+The triangles of a shell join over edges, which are matched by their vertices. If any edges remain without a partner,
+vertices that coincide up to rounding are merged, and edges that lie on each other are split at each other's vertices
 (T-junctions). Neither moves the surface.
 """
 
@@ -15,26 +15,28 @@ from scipy.spatial import cKDTree
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 
 ROUNDING_SHARE = 1e-6
-"""Vertices within this share of the mesh's extent count as one. Eight roundings of a coordinate in single precision,
-far below any gap that an arm could pass."""
+"""Distance below which two vertices of a mesh count as one, as a fraction of the mesh's extent.
+
+Derived: eight roundings of a coordinate in single precision, far below any gap that an arm could pass.
+"""
 _MOST_OPEN = 200_000
-"""Number of edges without a partner above which none is repaired: a mesh with more is a triangle soup, and open."""
+"""Number of edges without a partner above which a mesh counts as an open triangle soup and is not repaired."""
 _WHOLE_NUMBERS = 2**64
 """Number of integers that fit into 64 bits."""
 _MOST_AT_VERTEX = 64
-"""Most edges without a partner at one vertex that are compared with each other."""
+"""Largest number of edges without a partner at one vertex that are compared with each other."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shells:
-    """The shells of a mesh with m triangles.
+    """The s connected shells of a mesh with m triangles.
 
     Attributes:
         number: index of the shell of each triangle, shape (m,).
-        turned: whether a triangle is oriented against most of its shell, shape (m,).
+        turned: whether a triangle is oriented against the majority of its shell, shape (m,).
         closed: whether every edge of a shell joins two of its triangles, shape (s,).
         orientable: whether the triangles of a shell can be oriented consistently, shape (s,).
-        open_edges: end points of edges without a partner, shape (k, 2, 3), in the unit of the vertices.
+        open_edges: end points of the k edges without a partner, shape (k, 2, 3), in the unit of the vertices.
         copies: whether a triangle duplicates an earlier one and no shell needs it, shape (m,).
     """
 
@@ -48,7 +50,7 @@ class Shells:
 
 @dataclass(frozen=True, eq=False)
 class _HalfEdges:
-    """Directed edges of triangles: start vertex, end vertex and triangle of each, all of shape (e,)."""
+    """Directed edges of triangles, as start vertex, end vertex and triangle of each, all of shape (e,)."""
 
     start: IntArray
     end: IntArray
@@ -65,26 +67,26 @@ class _HalfEdges:
         )
 
     def keys(self, count: int) -> IntArray:
-        """Return a number that identifies the undirected edge of each half-edge, for ``count`` vertices."""
+        """Return a number that identifies the undirected edge of each half-edge, given the number of vertices, (e,)."""
         # The product fits into 64 bits: a mesh has far fewer than 2^31 vertices.
         return np.asarray(np.minimum(self.start, self.end) * count + np.maximum(self.start, self.end))
 
     def grouped(self) -> tuple[IntArray, IntArray]:
-        """Return the order that sorts half-edges by edge and then by place in the file, and where each edge begins."""
+        """Return the order of half-edges by undirected edge, then file order, and the start index of each edge."""
         keys = self.keys(max(self.start.max(initial=0), self.end.max(initial=0)) + 1)
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
         return order, np.flatnonzero(np.append(True, keys[1:] != keys[:-1])[: len(keys)])
 
     def unpaired(self) -> IntArray:
-        """Return the last half-edge of every edge with an odd number of triangles."""
+        """Return the index of the last half-edge of every edge with an odd number of triangles."""
         order, begins = self.grouped()
         ends = np.append(begins[1:], len(order))
         return np.asarray(order[ends[(ends - begins) % 2 == 1] - 1])
 
 
 def find_shells(vertices: FloatArray, faces: IntArray) -> Shells:
-    """Return the shells of a mesh.
+    """Return the connected shells of a triangle mesh, after matching coincident edges.
 
     Touching bodies stay separate shells: where more than two triangles meet in an edge, those that run in opposite
     directions are paired in file order. Whatever the pairs, a point that an odd number of crossings separates from the
@@ -117,7 +119,7 @@ def find_shells(vertices: FloatArray, faces: IntArray) -> Shells:
 
 
 def repeated(faces: IntArray) -> IntArray:
-    """Return the number of earlier triangles with the same three vertices, for each triangle, shape (m,)."""
+    """Return for each triangle the number of earlier triangles with equal vertices, shape (m,)."""
     low, middle, high = np.sort(faces, axis=1).T.astype(np.uint64)
     count = int(faces.max(initial=0)) + 1
     if count**3 < _WHOLE_NUMBERS:
@@ -136,7 +138,7 @@ def repeated(faces: IntArray) -> IntArray:
 
 
 def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
-    """Return the half-edges of chosen triangles; degenerate triangles have none."""
+    """Return the half-edges of triangles selected by a mask; degenerate triangles have none."""
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     numbers = np.flatnonzero(chosen & proper)
     some = faces[numbers].astype(np.int64)
@@ -144,7 +146,7 @@ def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
 
 
 def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
-    """Return the duplicate triangles that touching bodies need because each has its own triangle at the contact.
+    """Return the indices of duplicate triangles that touching bodies need, each its own at the contact.
 
     Every piece of an edge must have an even number of triangles. So a duplicate that is the only undecided one at a
     piece is needed if the piece has an odd number of triangles without this duplicate, and otherwise not; decisions
@@ -173,7 +175,7 @@ def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: f
 
 
 def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
-    """Return the index of each vertex after merging those at unpaired edges that coincide up to rounding."""
+    """Return the index of each vertex after merging vertices of unpaired edges within ``reach`` of each other, (v,)."""
     known = np.arange(len(vertices), dtype=np.intp)
     border = np.unique((odd.start, odd.end))
     near = cKDTree(vertices[border]).query_pairs(reach, output_type="ndarray")
@@ -189,7 +191,7 @@ def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
 
 
 def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
-    """Return the half-edges after splitting unpaired edges at the vertices of connected edges on the same line."""
+    """Return half-edges, the unpaired ones split at the vertices of adjacent edges on the same line."""
     odd = edges.unpaired()
     if not 0 < len(odd) <= _MOST_OPEN:
         return edges
@@ -199,7 +201,7 @@ def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
 
 
 def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
-    """Return half-edges after splitting them at the vertices of connected half-edges on the same line."""
+    """Return half-edges split at the vertices of adjacent half-edges on the same line."""
     start, end = edges.start, edges.end
     line = _lines(vertices, edges, reach)
     # The vertices on each line, in order along it.
@@ -237,11 +239,11 @@ def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
 
 
 def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
-    """Return the index of each edge's line: edges that share a vertex and run along each other are on one line.
+    """Return the index of the line of each edge, shape (e,): edges with a common vertex and direction are on one line.
 
     Args:
         vertices: positions of the vertices, shape (v, 3).
-        edges: half-edges to number.
+        edges: e half-edges to number.
         reach: distance by which an edge may deviate from a line.
     """
     count = len(edges.start)
@@ -257,7 +259,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
         if not len(one):
             break
         other = one + apart
-        # Both are along one line if the end of the shorter lies on the line of the longer.
+        # Two edges are on one line if the end of the shorter lies on the line of the longer.
         off = np.linalg.norm(np.cross(way[one], way[other]), axis=1)
         along = off <= reach * np.maximum(length[one], length[other])
         joined.append(np.column_stack((edge[one[along]], edge[other[along]])))
@@ -266,7 +268,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
 
 
 def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the first and second half-edges of all pairs, edge by edge, and the half-edges without a partner."""
+    """Return the indices of the first and second half-edges of all pairs, and of the half-edges without a partner."""
     order, begins = edges.grouped()
     counts = np.diff(np.append(begins, len(order)))
     crowded = np.repeat(counts > 2, counts)
@@ -278,16 +280,17 @@ def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntArray) -> IntArray:
-    """Return the half-edges of crowded edges with partners side by side and any odd one last at its edge.
+    """Return the half-edges of edges with more than two triangles, partners side by side, any odd one last at its edge.
 
     Half-edges of one patch, whose triangles are connected over edges with two triangles, belong to one body and are
-    paired first.
+    paired
+    first.
 
     Args:
         edges: all half-edges.
-        some: half-edges to order, edge by edge.
+        some: indices of the half-edges to order, edge by edge.
         counts: number of half-edges of each of these edges.
-        others: half-edges of all other edges, edge by edge.
+        others: indices of the half-edges of all other edges, edge by edge.
     """
     edge = np.repeat(np.arange(len(counts)), counts)
     two = others[np.isin(others, edges.unpaired(), invert=True)]
@@ -308,7 +311,7 @@ def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntA
 
 
 def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
-    """Return the last half-edge of each patch that has an odd number of half-edges at an edge."""
+    """Return the last half-edge of each surface patch with an odd number of half-edges at an edge, as indices."""
     order = np.lexsort((patch, edge))
     changes = (np.diff(edge[order], append=-1) != 0) | (np.diff(patch[order], append=-1) != 0)
     ends = np.flatnonzero(changes)
@@ -318,14 +321,21 @@ def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
 def _turned_alike(
     count: int, first: IntArray, second: IntArray, alike: BoolArray
 ) -> tuple[IntArray, BoolArray, BoolArray]:
-    """Join triangles that share an edge, oriented so that the two half-edges of the edge run in opposite directions.
+    """Return the shells that paired half-edges join, and the orientation of their triangles.
 
-    Every triangle is represented by two nodes, as it is and turned over; an edge joins those that agree. A shell whose
-    two copies are connected cannot be oriented.
+    In a consistent orientation, the two half-edges of an edge run in opposite directions. Every triangle is represented
+    by two nodes of a graph, as it is and reversed; an edge joins the nodes that agree. A shell whose two copies are
+    connected cannot be oriented.
+
+    Args:
+        count: number of triangles.
+        first: triangle of the first half-edge of each pair.
+        second: triangle of the second half-edge of each pair.
+        alike: whether both half-edges of a pair run in the same direction.
 
     Returns:
-        Index of the shell of each triangle, which triangles are turned against most of their shell, and which shells
-        are orientable.
+        Index of the shell of each triangle, a mask of the triangles oriented against the majority of their shell, and a
+        mask of the shells that are orientable.
     """
     if not alike.any():
         number = _components(first, second, count)
@@ -343,6 +353,6 @@ def _turned_alike(
 
 
 def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
-    """Return the index of the connected component of each of ``count`` nodes."""
+    """Return the index of the connected component of each of ``count`` graph nodes, shape (count,)."""
     graph = sparse.coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1], dtype=np.intp)

@@ -1,7 +1,7 @@
-"""Sleeves of triangles along a route, and the shortest path through a sleeve.
+"""Sleeves, sequences of neighbouring triangles along a route, and the shortest path through a sleeve.
 
-Only the order of the portals matters, not where they lie in the plane: a sleeve that returns to a triangle is unfolded
-like a covering space, and the result is the shortest path of its homotopy class.
+Only the order of the crossed edges (portals) matters, not where they lie in the plane: a sleeve that returns to a
+triangle is unfolded like a covering space, and the result is the shortest path of its homotopy class.
 """
 
 import heapq
@@ -23,19 +23,25 @@ from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSetti
 from ccm_opt.scene.triangulation import WALL, Triangulation
 
 _STATIONS = 200
-"""Number of evenly spaced samples along a taut string, besides its vertices and crossings. Taste."""
+"""Number of evenly spaced samples along a shortest path, besides its vertices and crossings. Taste."""
 
 _LEAST_SQUARENESS = 1e-3
-"""Squareness given to a chord that the string only touches. Taste."""
+"""Squareness (cosine of the angle from perpendicular) given to a chord that a path only touches. Taste."""
 
 Point: TypeAlias = tuple[float, float]
 
 INWARDS = 1e-7
-"""Share of the distance to the centroid by which a point is moved off edges and vertices: rounding."""
+"""Distance by which a point is moved off edges and vertices, as a fraction of its distance to the triangle's centroid.
+
+Derived: above rounding.
+"""
 
 
 def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
-    """Return a sleeve without repeats and immediate returns (a b a becomes a), as a word is reduced in a free group."""
+    """Return a triangle sequence without repeats and immediate returns (a b a becomes a).
+
+    The sequence is reduced like a word in a free group.
+    """
     stack: list[int] = []
     for triangle in sleeve:
         if len(stack) > 1 and stack[-2] == triangle:
@@ -46,12 +52,12 @@ def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
 
 
 def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the reduced sleeve of consecutive paths.
+    """Return the reduced triangle sequence of consecutive paths.
 
-    Each sleeve must begin in the triangle in which the previous one ends.
+    Each sequence must begin in the triangle in which the previous one ends.
 
     Raises:
-        ValueError: two consecutive sleeves do not meet.
+        ValueError: two consecutive sequences do not meet.
     """
     for before, after in itertools.pairwise(sleeves):
         if before[-1] != after[0]:
@@ -64,7 +70,9 @@ def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
 def sleeve_of(
     triangulation: Triangulation, polyline: FloatArray, bisections: int = DEFAULT_FREE_SPACE.bisections
 ) -> tuple[int, ...]:
-    """Return the reduced sleeve of a polyline; points outside free space count as the nearest free points.
+    """Return the sequence of triangles that a polyline crosses, without immediate returns.
+
+    Points outside free space count as the nearest free points.
 
     Args:
         triangulation: triangulation of free space.
@@ -72,7 +80,7 @@ def sleeve_of(
         bisections: number of times that a straight piece which meets a wall is halved.
 
     Returns:
-        Triangle indices, each a neighbour of the previous one, without immediate returns.
+        Triangle indices, each a neighbour of the previous one.
 
     Raises:
         UnreachableGoal: the polyline jumps from one component of free space to another.
@@ -97,7 +105,7 @@ class _SleevePoint(NamedTuple):
 
 
 def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the result of ``_between``, cached, since all tip paths lead back along the same arm."""
+    """Return the triangles from one point to another, cached, since all tip paths lead back along the same arm."""
     # The free point and its triangle follow from the point.
     ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
     walk = mesh.walk_cache.get(ends)
@@ -108,7 +116,7 @@ def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth
 
 
 def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the triangles from one point to another, along a straight line where that is free."""
+    """Return the indices of the triangles from one point to another, along a straight line where free."""
     if p.triangle == q.triangle:
         return [p.triangle]
     straight = _straight_walk(mesh, _off_edges(mesh, p), p.triangle, _off_edges(mesh, q), q.triangle)
@@ -124,15 +132,15 @@ def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) 
 
 
 def _off_edges(mesh: Triangulation, place: _SleevePoint) -> Point:
-    """Return the free point moved slightly towards its triangle's centroid, so that it lies on no edge."""
+    """Return a free point moved slightly towards the centroid of its triangle, so that it lies on no edge."""
     x, y = place.free + INWARDS * (mesh.centroids[place.triangle] - place.free)
     return float(x), float(y)
 
 
 def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: int) -> list[int]:
-    """Return the triangles along the segment p–q, empty if it meets a wall.
+    """Return the indices of the triangles along the segment from p to q; empty if the segment meets a wall.
 
-    A vertex on the line counts as left of it.
+    A vertex on the segment counts as left of it.
     """
     dx = q[0] - p[0]
     dy = q[1] - p[1]
@@ -147,9 +155,9 @@ def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: in
 
 
 def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> list[int]:
-    """Return the shortest walk between two points of one component (A*).
+    """Return the triangles of the shortest walk between two points of one component of free space (A*).
 
-    Every edge is crossed at the point from which the way to the goal is shortest.
+    Every edge is crossed at the point through which the path to the goal is shortest.
     """
     goal = (float(q.free[0]), float(q.free[1]))
     queue = [(0.0, 0.0, p.triangle, (float(p.free[0]), float(p.free[1])), WALL)]
@@ -172,7 +180,7 @@ def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> lis
 
 
 def _mirror_point(p: Point, q: Point, a: Sequence[float], b: Sequence[float]) -> Point:
-    """Return the point x of the segment a–b with the least |p − x| + |x − q| (Heron's mirror)."""
+    """Return the point x of the segment from a to b with the least |p − x| + |x − q| (Heron's mirror)."""
     ux = b[0] - a[0]
     uy = b[1] - a[1]
     square = ux * ux + uy * uy
@@ -194,17 +202,18 @@ def _gap(mesh: Triangulation, here: int, there: int) -> Diagnosis:
 
 
 def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink: float = 0.0) -> FloatArray:
-    """Return the shortest path from start to goal that crosses the portals in order.
+    """Return the shortest path from start to goal that crosses n portals in order, by the funnel algorithm in O(n).
 
     Args:
         portals: left end, right end of each edge crossed, shape (n, 2, 2) [m]; consecutive edges share a triangle.
         start: a point in the triangle before the first portal, shape (2,) [m].
         goal: a point in the triangle after the last portal, shape (2,) [m].
         shrink: distance by which both ends of each portal are moved inwards [m], at most 0.45 of its width, to stay
-            away from corners.
+            away
+            from corners.
 
     Returns:
-        The vertices of the path, including start and goal, shape (k, 2) [m]. Time is O(n).
+        The vertices of the path, including start and goal, shape (k, 2) [m].
     """
     funnel = _Funnel((float(start[0]), float(start[1])))
     for left, right in drawn_in(portals, shrink).tolist() if len(portals) else ():
@@ -214,7 +223,7 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
 
 
 def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
-    """Return the portals (n, 2, 2) with both ends moved inwards by ``shrink`` [m].
+    """Return portals (n, 2, 2) with both ends moved inwards by ``shrink`` [m].
 
     Ends move by at most 0.45 of the portal's width, so that they never meet.
     """
@@ -227,7 +236,10 @@ def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
 
 
 class _Funnel:
-    """The two concave chains from the apex to the ends of the current portal; ``path`` leads to the apex."""
+    """The funnel of shortest paths to the current portal: two concave chains from an apex to the ends of the portal.
+
+    ``path`` leads from the start to the apex.
+    """
 
     def __init__(self, start: Point) -> None:
         self.path = [start]
@@ -235,15 +247,15 @@ class _Funnel:
         self.right = deque([start])
 
     def narrow_left(self, point: Point) -> None:
-        """Add ``point`` as the new end of the left chain."""
+        """Narrow the funnel to ``point`` as the new end of the left chain."""
         self._narrow(point, self.left, self.right, 1.0)
 
     def narrow_right(self, point: Point) -> None:
-        """Add ``point`` as the new end of the right chain."""
+        """Narrow the funnel to ``point`` as the new end of the right chain."""
         self._narrow(point, self.right, self.left, -1.0)
 
     def close(self, goal: Point) -> list[Point]:
-        """Return the whole path without repeated vertices, treating the goal as a last portal of zero width."""
+        """Return the whole shortest path without repeated vertices, with the goal as a last portal of zero width."""
         self.narrow_right(goal)
         path = [*self.path, *list(self.right)[1:]]
         distinct = [path[0], *(there for here, there in itertools.pairwise(path) if there != here)]
@@ -269,11 +281,11 @@ def _turn(a: Point, b: Point, c: Point) -> float:
 
 @dataclass(frozen=True)
 class TautString:
-    """A taut string and the edges that it crosses.
+    """The shortest path of a homotopy class, and the triangle edges that it crosses.
 
     Attributes:
         path: vertices, shape (k, 2) [m].
-        edges: left and right ends of the edges crossed, shape (n, 2, 2) [m].
+        edges: left and right ends of the n edges crossed, shape (n, 2, 2) [m].
         crossings: arc length at which each edge is crossed, not decreasing, shape (n,) [m].
         settings: settings of free space.
     """
@@ -287,22 +299,22 @@ class TautString:
     def through(
         cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
     ) -> "TautString":
-        """Return the taut string with vertices ``path`` (k, 2) through a sleeve with given edges (n, 2, 2) [m]."""
+        """Return the shortest path with vertices ``path`` (k, 2) that crosses given triangle edges (n, 2, 2) [m]."""
         return cls(path, edges, _crossings(edges, path), settings)
 
     @cached_property
     def knots(self) -> FloatArray:
-        """Arc length of each vertex, shape (k,) [m]."""
+        """Arc lengths of the vertices of the path, shape (k,) [m]."""
         return arc_lengths(self.path)
 
     @property
     def length(self) -> float:
-        """Arc length of the whole string [m]."""
+        """Arc length of the whole path [m]."""
         return float(self.knots[-1])
 
     @cached_property
     def stations(self) -> FloatArray:
-        """Arc lengths of the samples, increasing, including vertices and crossings, shape (s,) [m]."""
+        """Arc lengths of s samples, increasing, including vertices and edge crossings, shape (s,) [m]."""
         even = np.linspace(0.0, self.length, _STATIONS)
         return np.unique(np.concatenate((even, self.knots, self.crossings)))
 
@@ -312,20 +324,22 @@ class TautString:
         return points_at(self.path, self.knots, self.stations)
 
     def at(self, place: float) -> FloatArray:
-        """Return the point at an arc length [m], shape (2,) [m]."""
+        """Return the point of the path at an arc length [m], shape (2,) [m]."""
         return points_at(self.path, self.knots, place)
 
     def crossings_within(self, first: float, last: float) -> FloatArray:
-        """Return the crossings between arc lengths ``first`` and ``last`` [m]."""
+        """Return the arc lengths of edge crossings between arc lengths ``first`` and ``last`` [m]."""
         return self.crossings[(self.crossings >= first) & (self.crossings <= last)]
 
     def directions_across(self, place: float) -> list[tuple[FloatArray, float]]:
-        """Return directions in which to lay a chord across the string at an arc length [m].
+        """Return directions for a chord across the path at an arc length [m], each with its squareness.
 
         Returns:
-            Unit directions from right to left, each with its squareness: the cosine of the angle between the string and
-            the chord's normal, at a vertex the smaller of the cosines of its two legs, and at least a thousandth. The
-            directions are the normals of the legs at that place and of their mean, and the edges crossed there.
+            Unit directions from right to left, shape (2,), each with its squareness: the cosine of the angle between
+            the path
+            and the chord's normal, at a vertex the smaller of the cosines for its two legs, and at least a thousandth.
+            The
+            directions are the normals of the legs at this arc length and of their mean, and the edges crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
         tangents = _units(self.path[legs + 1] - self.path[legs])
@@ -337,13 +351,13 @@ class TautString:
 
 
 def _units(vectors: FloatArray) -> FloatArray:
-    """Return the unit vectors along the non-zero vectors among given ones (n, 2)."""
+    """Return the unit vectors of those among n vectors (n, 2) that are not zero."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > 0.0] / lengths[lengths > 0.0, None], dtype=np.float64)
 
 
 def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the arc length at which the string crosses each edge, the first not on the edge's near side."""
+    """Return the arc lengths at which a path crosses n triangle edges, from left to right ends, shape (n,) [m]."""
     lengths = leg_lengths(path)
     knots = arc_lengths(path)
     found = np.empty(len(edges))

@@ -10,14 +10,14 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class TriangleSoup:
-    """An unordered set of triangles; distances are to their points, minus their rounding.
+    """An unordered set of m triangles, each inflated by a radius (its rounding).
 
-    Triangles may have no area: a point with rounding is a ball, a segment with rounding a capsule.
+    Triangles may have no area: a point with a radius is a ball, a segment with a radius a capsule.
 
     Attributes:
         triangles: corners, shape (m, 3, 3) [m].
-        rounding: rounding of each triangle, shape (m,) [m].
-        owner: index of the name that each triangle belongs to, shape (m,).
+        rounding: radius by which each triangle is inflated, shape (m,) [m].
+        owner: index in ``names`` of the body to which each triangle belongs, shape (m,).
         names: names of the bodies, and of the room if there is one.
     """
 
@@ -28,9 +28,10 @@ class TriangleSoup:
 
     @classmethod
     def joined(cls, named: Iterable[tuple[str, FloatArray, float]]) -> "TriangleSoup":
-        """Return the triangles of several named surfaces as one soup.
+        """Return the triangles of several named surfaces as one set.
 
-        Each surface is given by its name, its triangles, shape (·, 3, 3) [m], and its rounding [m].
+        Each surface is given by its name, its triangles, shape (·, 3, 3) [m], and the radius by which they are inflated
+        [m].
         """
         parts = list(named)
         counts = [len(triangles) for _, triangles, _ in parts]
@@ -48,10 +49,10 @@ class TriangleSoup:
 
 
 def box_about(places: FloatArray) -> FloatArray:
-    """Return the lower and upper corner of the bounding box of points, shape (2, 3) [m].
+    """Return the lower and upper corner of the bounding box of points, shape (2, 3).
 
     Args:
-        places: at least one point, shape (..., 3) [m].
+        places: at least one point, shape (..., 3).
     """
     # Column by column: numpy takes the minimum of many rows of three some ten times as slowly.
     columns = [places[..., axis] for axis in range(3)]
@@ -59,12 +60,12 @@ def box_about(places: FloatArray) -> FloatArray:
 
 
 def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatArray, IntArray]:
-    """Return a surface with all vertices in a grid cell merged into their mean (Rossignac and Borrel 1993).
+    """Return a surface simplified by merging all vertices in a grid cell into their mean (Rossignac and Borrel 1993).
 
     Args:
         vertices: vertices, shape (v, 3) [m].
         faces: vertex indices of the triangles, shape (m, 3).
-        cell: width of a cell; no vertex moves by more than its diagonal [m].
+        cell: width of a cell; no vertex moves by more than the diagonal of a cell [m].
 
     Returns:
         Vertices and faces, without collapsed faces and duplicates.
@@ -85,9 +86,9 @@ def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatAr
 
 
 def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tuple[FloatArray, IntArray]:
-    """Return a surface with at most ``most`` triangles.
+    """Return a surface simplified to at most ``most`` triangles.
 
-    The surface is thinned with cells of the given width, which are widened as needed.
+    Vertices are merged in grid cells of the given width [m], which is increased as needed.
     """
     if len(faces) <= most:
         return vertices, faces
@@ -101,7 +102,7 @@ def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tup
 def all_within(
     surfaces: Sequence[tuple[FloatArray, IntArray]], most: int, least: int, cell: float
 ) -> list[tuple[FloatArray, IntArray]]:
-    """Return several surfaces thinned to a total number of triangles.
+    """Return several surfaces simplified to a total number of triangles.
 
     Triangles that small surfaces do not need are allotted to large surfaces.
 
@@ -127,7 +128,7 @@ def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray
     Args:
         vertices: vertices, shape (v, 3) [m]; vertices at the same position count as one.
         faces: vertex indices of the triangles, shape (m, 3).
-        angle: angle between the normals of an edge's two faces above which it is sharp [rad].
+        angle: angle between the normals of an edge's two faces above which the edge is sharp [rad].
     """
     _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     joined = first[same.reshape(-1)][faces]

@@ -1,4 +1,4 @@
-"""Triangulation of free space, and its partition into convex cells.
+"""Triangulation of planar free space, and its partition into convex cells.
 
 No vertex is added inside free space, so the dual graph (triangles joined across their common edges) is a deformation
 retract of free space: walks in the dual graph without immediate returns are exactly the homotopy classes of paths.
@@ -18,7 +18,7 @@ from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.polygons import cross, nearest_on_segments
 
 WALL = -1
-"""Stands for the triangle across an edge that is a wall."""
+"""Value that replaces the index of the neighbouring triangle across an edge that is a wall."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Triangulation:
 
     @cached_property
     def components(self) -> IntArray:
-        """Index of the connected component of each triangle, shape (T,)."""
+        """Index of the connected component of free space of each triangle, shape (T,)."""
         triangle, edge = np.nonzero(self.neighbours >= 0)
         links = (np.ones(len(triangle)), (triangle, self.neighbours[triangle, edge]))
         graph = scipy.sparse.coo_array(links, shape=(len(self), len(self)))
@@ -58,25 +58,25 @@ class Triangulation:
 
     @cached_property
     def walls(self) -> FloatArray:
-        """Edges of free space, with free space on their left, shape (W, 2, 2) [m]."""
+        """Boundary edges of free space, with free space on their left, shape (W, 2, 2) [m]."""
         triangle, edge = np.nonzero(self.neighbours < 0)
         return np.stack((self.corners[triangle, edge], self.corners[triangle, (edge + 1) % 3]), axis=1)
 
     @cached_property
     def adjacency(self) -> list[list[int]]:
-        """``neighbours`` as lists, for fast walks from triangle to triangle."""
+        """Indices of the neighbours of each triangle as lists, which are faster than arrays to walk through."""
         lists: list[list[int]] = self.neighbours.tolist()
         return lists
 
     @cached_property
     def corner_lists(self) -> list[list[list[float]]]:
-        """``corners`` as lists, for fast walks from triangle to triangle."""
+        """Corner points of each triangle as lists, which are faster than arrays to walk through."""
         lists: list[list[list[float]]] = self.corners.tolist()
         return lists
 
     @cached_property
     def walk_cache(self) -> dict[tuple[float, float, float, float, int], list[int]]:
-        """Walks already found, keyed by the ends of a straight piece of a path [m] and the allowed halvings."""
+        """Triangle walks already found, by the ends of a straight piece of a path [m] and the allowed halvings."""
         return {}
 
     @cached_property
@@ -84,7 +84,7 @@ class Triangulation:
         return shapely.STRtree(list(shapely.get_parts(shapely.polygons(self.corners))))
 
     def locate(self, points: FloatArray) -> IntArray:
-        """Return the triangle that contains each point (m, 2), or -1 outside, shape (m,).
+        """Return the index of the triangle that contains each point (m, 2), or -1 outside free space, shape (m,).
 
         If several triangles contain a point, the lowest index is returned.
         """
@@ -95,7 +95,7 @@ class Triangulation:
         return found
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the nearest triangle and the nearest free point of each point.
+        """Return the nearest triangle and the nearest free point of each of m points.
 
         Args:
             points: shape (m, 2) [m]; points in free space stay in place.
@@ -120,14 +120,14 @@ class Triangulation:
         return triangles, free
 
     def portals(self, sleeve: tuple[int, ...]) -> FloatArray:
-        """Return the left and right ends of the edges crossed by a sleeve of n triangles, shape (n - 1, 2, 2) [m]."""
+        """Return left and right ends of the edges crossed by a sequence of n triangles, shape (n - 1, 2, 2) [m]."""
         here = np.array(sleeve[:-1], dtype=np.intp)
         edges = np.argmax(self.neighbours[here] == np.array(sleeve[1:], dtype=np.intp)[:, None], axis=1)
         return np.stack((self.corners[here, (edges + 1) % 3], self.corners[here, edges]), axis=1)
 
 
 def triangulate(free: shapely.MultiPolygon) -> Triangulation:
-    """Return the constrained Delaunay triangulation of polygons with holes."""
+    """Return the constrained Delaunay triangulation of planar polygons with holes."""
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.get_parts(free)))
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     corners = _oriented(corners)
@@ -137,7 +137,7 @@ def triangulate(free: shapely.MultiPolygon) -> Triangulation:
 
 
 def _oriented(corners: FloatArray) -> FloatArray:
-    """Return the triangles (T, 3, 2) in counter-clockwise order."""
+    """Return triangles (T, 3, 2) with their corners in counter-clockwise order."""
     clockwise = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0.0
     corners = corners.copy()
     corners[clockwise] = corners[clockwise, ::-1]
@@ -147,7 +147,7 @@ def _oriented(corners: FloatArray) -> FloatArray:
 def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
     """Return the index of the triangle across each edge, or -1 for a wall, shape (T, 3).
 
-    Half-edges that join the same two vertices are paired.
+    Edges of two triangles are paired if they join the same two vertices.
     """
     heads = triangles
     tails = np.roll(triangles, -1, axis=1)
@@ -163,7 +163,7 @@ def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
 
 
 def _nearest_on_edges(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Return, for each triangle (m, 3, 2), the point on its edges nearest to a given point (m, 2)."""
+    """Return the point on the edges of each of m triangles (m, 3, 2) nearest to a point each, shape (m, 2)."""
     feet = nearest_on_segments(points[:, None], np.stack((corners, np.roll(corners, -1, axis=1)), axis=2))
     best = np.argmin(np.linalg.norm(points[:, None] - feet, axis=2), axis=1)
     return np.asarray(feet[np.arange(len(points)), best], dtype=np.float64)
@@ -183,7 +183,10 @@ class Partition:
 
 
 def merge(triangulation: Triangulation) -> Partition:
-    """Return the convex cells left after removing edges between triangles, longest first, if cells stay convex."""
+    """Return a partition of free space into convex cells.
+
+    Edges between triangles are removed, longest first, if the merged cell is convex.
+    """
     faces = _Faces(triangulation)
     for half_edge in _longest_first(triangulation):
         faces.remove_if_convex(int(half_edge))
@@ -191,14 +194,17 @@ def merge(triangulation: Triangulation) -> Partition:
 
 
 def _longest_first(mesh: Triangulation) -> IntArray:
-    """Return one half-edge, as index 3 t + e, for every edge between two triangles, longest edge first."""
+    """Return one half-edge, as index 3 t + e, per edge between two triangles, the longest edge first."""
     triangle, edge = np.nonzero(mesh.neighbours > np.arange(len(mesh))[:, None])
     length = np.linalg.norm(mesh.corners[triangle, edge] - mesh.corners[triangle, (edge + 1) % 3], axis=1)
     return (3 * triangle + edge)[np.argsort(-length, kind="stable")]
 
 
 class _Faces:
-    """Faces as rings of half-edges; half-edge 3 t + e leads from corner e of triangle t to corner e + 1."""
+    """Faces of a planar subdivision as rings of half-edges, for merging triangles into convex cells.
+
+    Half-edge 3 t + e leads from corner e of triangle t to corner e + 1.
+    """
 
     def __init__(self, mesh: Triangulation) -> None:
         size = 3 * len(mesh)
@@ -210,7 +216,7 @@ class _Faces:
         self.removed = [False] * size
 
     def remove_if_convex(self, half_edge: int) -> None:
-        """Merge the faces on both sides of an edge unless a corner at one of its ends would turn right."""
+        """Merge the faces on both sides of an edge unless a corner at either end of the edge would turn right."""
         twin = self.twin[half_edge]
         # Without the edge, its predecessor is followed by the successor of its twin, and vice versa.
         corners = (
@@ -229,7 +235,7 @@ class _Faces:
         self.removed[half_edge] = self.removed[twin] = True
 
     def partition(self) -> Partition:
-        """Return the remaining faces as cells, numbered by their first triangle."""
+        """Return the remaining faces as convex cells, ordered by the index of their root triangle."""
         faces = [self._face(t) for t in range(len(self.parent))]
         roots, cell_of = np.unique(np.array(faces, dtype=np.intp), return_inverse=True)
         first: dict[int, int] = {}
@@ -239,14 +245,14 @@ class _Faces:
         return Partition(tuple(self._ring(first[int(root)]) for root in roots), cell_of.reshape(-1).astype(np.intp))
 
     def _face(self, triangle: int) -> int:
-        """Return the first triangle of a triangle's current face (union-find with path halving)."""
+        """Return the root triangle of the face to which a triangle belongs now (union-find with path halving)."""
         while self.parent[triangle] != triangle:
             self.parent[triangle] = self.parent[self.parent[triangle]]
             triangle = self.parent[triangle]
         return triangle
 
     def _turns_left(self, tail: int, head: int) -> bool:
-        """Return whether half-edge ``tail`` followed by ``head`` does not turn right."""
+        """Return whether two consecutive half-edges do not turn right, up to rounding."""
         ax, ay = self.points[tail]
         bx, by = self.points[head]
         cx, cy = self.points[self.following[head]]
@@ -262,7 +268,7 @@ class _Faces:
 
 
 def _twins(mesh: Triangulation) -> list[int]:
-    """Return the opposite half-edge of each half-edge; at a wall, the half-edge itself."""
+    """Return for each half-edge the opposite half-edge; at a wall, the half-edge itself."""
     twins = np.arange(3 * len(mesh))
     triangle, edge = np.nonzero(mesh.neighbours >= 0)
     other = mesh.neighbours[triangle, edge]

@@ -1,4 +1,4 @@
-"""Walls of the workspace as segments with rounding, and bounding-box trees over them.
+"""Walls of a planar workspace as inflated segments, and bounding-box trees over them.
 
 The items of a tree are ordered along a Morton curve (Morton, 1966), so that neighbours in the order are neighbours in
 the plane; every box of a level encloses two boxes of the level below. No balancing and no pointers are needed: the
@@ -24,7 +24,7 @@ _BITS = 16
 
 @dataclass(frozen=True)
 class BoxTree:
-    """A binary tree of bounding boxes over items in the plane.
+    """A binary tree of bounding boxes over n items in the plane.
 
     Attributes:
         items: indices of the items in the order of the lowest level, shape (n,).
@@ -38,7 +38,7 @@ class BoxTree:
 
     @classmethod
     def over(cls, low: FloatArray, high: FloatArray) -> "BoxTree":
-        """Return the tree over items with bounding boxes from low to high, each of shape (n, 2) [m]."""
+        """Build the tree over items with bounding boxes from `low` to `high`, each of shape (n, 2) [m]."""
         items = np.argsort(_morton(0.5 * (low + high)), kind="stable")
         levels = [np.hstack((low[items], high[items]))]
         while len(levels[-1]) > 1:
@@ -52,12 +52,12 @@ class BoxTree:
         return cls(items, np.ascontiguousarray(np.concatenate(levels)), offsets)
 
     def for_c(self) -> dict[str, Any]:
-        """Return the tree as the fields of ``Tree`` in box_tree.h."""
+        """Return the tree as named fields of ``Tree`` in box_tree.h."""
         levels = len(self.offsets) - 1 if len(self.items) else 0
         return {"levels": levels, "items": self.items, "boxes": self.boxes, "offsets": self.offsets}
 
     def meeting(self, low: FloatArray, high: FloatArray) -> IntArray:
-        """Return the items whose boxes meet a box from low to high, each of shape (2,) [m]; sorted, shape (m,)."""
+        """Return the sorted indices of items whose boxes meet a box from `low` to `high`, each (2,) [m]."""
         level = len(self.offsets) - 2
         nodes = np.zeros(min(1, len(self.boxes)), dtype=np.intp)
         for k in range(level + 1):
@@ -70,7 +70,7 @@ class BoxTree:
 
 
 def _morton(places: FloatArray) -> IntArray:
-    """Return the positions of points (n, 2) along the Morton curve through their bounding box, shape (n,)."""
+    """Return the positions of n points (n, 2) along the Morton curve through their bounding box, shape (n,)."""
     if len(places) == 0:
         return np.zeros(0, dtype=np.intp)
     low = places.min(axis=0)
@@ -92,7 +92,7 @@ class Walls:
         edge_wall: index of the wall of each edge, shape (E,).
         vertices: positions of the vertices, shape (V, 2) [m].
         vertex_wall: index of the wall of each vertex, shape (V,).
-        rounding: radius of the disc that sweeps each wall's core, shape (walls,) [m].
+        rounding: radius by which the core of each wall is inflated, shape (walls,) [m].
     """
 
     names: tuple[str, ...]
@@ -104,7 +104,7 @@ class Walls:
 
     @classmethod
     def of(cls, walls: "Sequence[Obstacle]") -> "Walls":
-        """Return the edges and vertices of walls, which may be polygons with all their rings, lines, or points."""
+        """Extract the edges and vertices of walls, which may be polygons with all their rings, lines, or points."""
         cores: Any = np.array([wall.core for wall in walls])
         lines, owner = _lines_and_points(cores)
         points, line = shapely.get_coordinates(lines, return_index=True)
@@ -131,7 +131,7 @@ class Walls:
 
     @cached_property
     def edge_lines(self) -> shapely.STRtree:
-        """The edges as lines in a tree, for crossing queries."""
+        """Spatial index of the edges as line geometries, for crossing queries."""
         return shapely.STRtree(np.asarray(shapely.linestrings(self.edges)))
 
     @cached_property
@@ -141,10 +141,7 @@ class Walls:
 
 
 def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
-    """Return the rings of polygons and all other cores unchanged, each with the index of its core.
-
-    The rings and cores are returned in the order of the cores.
-    """
+    """Return the rings of polygons, and all other cores unchanged, in order, each with the index of its core."""
     kinds = shapely.get_type_id(cores)
     areas = np.flatnonzero(kinds == shapely.GeometryType.POLYGON)
     others = np.flatnonzero(kinds != shapely.GeometryType.POLYGON)
@@ -156,11 +153,11 @@ def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
 
 @dataclass(frozen=True)
 class WallSegments:
-    """The edges of all walls, and the points of walls without edges, as segments.
+    """Edges of all walls, and the points of walls without edges, as E segments inflated by a radius.
 
     Attributes:
         ends: end points of the segments, shape (E, 2, 2) [m].
-        rounding: radius of the disc that sweeps each segment, shape (E,) [m].
+        rounding: radius by which each segment is inflated, shape (E,) [m].
         owner: index of the wall of each segment, shape (E,).
         solids: index of the first segment of every wall whose core has an inside, and one past the index of its last
             segment, shape (S, 2).
@@ -173,8 +170,8 @@ class WallSegments:
 
     @classmethod
     def of(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
-        """Return the segments of walls, given both as obstacles and as arrays of edges and vertices."""
-        # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of zero length.
+        """Build the segments of walls, given both as obstacles and as arrays of edges and vertices."""
+        # A round obstacle is an inflated point: it has no edge, and becomes a segment of zero length.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
         owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))
@@ -201,7 +198,7 @@ class WallSegments:
 
     @cached_property
     def solid_boxes(self) -> BoxTree:
-        """Bounding-box tree over the solids."""
+        """Bounding-box tree over the walls whose cores have an inside."""
         if len(self.solids) == 0:
             return BoxTree.over(np.zeros((0, 2)), np.zeros((0, 2)))
         # Outlines are closed, so the start points of their segments are all their points. Other segments may lie

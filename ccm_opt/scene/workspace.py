@@ -1,4 +1,4 @@
-"""The workspace of the arm, in the plane or in space: room, obstacles and clearance."""
+"""Workspace of an arm, in the plane or in space: room, obstacles and clearance."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,30 +19,30 @@ from ccm_opt.scene.walls import Walls, WallSegments
 
 
 class Shape(Protocol):
-    """The shape of an obstacle: a shape in the plane, or a body in space."""
+    """Protocol of an obstacle's shape, a ``PlaneShape`` in the plane or a body in space."""
 
     @property
     def rounding(self) -> float:
-        """Distance by which the shape reaches beyond its core, or its triangles [m]."""
+        """Radius by which the core of the shape, or its triangles, are inflated [m]."""
         ...
 
     @property
     def middle(self) -> FloatArray:
-        """Middle of the shape, shape (d,) [m]."""
+        """Centre of the shape, shape (d,) [m]."""
         ...
 
     def moved(self, by: FloatArray) -> "Shape":
-        """Return the shape moved by a displacement, shape (d,) [m]."""
+        """Return the shape translated by a displacement, shape (d,) [m]."""
         ...
 
 
 @dataclass(frozen=True)
 class PlaneShape:
-    """A shape in the plane: all points within ``rounding`` of ``core``; exact for every kind in a problem file.
+    """A shape in the plane, exact for every kind in a problem file: all points within ``rounding`` of ``core``.
 
     Attributes:
         core: a polygon (polygon, box), a point (circle) or a line string (wall) [m].
-        rounding: radius of the disc that sweeps the core [m]; a circle's radius, half a wall's thickness, else 0.
+        rounding: radius by which the core is inflated [m]: a circle's radius, half a wall's thickness, else 0.
     """
 
     core: shapely.Geometry
@@ -54,7 +54,7 @@ class PlaneShape:
         return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
 
     def moved(self, by: FloatArray) -> "PlaneShape":
-        """Return the shape moved by a displacement, shape (2,) [m]."""
+        """Return the shape translated by a displacement, shape (2,) [m]."""
         return replace(self, core=shapely.transform(self.core, lambda points: points + by))
 
 
@@ -64,7 +64,7 @@ class Obstacle:
 
     Attributes:
         name: the user's name for the obstacle, used in every message.
-        shape: shape of the obstacle in its place: a ``PlaneShape`` in the plane, a body in space.
+        shape: shape of the obstacle at its position in the room: a ``PlaneShape`` in the plane, a body in space.
     """
 
     name: str
@@ -72,21 +72,21 @@ class Obstacle:
 
     @property
     def rounding(self) -> float:
-        """Distance by which the obstacle reaches beyond its core, or its triangles [m]."""
+        """Radius by which the core of the obstacle, or its triangles, are inflated [m]."""
         return self.shape.rounding
 
     @property
     def core(self) -> shapely.Geometry:
-        """Core of the obstacle's shape in the plane."""
+        """Geometry of a planar obstacle before inflation by its radius."""
         return cast("PlaneShape", self.shape).core
 
     @property
     def body(self) -> Body:
-        """The obstacle's shape in space."""
+        """Body of an obstacle in space."""
         return cast("Body", self.shape)
 
     def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
-        """Return a geometry that *contains* the planar obstacle grown by ``grow`` [m].
+        """Return a geometry that *contains* the planar obstacle, inflated further by ``grow`` [m].
 
         Arcs are replaced by circumscribed polylines.
         """
@@ -100,21 +100,22 @@ class Obstacle:
 
 BOUNDARY_NAME = "workspace boundary"
 ROOM_NAME = "room"
-"""Name of the sides of the room in space."""
+"""Name of the sides of the room of a workspace in space."""
 _LOOKED_AT_FIRST = 4
-"""Number of walls whose exact distances are measured first, to rule out most of the others."""
+"""Number of walls whose exact distances are computed first, to rule out most of the others."""
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """The room the arm moves in, the obstacles in it, and the clearance the arm keeps from both.
+    """The room of an arm, the obstacles in the room, and the clearance that the arm keeps from both.
 
     Attributes:
         boundary: a simple polygon, the room in the plane, whose edge is a wall like any obstacle [m]; empty in space.
         obstacles: the obstacles, in file order.
         clearance: least clearance between the arm's surface and every obstacle [m].
         bounds: lower and upper corner of a room in space, whose sides are walls, shape (2, 3) [m]; None without a room,
-            and in the plane.
+            and
+            in the plane.
     """
 
     boundary: shapely.Polygon = field(default_factory=shapely.Polygon)
@@ -124,7 +125,7 @@ class Workspace:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point, 2 in the plane, 3 in space."""
+        """Number of coordinates of a point, 2 in the plane and 3 in space."""
         return 3 if self.boundary.is_empty else 2
 
     @property
@@ -134,38 +135,38 @@ class Workspace:
 
     @property
     def is_box(self) -> bool:
-        """Whether the room is its own bounding box."""
+        """Whether the room is an axis-aligned box."""
         box = self.box
         return box is not None and (
             self.dimension == 3 or bool(shapely.equals(self.boundary, shapely.box(*box.ravel())))
         )
 
     def within(self, box: FloatArray) -> "Workspace":
-        """Return this workspace with the box between two corners, shape (2, d) [m], as its room."""
+        """Return the workspace with the box between two corners, shape (2, d) [m], as its room."""
         return replace(self, bounds=box) if self.dimension == 3 else replace(self, boundary=shapely.box(*np.ravel(box)))
 
     @property
     def meshes(self) -> tuple[tuple[int, str, MeshBody], ...]:
-        """The meshes among the obstacles, each with its index among the obstacles and its name."""
+        """Meshes among the obstacles, each with its index among the obstacles and its name."""
         found = [] if self.dimension == 2 else [(k, each.name, each.body) for k, each in enumerate(self.obstacles)]
         return tuple((k, name, body) for k, name, body in found if body.kind == "mesh")
 
     def obstacle_centre(self, name: str) -> FloatArray:
-        """Return the middle of the first obstacle with a name, shape (d,) [m]."""
+        """Return the centre of the first obstacle with a given name, shape (d,) [m]."""
         return next(obstacle.shape.middle for obstacle in self.obstacles if obstacle.name == name)
 
     def with_moved(self, name: str, by: FloatArray) -> "Workspace":
-        """Return the workspace with the obstacles of a name moved by a displacement, shape (d,) [m]."""
+        """Return the workspace with all obstacles of a given name translated by a displacement, shape (d,) [m]."""
         moved = [replace(each, shape=each.shape.moved(by)) if each.name == name else each for each in self.obstacles]
         return replace(self, obstacles=tuple(moved))
 
     def without(self, name: str) -> "Workspace":
-        """Return the workspace without the obstacles of a name."""
+        """Return the workspace without the obstacles of a given name."""
         return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
 
     @cached_property
     def soup(self) -> TriangleSoup:
-        """The surfaces of all obstacles in order, then the sides of the room; planar walls as flat triangles."""
+        """Triangles of all obstacles in order, then of the sides of the room; planar walls as flat triangles."""
         if self.dimension == 2:
             edges = self.wall_segments
             return TriangleSoup(in_space(edges.ends[:, [0, 1, 1]]), edges.rounding, edges.owner, self.flat_walls.names)
@@ -176,7 +177,7 @@ class Workspace:
 
     @cached_property
     def extent(self) -> FloatArray:
-        """Lower and upper corner of everything in space, shape (2, 3) [m]; zeros if the workspace is empty."""
+        """Lower and upper corner of the box around everything in space, shape (2, 3) [m]; zeros if empty."""
         if len(self.soup) == 0:
             return np.zeros((2, 3))
         bodies = [each.body for each in self.obstacles if len(each.body.triangles)]
@@ -187,40 +188,40 @@ class Workspace:
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
-        """Everything that an arm in the plane must avoid, namely the obstacles and then the edge of the boundary."""
+        """Everything that a planar arm must avoid, first the obstacles, then the edge of the room."""
         return (*self.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.LinearRing(self.boundary.exterior.coords))))
 
     @cached_property
     def flat_walls(self) -> Walls:
-        """The walls as arrays of edges and vertices, in the order of ``walls``."""
+        """Edges and vertices of all walls in the plane as arrays, in the order of ``walls``."""
         return Walls.of(self.walls)
 
     @cached_property
     def wall_segments(self) -> WallSegments:
-        """The walls as one list of segments."""
+        """All walls in the plane as one list of inflated segments."""
         return WallSegments.of(self.walls, self.flat_walls)
 
     @cached_property
     def _cores(self) -> npt.NDArray[np.object_]:
-        """Cores of all walls, shape (walls,)."""
+        """Geometries of all walls before inflation by their radii, shape (walls,)."""
         return np.array([wall.core for wall in self.walls], dtype=np.object_)
 
     @cached_property
     def _roundings(self) -> FloatArray:
-        """Roundings of all walls, shape (walls,) [m]."""
+        """Radii by which the walls are inflated, shape (walls,) [m]."""
         return np.array([wall.rounding for wall in self.walls])
 
     @cached_property
     def _boxes(self) -> FloatArray:
-        """Bounding boxes of the cores of all walls, low x, low y, high x, high y, shape (walls, 4) [m]."""
+        """Bounding boxes of the walls before inflation, as low x, low y, high x, high y, shape (walls, 4) [m]."""
         return np.asarray(shapely.bounds(self._cores))
 
     def apart(self, shape: shapely.Geometry) -> FloatArray:
-        """Return the distance of a shape from every wall, in the order of the walls, shape (walls,) [m]."""
+        """Return the distances of a planar geometry from all walls, in the order of ``walls``, shape (walls,) [m]."""
         return np.asarray(shapely.distance(self._cores, shape)) - self._roundings
 
     def nearest(self, shape: shapely.Geometry) -> tuple[int, float]:
-        """Return the index of the wall nearest to a shape and its distance [m], measuring only a few walls exactly."""
+        """Return the index of the wall nearest to a planar geometry, and its distance [m]."""
         least = self._least_apart(shape)
         # The boundary's box contains everything, so its bound rules out nothing; several of the lowest bounds do.
         first = np.argsort(least, kind="stable")[:_LOOKED_AT_FIRST]
@@ -231,7 +232,7 @@ class Workspace:
         return int(maybe[nearest]), float(gaps[nearest])
 
     def _least_apart(self, shape: shapely.Geometry) -> FloatArray:
-        """Return lower bounds on the distance of a shape from each wall, from bounding boxes, shape (walls,) [m]."""
+        """Return lower bounds on the distances of a planar geometry from all walls, shape (walls,) [m]."""
         low_x, low_y, high_x, high_y = shapely.bounds(shape)
         boxes = self._boxes
         across = np.maximum(np.maximum(boxes[:, 0] - high_x, low_x - boxes[:, 2]), 0.0)
@@ -240,7 +241,7 @@ class Workspace:
         return np.asarray(np.hypot(across, along) * (1.0 - TINY) - self._roundings)
 
     def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
-        """Return the workspace with only those obstacles that come within a distance [m] of a shape."""
+        """Return the workspace with only the obstacles that come within a distance [m] of a planar geometry."""
         if not self.obstacles:
             return self
         maybe = np.flatnonzero(self._least_apart(shape)[: len(self.obstacles)] <= distance)
@@ -250,25 +251,24 @@ class Workspace:
 
 
 Shapes: TypeAlias = shapely.Geometry | Obstacle | Sequence[shapely.Geometry | Obstacle] | Mapping[str, shapely.Geometry]
-"""One geometry, several, or several with names."""
+"""A shapely geometry or obstacle, a sequence of them, or a mapping from names to geometries."""
 WANTED = "a polygon, a line, or several of them"
 
 
 def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, ...]:
-    """Return shapely geometries as obstacles.
+    """Convert shapely geometries to planar obstacles, in metres.
 
     A polygon is an obstacle, and its holes are free. A line string is a wall without thickness; buffered, it is a
-    polygon. A geometry with several parts gives one obstacle per part, with numbers after the name. Heights (z) are
-    dropped. A geometry is taken as it is: round ends and discs that shapely has buffered are polygons inside the true
-    arcs.
+    polygon.
+    A geometry with several parts gives one obstacle per part, with numbers after the name. Heights (z) are dropped. A
+    geometry is taken as it is: round ends and discs that shapely has buffered are polygons inside the true arcs.
 
     Args:
         shapes: a geometry, a list of geometries, named "obstacle 1" and so on, or a mapping from names to geometries.
         unit: unit of the coordinates: "m", "mm" or "in".
 
     Returns:
-        The obstacles, in metres; ``Obstacle`` objects among the shapes are already in metres and are returned
-        unchanged.
+        The obstacles; ``Obstacle`` objects among the shapes are already in metres and are returned unchanged.
 
     Raises:
         ProblemError: a shape is not a geometry, is empty, has no area or crosses itself; the message lists all such
@@ -286,9 +286,9 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
 
 
 def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[tuple[str, object]]:
-    """Yield every shape with its name, or with a number counted up from ``first``.
+    """Yield the shapes in a geometry, list or mapping, each with its name, or with a number counted up from ``first``.
 
-    Any object but a geometry, a list or a mapping is recorded as an error in ``given``.
+    Any other object is recorded as an error in ``given``.
     """
     if isinstance(shapes, Mapping):
         yield from ((str(name), shape) for name, shape in shapes.items())
@@ -301,7 +301,7 @@ def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[t
 
 
 def edge_parts(name: str, shape: object) -> list[Obstacle]:
-    """Return the obstacles that a geometry consists of, in the geometry's own unit.
+    """Return the obstacles that a geometry consists of, one per part, in the unit of the geometry.
 
     Raises:
         ProblemError: the shape is not a geometry, or not a usable one.
@@ -322,7 +322,7 @@ def edge_parts(name: str, shape: object) -> list[Obstacle]:
 
 
 def _flattened(shape: shapely.Geometry) -> list[shapely.Geometry]:
-    """Return the single geometries that a geometry consists of, with nested collections unpacked."""
+    """Return the single geometries of which a geometry consists, with nested collections unpacked."""
     if not hasattr(shape, "geoms"):
         return [shape]
     return [part for each in shape.geoms for part in _flattened(each)]
@@ -337,7 +337,7 @@ def _obstacle(name: str, part: shapely.Geometry) -> Obstacle:
 
 
 def _in_metres(obstacles: Sequence[Obstacle], metres: float) -> list[Obstacle]:
-    """Return obstacles without rounding, converted to metres from a unit that is ``metres`` metres long."""
+    """Convert obstacles to metres from a unit of the given length [m]."""
     return [
         replace(each, shape=PlaneShape(shapely.transform(each.core, lambda points: metres * points)))
         for each in obstacles

@@ -1,14 +1,16 @@
 """Forward dynamics by the articulated-body algorithm, one ball joint at a time.
 
 Featherstone's algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7): velocities outward, articulated bodies
-inward, accelerations outward. About its ball an articulated body takes (n, f) = A (ω̇, a) + P with a symmetric (6, 6)
-matrix A, in classical accelerations a of the ball, less gravity. With S q̇ the ball's angular velocity, J and b the
-rotor inertia and friction of its drives, x = (Rᵀ ω̇_p + β, Rᵀ a_tip,p), β the ball's velocity product, U = A (S, 0) and
-u = τ − b q̇ − Sᵀ P_n:
+inward, accelerations outward. About its ball joint an articulated body obeys (n, f) = A (ω̇, a) + P with a symmetric
+(6, 6) matrix A, where a is the classical acceleration of the joint less gravity. With S q̇ the angular velocity of the
+ball joint, J and b the rotor inertia and friction of its drives, x = (Rᵀ ω̇_p + β, Rᵀ a_tip,p), β the velocity product
+of
+the joint, U = A (S, 0) and u = τ − b q̇ − Sᵀ P_n:
 
     K = (Sᵀ A_ωω S + J)⁻¹     q̈ = K (u − Uᵀ x)     A ← A − U K Uᵀ,  P ← P + A (β, 0) + U K u
 
-Rotors make K exist where S is singular too. From the parent's tip to its ball, X = (1, 0; −l x̂×, 1): A ← I + Xᵀ A X.
+With rotor inertias, K exists even where S is singular. From the tip of the parent to its ball joint,
+X = (1, 0; −l x̂×, 1): A ← I + Xᵀ A X.
 """
 
 from functools import partial
@@ -21,11 +23,11 @@ from ccm_opt.dynamics.algorithms.in_plane import AT_REST, OF_BALL, TRIG, WORLD, 
 from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, centripetal, link_function
 
 _PASSED = 27
-"""Numbers that one link passes on inward: the upper triangle of A (21) and P (6)."""
+"""Size of the state that one link passes on inward: the upper triangle of A (21) and P (6)."""
 
 
 class AbaSteps(NamedTuple):
-    """CasADi functions of the algorithm's three sweeps and of the steps between them, in order."""
+    """CasADi functions of the three sweeps of the articulated-body algorithm and of the steps between, in order."""
 
     velocity: Any
     tip: Any
@@ -35,7 +37,7 @@ class AbaSteps(NamedTuple):
 
 
 def aba_steps(structure: Structure) -> AbaSteps:
-    """Return the functions of the articulated-body algorithm for a structure."""
+    """Return the functions of the articulated-body algorithm for arms of a given structure."""
     joint = BALL_JOINTS[structure.axes]
     steps = AbaSteps(
         link_function("aba_velocity", partial(_velocity, joint), state=3),
@@ -48,7 +50,7 @@ def aba_steps(structure: Structure) -> AbaSteps:
 
 
 def _in_plane(steps: AbaSteps) -> AbaSteps:
-    """Return the functions for an arm that stays in its plane."""
+    """Specialise the functions of the articulated-body algorithm for an arm that stays in its plane."""
     velocity, (_, motion) = swept_in_plane(steps.velocity, AT_REST, [TRIG, OF_BALL])
     tip, (at_tip,) = in_plane(steps.tip, [WORLD])
     columns = [TRIG, motion, OF_BALL, OF_BALL, free(4), free(6)]
@@ -59,7 +61,7 @@ def _in_plane(steps: AbaSteps) -> AbaSteps:
 
 
 def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, Any]:
-    """Return ω of a link from ω of its parent, and (ω, β) with the velocity-product acceleration β."""
+    """Return ω of a link from ω of its parent, and (ω, β) with the velocity product β of the ball joint."""
     w = joint.angular_velocity(trig, qd)
     carried = joint.rotation(trig).T @ state  # Rᵀ ω_p
     omega = carried + w
@@ -67,19 +69,19 @@ def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, An
 
 
 def _tip(world: Any) -> tuple[Any]:
-    """Return the articulated body at the tip, the mass of the payload without a force."""
+    """Return the articulated body at the tip: the mass of the payload, without a force."""
     payload = ca.diagcat(ca.SX.zeros(3, 3), world[3] * ca.SX.eye(3))
-    # Dense: the recursions in C expect every number, zeros too.
+    # Dense: the recursions in C expect every number, including zeros.
     return (ca.densify(ca.vertcat(_pack(payload), ca.SX.zeros(6))),)
 
 
 def _inertia(
     joint: BallJoint, state: Any, trig: Any, motion: Any, tau: Any, qd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """Return (A, P) at the tip of a link's parent from (A, P) at the link's tip, with q̈₀ (3,) and K Uᵀ."""
+    """Return (A, P) at the tip of a link's parent from (A, P) at the link's tip, and with it q̈₀ (3,) and K Uᵀ."""
     beta = motion[3:]
     A, P = _with_link(_unpack(state[:21]), state[21:], body, motion[:3])
-    # S column by column: what each unit rate turns.
+    # S column by column: the angular velocity of each unit rate.
     S = ca.horzcat(*(joint.angular_velocity(trig, ca.DM.eye(3)[:, i]) for i in range(3)))
     U = A[:, :3] @ S
     K = _inverse(S.T @ U[:3, :] + ca.diag(drive[:3]))
@@ -95,14 +97,14 @@ def _inertia(
 
 
 def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
-    """Return the articulated body at a link's tip, brought to its ball and joined with the link."""
+    """Return the articulated body at a link's tip, transferred to the link's ball joint and joined with the link."""
     m, axial, transverse, length = ca.vertsplit(body)
     across = ca.skew(ca.DM([1, 0, 0]))
     pull = centripetal(omega)
 
-    # The link itself, about its ball: the spatial inertia and the velocity products of a body with its centre at l/2.
+    # The link itself, about its ball joint: spatial inertia and velocity products of a body with its centre at l/2.
     about_ball = transverse + 0.25 * m * length**2
-    # m (l/2) x̂×: about its ball, not its centre, a link couples turning with moving.
+    # m (l/2) x̂×: about its ball joint, not its centre, the rotation and translation of a link are coupled.
     lever = 0.5 * m * length * across
     inertia = ca.diag(ca.vertcat(axial, about_ball, about_ball))
     link_A = ca.blockcat([[inertia, lever], [lever.T, m * ca.SX.eye(3)]])
@@ -111,22 +113,22 @@ def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
     gyroscopic = ca.vertcat(0, spin * omega[2], -spin * omega[1])
     link_P = ca.vertcat(gyroscopic + lever @ (0.5 * length * pull), 0.5 * m * length * pull)
 
-    # What is beyond, from the link's tip to its ball.
+    # The bodies beyond, transferred from the link's tip to its ball joint.
     X = ca.blockcat([[ca.SX.eye(3), ca.SX.zeros(3, 3)], [-length * across, ca.SX.eye(3)]])
-    # The tip accelerates by l ω × (ω × x̂) against the ball even at ω̇ = 0.
+    # The tip accelerates by l ω × (ω × x̂) relative to the ball joint even at ω̇ = 0.
     carried = P + A[:, 3:] @ (length * pull)
     return link_A + X.T @ A @ X, link_P + X.T @ carried
 
 
 def _base(state: Any, thrust: Any, world: Any) -> tuple[Any, Any]:
-    """Return (ω̇, a) of the base and its acceleration along the feed, from the innermost link's state and the thrust.
+    """Return (ω̇, a) of the base and its acceleration along the feed, from the first link's state and the thrust.
 
     The base does not turn, so the arm acts on the base with the force f = M a + p, where M is the linear block of A, p
-    the force of P, and a the acceleration less gravity. The thrust F is the component of f along the base heading x̂:
-    F = x̂ᵀ (M (a_feed x̂ − g) + p) is solved for a_feed.
+    the force of P, and a the acceleration less gravity. The thrust F is the component of f along the base heading x̂: F
+    = x̂ᵀ (M (a_feed x̂ − g) + p) is solved for a_feed.
     """
     mass = _unpack(state[:21])[3:, 3:]
-    slides = world[4]  # 1 or 0: a base that stands has no acceleration, whatever the thrust
+    slides = world[4]  # 1 or 0: a fixed base has no acceleration, whatever the thrust
     held = mass @ -world[:3] + state[24:]
     feed = slides * (thrust - held[0]) / mass[0, 0]
     return ca.vertcat(ca.DM.zeros(3), feed - world[0], -world[1], -world[2]), feed
@@ -137,7 +139,7 @@ def _acceleration(joint: BallJoint, state: Any, trig: Any, motion: Any, solved: 
     to_child = joint.rotation(trig).T
     turned = to_child @ state[:3]
     a = to_child @ state[3:]
-    # q̈₀ holds − K Uᵀ (β, 0) already, so x is taken without β.
+    # q̈₀ already includes − K Uᵀ (β, 0), so x is used without β.
     qdd = solved[:3] - ca.reshape(solved[3:], 3, 6) @ ca.vertcat(turned, a)
     omega_dot = turned + motion[3:] + joint.angular_velocity(trig, qdd)
     a_tip = a + body[3] * (centripetal(motion[:3]) + ca.vertcat(0, omega_dot[2], -omega_dot[1]))
@@ -152,13 +154,13 @@ def _inverse(Q: Any) -> Any:
 
 
 def _pack(M: Any) -> Any:
-    """Return the upper triangle of a square matrix, row by row."""
+    """Return the upper triangle of a symmetric matrix as a column, row by row."""
     size = M.shape[0]
     return ca.vertcat(*(M[i, j] for i in range(size) for j in range(i, size)))
 
 
 def _unpack(packed: Any) -> Any:
-    """Return the symmetric (6, 6) matrix from its packed upper triangle."""
+    """Return the symmetric (6, 6) matrix with a given upper triangle, packed row by row."""
     places = iter(ca.vertsplit(packed))
     upper = {(i, j): next(places) for i in range(6) for j in range(i, 6)}
     rows = [[upper[min(i, j), max(i, j)] for j in range(6)] for i in range(6)]

@@ -1,4 +1,4 @@
-"""The rigid bodies of the dynamic model: one link per ball joint, the two frames between massless (section 5.4)."""
+"""Rigid-body model of an arm: one link per ball joint, massless frames between revolutes (paper, section 5.4)."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from ccm_opt.robot.arm import Arm, Axes
 
 @dataclass(frozen=True)
 class Structure:
-    """The properties that determine generated code; masses, inertias, lengths, drives and gravity are run-time inputs.
+    """Properties of an arm that determine generated code; masses, lengths, drives and gravity are run-time inputs.
 
     Attributes:
         links: number of links.
@@ -24,12 +24,12 @@ class Structure:
 
     @property
     def variant(self) -> str:
-        """Name of the generated code."""
+        """Name of the generated code for the structure."""
         return f"{self.axes}{'_planar' if self.planar else ''}"
 
     @property
     def joints(self) -> int:
-        """Number of revolutes, 3 * links."""
+        """Number of revolute joints, 3 * links."""
         return 3 * self.links
 
 
@@ -38,13 +38,13 @@ class ArmModel:
     """Structure and parameters of an arm's dynamics.
 
     Attributes:
-        structure: the properties that determine generated code.
+        structure: properties that determine generated code.
         bodies: mass [kg], axial inertia [kg m²], transverse inertia about the centre [kg m²] and length [m] of every
-            link, shape (links, 4).
-        drives: rotor inertia [kg m²] of the three revolutes of a ball, then their friction [N m s/rad], shape
+            link,
+            shape (links, 4).
+        drives: rotor inertia [kg m²] of the three revolutes of a ball joint, then their friction [N m s/rad], shape
             (links, 6).
-        world: gravity in the base frame [m/s²], the mass of the payload [kg], and 1 when the base slides, else 0,
-            shape (5,).
+        world: gravity in the base frame [m/s²], mass of the payload [kg], and 1 if the base slides, else 0, shape (5,).
     """
 
     structure: Structure
@@ -64,7 +64,7 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, lengths))
     drives = np.hstack((_per_ball(arm, arm.rotor_inertia), _per_ball(arm, arm.friction)))
 
-    # The recursions start in the base frame, so gravity is turned into it once.
+    # The recursions start in the base frame, so gravity is expressed in it once.
     local_gravity = arm.base_rotation.T @ np.asarray(gravity, dtype=np.float64)
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
@@ -72,12 +72,12 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:
-    """Return the model with the code for motions in the plane; unchanged if gravity or axes lead out of the plane."""
+    """Return a model with code for planar motions; unchanged if gravity or axes lead out of the plane."""
     if model.world[1] != 0.0 or model.structure.axes != "zyx":
         return model
     return replace(model, structure=replace(model.structure, planar=True))
 
 
 def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
-    """Return a parameter, given once or for each revolute, by ball joint, shape (links, 3)."""
+    """Return a drive parameter, given once or per revolute, by ball joint, shape (links, 3)."""
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

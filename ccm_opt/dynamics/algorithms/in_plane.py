@@ -1,7 +1,7 @@
-"""Link functions for an arm that stays in its plane, with all terms left out that are zero there.
+"""Specialisation of link functions for an arm that stays in its plane, without the terms that are zero there.
 
 In the plane, only the second revolute of a ball joint moves; the other two stay at zero, with sines 0 and cosines 1.
-Products and sums with these zeros, and products with one, are left out of the expressions, which are otherwise
+Products and sums with these zeros, and products with one, are removed from the expressions, which are otherwise
 unchanged: all remaining numbers are identical to the last bit, with a third of the operations. Arguments and results
 keep their shapes.
 """
@@ -12,17 +12,17 @@ from typing import Any
 import casadi as ca
 
 Known = tuple[float | None, ...]
-"""Constant values, 0 or 1, of the numbers in a column; None for numbers that are not known."""
+"""Values, 0 or 1, of the numbers in a column that are known; None for unknown numbers."""
 Value = Any
 """A number in an expression: 0.0 or 1.0 if known, else a CasADi expression."""
 TRIG: Known = (0.0, None, 0.0, 1.0, None, 1.0)
-"""Sines and cosines of a ball."""
+"""Known sines and cosines of a ball joint in planar motion."""
 OF_BALL: Known = (0.0, None, 0.0)
-"""Rates, accelerations or torques of a ball."""
+"""Known rates, accelerations or torques of a ball joint in planar motion."""
 WORLD: Known = (None, 0.0, None, None, None)
-"""Gravity in the base frame, payload, and whether the base slides."""
+"""Known numbers among gravity in the base frame, payload, and whether the base slides, in planar motion."""
 AT_REST: Known = (0.0, 0.0, 0.0)
-"""The angular velocity of the base."""
+"""Known angular velocity of the base: zero."""
 NEUTRAL_BEFORE = {ca.OP_ADD: 0.0, ca.OP_MUL: 1.0}
 """Left operands that leave the right one unchanged, by operation."""
 NEUTRAL_AFTER = {**NEUTRAL_BEFORE, ca.OP_SUB: 0.0, ca.OP_DIV: 1.0}
@@ -35,14 +35,15 @@ def free(count: int) -> Known:
 
 
 def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
-    """Specialise a link function for arguments with known numbers.
+    """Specialise a link function for arguments of which several numbers are known.
 
     Args:
         step: CasADi function of columns.
         inputs: known numbers of each argument, which replace the numbers that a caller passes.
 
     Returns:
-        The specialised function, with the arguments and results of ``step``, and the indices of its zero results.
+        The specialised function, with the arguments and results of ``step``, and the known (zero) numbers of each
+        result.
     """
     symbols = [ca.SX.sym(step.name_in(i), len(known)) for i, known in enumerate(inputs)]
     given = [
@@ -56,7 +57,7 @@ def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]
 
 
 def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
-    """Specialise a function ``step(state, *columns) -> (state, *outputs)`` that is run from link to link.
+    """Specialise a function ``step(state, *columns) -> (state, *outputs)`` that is applied from link to link.
 
     Args:
         step: CasADi function of one link.
@@ -64,7 +65,7 @@ def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[A
         columns: known numbers of the other arguments, at every link.
 
     Returns:
-        The specialised function, and the indices of the state and the outputs that are zero at every link.
+        The specialised function, and the numbers of the state and the outputs that are known at every link.
     """
     state = start
     while True:
@@ -77,7 +78,7 @@ def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[A
 
 
 def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]:
-    """Evaluate a function operation by operation, in the function's own order, and return its results."""
+    """Evaluate a function operation by operation, in its own order, and return its results."""
     work: dict[int, Value] = {}
     results: list[list[Value]] = [[0.0] * step.nnz_out(i) for i in range(step.n_out())]
     # CasADi's own simplification would go further, such as a / (a b) to 1 / b, which changes the rounding.
@@ -102,7 +103,7 @@ def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]
 
 
 def _applied(operation: int, values: Sequence[Value]) -> Value:
-    """Return an operation applied to one or two values, folded where known values determine the result exactly."""
+    """Apply an operation to one or two values, folded where known values determine the result exactly."""
     if len(values) == 1:
         odd = operation in (ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
         return 0.0 if odd and _is(values[0], 0.0) else ca.SX.unary(operation, values[0])

@@ -1,9 +1,9 @@
-"""Algebra of links and ball joints.
+"""Algebra of links and ball joints for the dynamics, as CasADi expressions.
 
-Angles (a, b, c) = (θ1, θ2, θ3); every vector is given in the frame of the child link, whose x axis lies along the link.
-With R = Rz(a) Ry(b) Rx(c) or Rz(a) Ry(b) Rz(c) the relative angular velocity is w = S(q) q̇, and the ball's moment n
-gives the revolute torques τ = Sᵀ n (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 4.4). The determinant
-of S is −cos b (zyx) or −sin b (zyz).
+The angles of a ball joint are (a, b, c) = (θ1, θ2, θ3); every vector is given in the frame of the child link, whose x
+axis lies along the link. With R = Rz(a) Ry(b) Rx(c) or Rz(a) Ry(b) Rz(c) the relative angular velocity is w = S(q) q̇,
+and the moment n of the ball joint gives the revolute torques τ = Sᵀ n (Featherstone, Rigid Body Dynamics Algorithms,
+2008, section 4.4). The determinant of S is −cos b (zyx) or −sin b (zyz).
 
 A link is symmetric about the x axis of its frame, so few terms of each product remain.
 """
@@ -18,7 +18,7 @@ from ccm_opt.robot.arm import Axes
 
 
 class YawBendRoll:
-    """Ball joint with axes Z-Y-X, where S has the columns (−sb, cb sc, cb cc), (0, cc, −sc), (1, 0, 0)."""
+    """Ball joint with axes Z-Y-X; the columns of S are (−sb, cb sc, cb cc), (0, cc, −sc), (1, 0, 0)."""
 
     @staticmethod
     def rotation(trig: Any) -> Any:
@@ -34,14 +34,14 @@ class YawBendRoll:
 
     @staticmethod
     def angular_velocity(trig: Any, rates: Any) -> Any:
-        """Return the relative angular velocity w = S q̇, (3,)."""
+        """Return the relative angular velocity w = S q̇ of the child link, shape (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         yaw = cb * rates[0]
         return ca.vertcat(rates[2] - sb * rates[0], yaw * sc + cc * rates[1], yaw * cc - sc * rates[1])
 
     @staticmethod
     def rate_bias(trig: Any, rates: Any) -> Any:
-        """Return the velocity product Ṡ q̇, (3,)."""
+        """Return the velocity product Ṡ q̇ of the ball joint, shape (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, roll = ca.vertsplit(rates)
@@ -51,14 +51,14 @@ class YawBendRoll:
 
     @staticmethod
     def torques(trig: Any, moment: Any) -> Any:
-        """Return the revolute torques τ = Sᵀ n, (3,)."""
+        """Return the revolute torques τ = Sᵀ n for a moment n of the ball joint, shape (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         across = sc * moment[1] + cc * moment[2]
         return ca.vertcat(cb * across - sb * moment[0], cc * moment[1] - sc * moment[2], moment[0])
 
 
 class YawBendSpin:
-    """Ball joint with axes Z-Y-Z, where S has the columns (−sb cc, sb sc, cb), (sc, cc, 0), (0, 0, 1)."""
+    """Ball joint with axes Z-Y-Z; the columns of S are (−sb cc, sb sc, cb), (sc, cc, 0), (0, 0, 1)."""
 
     @staticmethod
     def rotation(trig: Any) -> Any:
@@ -74,14 +74,14 @@ class YawBendSpin:
 
     @staticmethod
     def angular_velocity(trig: Any, rates: Any) -> Any:
-        """Return the relative angular velocity w = S q̇, (3,)."""
+        """Return the relative angular velocity w = S q̇ of the child link, shape (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         yaw = sb * rates[0]
         return ca.vertcat(sc * rates[1] - yaw * cc, yaw * sc + cc * rates[1], cb * rates[0] + rates[2])
 
     @staticmethod
     def rate_bias(trig: Any, rates: Any) -> Any:
-        """Return the velocity product Ṡ q̇, (3,)."""
+        """Return the velocity product Ṡ q̇ of the ball joint, shape (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, spin = ca.vertsplit(rates)
@@ -91,23 +91,24 @@ class YawBendSpin:
 
     @staticmethod
     def torques(trig: Any, moment: Any) -> Any:
-        """Return the revolute torques τ = Sᵀ n, (3,)."""
+        """Return the revolute torques τ = Sᵀ n for a moment n of the ball joint, shape (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         across = sc * moment[1] - cc * moment[0]
         return ca.vertcat(sb * across + cb * moment[2], sc * moment[0] + cc * moment[1], moment[2])
 
 
 BallJoint: TypeAlias = type[YawBendRoll | YawBendSpin]
-"""The algebra of a ball joint with a given order of axes.
+"""Class with the algebra of a ball joint of a given order of axes.
 
-From the sines and then the cosines of its angles, (6,), it gives R (parent ← child), (3, 3), w = S q̇, the velocity
-product Ṡ q̇, and the torques Sᵀ n, each (3,).
+From the three sines and then the three cosines of its angles, shape (6,), the class computes R (parent ← child), (3,
+3),
+w = S q̇, the velocity product Ṡ q̇, and the torques Sᵀ n, each (3,).
 """
 BALL_JOINTS: dict[Axes, BallJoint] = {"zyx": YawBendRoll, "zyz": YawBendSpin}
 
 
 def _sines(trig: Any) -> tuple[Any, ...]:
-    """Return (sin a, cos a, sin b, cos b, sin c, cos c)."""
+    """Return (sin a, cos a, sin b, cos b, sin c, cos c) from three sines followed by three cosines."""
     return tuple(trig[k + 3 * cosine] for k in range(3) for cosine in (0, 1))
 
 
@@ -116,7 +117,7 @@ def _matrix(*rows: tuple[Any, Any, Any]) -> Any:
 
 
 def centripetal(omega: Any) -> Any:
-    """Return ω × (ω × x̂), (3,): the acceleration of a point at unit distance on the link's axis due to ω alone."""
+    """Return ω × (ω × x̂), shape (3,): the acceleration due to ω of a point at unit distance along x."""
     x, y, z = ca.vertsplit(omega)
     return ca.vertcat(-y * y - z * z, x * y, x * z)
 
@@ -133,19 +134,20 @@ COLUMNS = {
     "drive": 6,
     "world": 5,
 }
-"""Sizes of the arguments of link functions, by name; all others are single numbers.
+"""Sizes of the arguments of link functions, by argument name; all others are single numbers.
 
-They are the sines and then the cosines of the ball joint, rates, accelerations and torques of its revolutes, (ω, β),
-(F, N), what the acceleration sweep needs, and body, drives and world as in ``ArmModel``.
+In order: sines and then cosines of the ball joint, rates, accelerations and torques of its revolutes, (ω, β), (F, N),
+the
+intermediate results that the acceleration sweep needs, and body, drives and world as in ``ArmModel``.
 """
 
 
 def link_function(name: str, of: Callable[..., tuple[Any, ...]], state: int = 1) -> Any:
-    """Return a CasADi function of one link; the names of its arguments determine their sizes.
+    """Build a CasADi function of one link from a Python function, whose argument names determine the sizes.
 
     Args:
-        name: name of the function.
-        of: Python function from columns to columns, of which the CasADi function is made.
+        name: name of the CasADi function.
+        of: Python function from columns to columns.
         state: size of the state that one link passes to the next.
     """
     sizes = {**COLUMNS, "state": state}

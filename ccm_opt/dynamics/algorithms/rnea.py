@@ -1,16 +1,20 @@
 """Inverse dynamics by the recursive Newton–Euler algorithm, one ball joint at a time.
 
-Luh, Walker and Paul's recursion (1980; section 5.4 of the paper) with the three revolutes of a ball taken together, as
-the two frames between them carry no mass. All vectors of link k stand in its own frame, x along the link. With
-w = S q̇ the ball's relative angular velocity and a the acceleration of the ball less gravity:
+The recursion of Luh, Walker and Paul (1980; section 5.4 of the paper), with the three revolutes of a ball joint taken
+together, as the two frames between them have no mass. All vectors of a link are in the frame of the link, with x along
+the link. With w = S q̇ the relative angular velocity of its ball joint and a the acceleration of the joint less
+gravity:
 
     ω  = Rᵀ ω_p + w                  ω̇ = Rᵀ ω̇_p + (Rᵀ ω_p) × w + Ṡ q̇ + S q̈
     a  = Rᵀ a_tip,p                  a_tip = a + l e,  e = ω̇ × x̂ + ω × (ω × x̂)
     F  = m (a + l/2 e)               N = I ω̇ + ω × I ω + (l/2) x̂ × F
     f  = F + R' f'                   n = N + R' n' + l x̂ × R' f'          τ = Sᵀ n + J q̈ + b q̇
 
-with J and b the rotor inertia and the friction of the drives. A payload adds its mass times a_tip to f at the tip. A
-base that is fed along x̂ of its frame starts the recursion at a = −g + a_feed x̂; f there is what moves the whole arm.
+with J and b the rotor inertia and the friction of the drives; a prime marks the next link. A payload adds its mass
+times
+a_tip to f at the tip. A base that is fed along x̂ of its frame starts the recursion at a = −g + a_feed x̂; f there is
+the
+force that moves the whole arm.
 """
 
 from functools import partial
@@ -24,7 +28,7 @@ from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, cen
 
 
 class RneaSteps(NamedTuple):
-    """CasADi functions of the recursion: at the base, outward by links, at the tip, inward by links."""
+    """CasADi functions of the Newton–Euler recursion: at the base, outward by links, at the tip, inward by links."""
 
     base: Any
     outward: Any
@@ -33,7 +37,7 @@ class RneaSteps(NamedTuple):
 
 
 def rnea_steps(structure: Structure) -> RneaSteps:
-    """Return the functions of the Newton–Euler recursion for a structure."""
+    """Return the functions of the Newton–Euler recursion for arms of a given structure."""
     joint = BALL_JOINTS[structure.axes]
     steps = RneaSteps(
         link_function("rnea_base", _base),
@@ -45,7 +49,7 @@ def rnea_steps(structure: Structure) -> RneaSteps:
 
 
 def _in_plane(steps: RneaSteps) -> RneaSteps:
-    """Return the functions for an arm that stays in its plane."""
+    """Specialise the functions of the Newton–Euler recursion for an arm that stays in its plane."""
     base, (at_base,) = in_plane(steps.base, [WORLD, free(1)])
     outward_step, (state, load) = swept_in_plane(steps.outward, at_base, [TRIG, OF_BALL, OF_BALL, free(4)])
     tip, (at_tip,) = in_plane(steps.tip, [state, WORLD])
@@ -97,7 +101,7 @@ def _inward(
 ) -> tuple[Any, Any]:
     """Return (f, n) at the tip of a link's parent from (f, n) at the link's tip, and the link's joint torques."""
     length = body[3]
-    # The step of the link beyond has turned f' and n' into this frame already; x̂ × f' = (0, −f'_z, f'_y).
+    # The step of the next link has already rotated f' and n' into this frame; x̂ × f' = (0, −f'_z, f'_y).
     force = load[:3] + state[:3]
     moment = load[3:] + state[3:] + ca.vertcat(0, -length * state[2], length * state[1])
     to_parent = joint.rotation(trig)

@@ -1,4 +1,4 @@
-"""Retiming: the fastest motion along a joint path within its limits (TOPP-RA), or Paul's transitions."""
+"""Timing of joint paths: the fastest motion along a path within limits (TOPP-RA), or Paul's transitions."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -29,19 +29,19 @@ def timings(
 ) -> Iterator[JointTrajectory]:
     """Yield timed motions along a path in order of preference; the first that the verifier accepts should be used.
 
-    TOPP-RA stays on the path and yields one motion. Paul's transitions leave the path, each motion by less than the
-    previous one.
+    TOPP-RA stays on the path and yields one motion. Paul's transitions leave the path; each yielded motion does so by
+    less than the previous one.
 
     Args:
         path: the path and its keyframes.
-        limits: limits of every revolute, of the feed axis, and of points of the arm.
+        limits: limits of every revolute joint, of the feed axis, and of points of the arm.
         inverse_dynamics: map from angles, velocities and accelerations to torques, as for ``retime``.
         revolutes: map from bends to revolute angles.
-        method: TOPP-RA or Paul's transitions.
-        coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
+        method: "toppra" for TOPP-RA, or Paul's transitions.
+        coordinates: the columns of the path; if None, one bend per link, and a feed axis if there is one more column.
         link_length: length of a link [m], for which TOPP-RA samples densely enough that chords stay near the path.
-        arm: the arm whose points are limited; needed only when the limits name points.
-        share: share of the drives' limits that may be used, see ``robot.coordinates``; points of the arm may use
+        arm: the arm whose points are limited; needed only if the limits name points.
+        share: fraction of the drives' limits that may be used, see ``robot.coordinates``; points of the arm may use
             their limits in full.
         settings: settings of the timing.
 

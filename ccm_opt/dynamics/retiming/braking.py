@@ -1,10 +1,13 @@
-"""Braking along a planned motion in the shortest time.
+"""Braking to rest along a planned motion in the shortest time.
 
-The motion x(s) of the axes, bends and feed, over the share s of its time is run through at a speed ṡ that starts at
-that of the plan and falls as fast as the limits let it. They are the limits of timing, rows a s̈ + b ṡ² + d ṡ + c
-within ±1, so that every row is an interval of s̈, and its least value is taken at every step. Where the plan keeps its
-limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower speed (the limits are convex in
-(ṡ², s̈)), so that the speed never has to rise.
+The planned motion x(s) of all axes, bends and feed, is a function of the fraction s of its duration. Braking follows
+x(s) with a speed ṡ that begins at that of the plan and falls as fast as the limits allow. The limits are those of
+timing,
+rows a s̈ + b ṡ² + d ṡ + c within ±1. Every row allows an interval of s̈, and the least allowed s̈ is applied in every
+step.
+If the plan keeps its limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower speed (the limits
+are
+convex in (ṡ², s̈)), so that the speed never has to rise.
 """
 
 from collections.abc import Sequence
@@ -27,23 +30,28 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 
 _USUAL_STEP = 0.1
-"""Quantile of the plan's steps that bounds the steps of braking. Taste: the very shortest steps, where two corners of
-the path happen to be near each other, say nothing about the density needed elsewhere."""
+"""Quantile of the plan's time steps that bounds the steps of braking. Taste.
+
+The very shortest steps, where two corners of the path happen to be close together, say nothing about the density needed
+elsewhere.
+"""
 _STEP = 2e-3
 """Largest time between two samples while braking [s]. Taste."""
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
-"""Shares of every limit that are tried for braking, until all samples keep the limits: the planned motion's own
-accelerations change between the places at which rows are evaluated. Taste."""
+"""Fractions of every limit that are tried in turn for braking, until all samples keep the limits. Taste.
+
+Smaller fractions may be needed because the accelerations of the planned motion change between the points at which
+limits are evaluated.
+"""
 _LEAST_TIME = 4e-3
-"""Least time of braking from the planned rate to rest, however slowly the axes move [s]. Taste."""
+"""Least duration of braking from the planned speed to rest, however slowly the axes move [s]. Taste."""
 
 _CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""Places in a step, from 0 to 1, at which the limits are imposed. Taste."""
+"""Positions within a step, as fractions, at which the limits are imposed. Taste."""
 _LONGEST_TIME = 60.0
-"""Time after which braking counts as failed [s]. Taste."""
+"""Duration after which braking counts as failed [s]. Taste."""
 _LONGEST_LAST_STEP = 1.5
-"""Longest last step in units of ``step``; a shorter rest is made part of the step before it, so that no step is very
-short. Taste."""
+"""Longest last step as a multiple of the usual step; a short remainder is merged into the step before. Taste."""
 
 
 def braked(
@@ -55,18 +63,18 @@ def braked(
     *,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """Return the motion up to a given time, followed by braking to rest along its own path in minimum time.
+    """Return a motion up to a given time, followed by braking to rest along the planned motion in minimum time.
 
     Args:
-        trajectory: a motion that keeps its limits.
+        trajectory: a planned motion that keeps its limits.
         time: time at or after which braking begins, at the next sample of the motion [s].
         arm: the arm.
         limits: limits on speeds, accelerations and efforts, without limits on jerk.
         inverse_dynamics: inverse dynamics of the arm.
-        share: share of the drives' limits that may be used, as in the motion; see ``robot.coordinates``.
+        share: fraction of the drives' limits that may be used, as in the plan; see ``robot.coordinates``.
 
     Returns:
-        A motion that begins as the planned one and ends at rest; stops that the motion no longer reaches are left out.
+        A motion that begins as the planned one and ends at rest, without the stops that it no longer reaches.
 
     Raises:
         RetimingError: the arm cannot be braked within its limits.
@@ -83,8 +91,8 @@ def braked(
     held = limits_along(path)
     begun = trajectory.part(slice(kept))
 
-    # Limits are imposed at a few places of each step. If samples between them violate one, a smaller share is used;
-    # the last share is not checked, since the verifier checks the motion anyway.
+    # Limits are imposed at a few points of each step. If samples between them violate one, a smaller fraction is used;
+    # the last fraction is not checked, since the verifier checks the motion anyway.
     for caution in _LIMIT_SHARES:
         tail = _fall(path, held, caution, float(trajectory.time[kept]), whole, step)
         stopped = chained(begun, replace(tail, time=trajectory.time[kept] - begun.time[-1] + tail.time))
@@ -98,11 +106,11 @@ def braked(
 def _fall(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
 ) -> JointTrajectory:
-    """Return the braking motion from a given time of the planned motion to rest; its own time begins at 0.
+    """Return the braking motion from a given time of the planned motion to rest, with time counted from 0.
 
     Args:
-        path: the planned motion over the fraction of its duration, in [0, 1].
-        limits: limits of motions along the path.
+        path: the planned motion as a function of the fraction of its duration, in [0, 1].
+        limits: limits on motions along the path.
         caution: fraction of every limit that is used.
         begin: time of the planned motion at which braking begins [s].
         whole: duration of the planned motion [s].
@@ -141,8 +149,17 @@ def _fall(
 def _least_change(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, s: float, speed: float, step: float
 ) -> float:
-    """Return the minimum s̈, at most 0, within the limits over a step from a point of the path [1/s²]."""
-    # In a step the arm advances by at most ṡ h; the limits are evaluated at several places of that stretch.
+    """Return the least path acceleration s̈ ≤ 0 that keeps the limits over the next step of braking [1/s²].
+
+    Args:
+        path: the planned motion as a function of the fraction of its duration.
+        limits: limits on motions along the path.
+        caution: fraction of every limit that is used.
+        s: fraction of the duration at the start of the step.
+        speed: speed ṡ at the start of the step [1/s].
+        step: duration of the step [s].
+    """
+    # In a step of duration h the arm advances by at most ṡ h; the limits are evaluated at several points of this part.
     rows = path_rows(limits, path.spline, np.minimum(s + np.array(_CHECKED_PLACES) * speed * step, 1.0))
 
     def least(speed: float) -> float:
@@ -150,7 +167,7 @@ def _least_change(
         offset = offset if rows.d is None else offset + rows.d * speed
         with np.errstate(divide="ignore", invalid="ignore"):
             # The lower end of each interval of s̈. A slope of 0 bounds nothing: its end is not finite, and left out.
-            # Where the plan itself uses more of a limit than the share, that much may be used.
+            # Where the plan itself uses a larger fraction of a limit, this larger fraction may be used.
             ends = (np.maximum(caution, np.abs(offset)) - np.sign(-rows.a) * offset) / -np.abs(rows.a)
         return min(float(np.max(ends[np.isfinite(ends)], initial=-np.inf)), 0.0)
 

@@ -1,23 +1,25 @@
-"""What a limit on motions is: a bound on the path speed, rows in path speed and acceleration, and a check of samples.
+"""Limits on motions along a path: bounds on the path speed, rows in path speed and acceleration, and checks of samples.
 
-With q(s) the path, velocities are q' ṡ and accelerations q' s̈ + q'' ṡ²; many limits are rows a s̈ + b ṡ² + d ṡ + c
-within ±1, or a bound on ṡ alone (Pham and Pham 2018, section III). The rows are what the optimisation knows at the grid
-points; the check of the samples is the limit itself, and has the last word.
+With q(s) the path, velocities are q' ṡ and accelerations q' s̈ + q'' ṡ². Many limits are rows a s̈ + b ṡ² + d ṡ + c
+within ±1, or a bound on ṡ alone (Pham and Pham 2018, section III). The optimisation uses the rows at the grid points;
+the check of samples applies the limit itself, and is decisive.
 
-TOPP-RA knows no s⃛, so the fastest motion keeps only the part that the shape of the path causes; ``smoothing`` does the
-rest.
+TOPP-RA does not control s⃛, so in the fastest motion only the part of the jerk due to the shape of the path is limited;
+``speed_optimizer.smoothed`` does the rest.
 
 An effort τ(q, q̇, q̈) is linear in the accelerations and quadratic in the velocities, so that three evaluations of
 inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0) − d, c = τ(q, 0, 0), with d
 the viscous friction at q'.
 
-What a plan may use of an effort's limit depends on the place alone, by what holds the arm still there
-(``robot.coordinates.planned_share``). All rows are taken as shares of that.
+The fraction of an effort limit that a plan may use depends on the configuration alone, through the effort that holds
+the
+arm still (``robot.coordinates.planned_share``). All rows are fractions of this usable limit.
 
-Along the path |ṗ|² = |p'|² ṡ², and p̈ = p' s̈ + p'' ṡ² lies in a disc, which is convex in (s̈, ṡ²). A regular polygon
-around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is within the
-share of the limits that is not used, and samples are judged by the disc itself. In space p' and p'' span a plane at
-every place of the path, and the polygon lies in that plane.
+For a point p of the arm, |ṗ|² = |p'|² ṡ² along the path, and p̈ = p' s̈ + p'' ṡ² must lie in a disc, a convex set in
+(s̈, ṡ²). In the rows, a regular polygon around the disc replaces it, with one row per pair of opposite sides; what the
+polygon allows in excess is less than the unused fraction of the limits, and samples are checked against the disc
+itself.
+In space p' and p'' span a plane at every point of the path, and the polygon lies in that plane.
 """
 
 from abc import ABC, abstractmethod
@@ -39,7 +41,7 @@ from ccm_opt.robot.points import MovingPoint, point_of
 
 @dataclass(frozen=True)
 class SpeedRows:
-    """A limit at P points of the path as R rows a s̈ + b ṡ² + d ṡ + c within ±1.
+    """A limit at P points of a path as R rows a s̈ + b ṡ² + d ṡ + c within ±1.
 
     Attributes:
         a: coefficient of s̈, shape (P, R) [s²].
@@ -55,10 +57,10 @@ class SpeedRows:
 
 
 class MotionLimit(ABC):
-    """A limit on motions along a path; a method that is not overridden imposes no limit."""
+    """Abstract limit on motions along a path; methods that are not overridden impose no limit."""
 
     kept_by_legs: bool = False
-    """Whether the straight legs and turns of Paul's transitions are made so that they keep the limit."""
+    """Whether Paul's legs and transitions keep the limit by construction."""
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
         """Return 1/ṡ at the maximum path speed within the limit, 0 where any speed is allowed, shape (P,) [s]."""
@@ -66,7 +68,11 @@ class MotionLimit(ABC):
         return np.zeros(len(s))
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows | None:
-        """Return the limit as rows at given points of the path.
+        """Return the limit as rows in path speed and acceleration at P points of a path; None if it has none.
+
+        Args:
+            spline: the path.
+            s: path parameters of the points, shape (P,).
 
         Raises:
             RetimingError: even at rest, the arm violates the limit at a point of the path.
@@ -76,7 +82,7 @@ class MotionLimit(ABC):
 
     @abstractmethod
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on time that bring each sample and the step after it within the limit, shape (T,).
+        """Return the factors on the duration that bring T samples and the steps after them within the limit, (T,).
 
         A factor is at most 1 where the limit is already satisfied.
         """
@@ -84,18 +90,18 @@ class MotionLimit(ABC):
 
 @dataclass(frozen=True)
 class CoordinateLimit(MotionLimit):
-    """A bound on one derivative of every coordinate.
+    """A bound on one time derivative of every coordinate.
 
     Attributes:
         order: order of the derivative.
-        limit: limit of every coordinate, shape (n,) [rad/s^order or m/s^order], inf where there is none.
+        limit: limit of every coordinate, shape (n,) [rad/s^order or m/s^order]; inf for no limit.
     """
 
     order: ClassVar[int]
     limit: FloatArray
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on time, shape (T,), for the derivative and for its difference quotients from samples."""
+        """Return the factors on the duration for the derivative and its difference quotients at T samples, (T,)."""
         values = (samples.place, samples.velocity, samples.acceleration)
         found = of_samples(self._share(mean_rates(values[self.order - 1], samples.steps)))
         if self.order < len(values):
@@ -103,7 +109,7 @@ class CoordinateLimit(MotionLimit):
         if self.order > 1:
             second = self._share(second_differences(values[self.order - 2], samples.steps))
             if self.order > 2:
-                # At the ends velocity is no mirrored rest, so a second difference of it says nothing there.
+                # Mirroring does not apply to velocities at the ends, so their second differences there are meaningless.
                 second[[0, -1]] = 0.0
             found = np.maximum(found, second)
         return np.asarray((np.asarray, np.sqrt, np.cbrt)[self.order - 1](found))
@@ -119,7 +125,7 @@ class CoordinateVelocity(CoordinateLimit):
     kept_by_legs = True
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return the maximum of |q'| / v over all coordinates."""
+        """Return 1/ṡ at the maximum path speed, the maximum of |q'| / limit over all coordinates, shape (P,) [s]."""
         return self._share(spline(s, 1))
 
 
@@ -130,16 +136,19 @@ class CoordinateAcceleration(CoordinateLimit):
     kept_by_legs = True
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """Return one row per coordinate."""
+        """Return one row per coordinate for its acceleration at points of the path."""
         # q̈ = q' s̈ + q'' ṡ².
         a = spline(s, 1) / self.limit
         return SpeedRows(a, spline(s, 2) / self.limit, np.zeros_like(a))
 
 
 _JERK_SHARE = 0.7
-"""Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots. Taste."""
+"""Fraction of the jerk limits that the shape of the path may use. Taste.
+
+The third derivative of the path jumps at knots.
+"""
 _BESIDE = 1e-10
-"""Distance in s at which a jump of the third derivative is looked at from both sides; a guard against rounding."""
+"""Distance in s on either side of a point at which the third derivative is evaluated, to avoid rounding at jumps."""
 
 
 class CoordinateJerk(CoordinateLimit):
@@ -148,12 +157,12 @@ class CoordinateJerk(CoordinateLimit):
     order = 3
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return 1/ṡ at the speed where q''' ṡ³, the jerk due to the path's shape, uses its share of the limit."""
+        """Return 1/ṡ at the speed where the jerk due to the path's shape, q''' ṡ³, uses its part of the limit, (P,)."""
         return np.asarray(np.cbrt(np.maximum(*map(self._share, third_derivative_sides(spline, s))) / _JERK_SHARE))
 
 
 def third_derivative_sides(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
+    """Return q''' just before and just after P points of a path, where it may jump, each of shape (P, n)."""
     before = np.asarray(spline(np.clip(s - _BESIDE, 0.0, 1.0), 3))
     after = np.asarray(spline(np.clip(s + _BESIDE, 0.0, 1.0), 3))
     return before, after
@@ -163,18 +172,18 @@ _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
 def drive_name(number: int, coordinates: Coordinates) -> str:
-    """Return a name for a drive: ball joint (counted from 1) and axis of a revolute, or an axis of the base."""
+    """Return text for a drive: ball joint (counted from 1) and axis of a revolute, or an axis of the base."""
     if number < coordinates.revolutes:
         return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
     return f"the {coordinates.base_names[number - coordinates.revolutes]} axis"
 
 
 def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
-    """Return the error for a drive that cannot hold the arm still.
+    """Return the error for a drive that is too weak to hold the arm still.
 
     Args:
-        number: number of the drive.
-        share: share of its limit that the drive needs to hold the arm still.
+        number: index of the drive.
+        share: fraction of its limit that the drive needs to hold the arm still.
         place: path parameter at which the drive is too weak.
         limits: limits of the problem.
         coordinates: coordinates of the arm.
@@ -202,13 +211,13 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
 
 
 class DriveEffort(MotionLimit):
-    """Limits on the torques of all revolutes and on the force on the feed axis, as fractions of their limits.
+    """Limits on the torques of all revolutes and on the force on the feed axis.
 
     Args:
         path: path of the arm whose drives are limited.
 
     Raises:
-        ProblemError: when the feed force is limited and the dynamics cannot report it.
+        ProblemError: the feed force is limited, but the inverse dynamics cannot compute it.
     """
 
     def __init__(self, path: TimedPath) -> None:
@@ -225,14 +234,14 @@ class DriveEffort(MotionLimit):
 
     @property
     def limited(self) -> bool:
-        """Whether any drive has a limit."""
+        """Whether any drive has an effort limit."""
         return self._torque_limited or len(self._force) > 0
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """Return one row for each limited drive that has to act.
+        """Return one row per limited drive whose effort is not zero throughout.
 
         Raises:
-            RetimingError: a drive cannot hold the arm still; names the drive and the place on the path.
+            RetimingError: a drive cannot hold the arm still; the message names the drive and the position on the path.
         """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
         rest = np.zeros_like(q)
@@ -244,13 +253,13 @@ class DriveEffort(MotionLimit):
         self._check_static_load(s, c)
         usable = planned_share(c, self._path.share)
 
-        # Joints that turn out of the plane have rows of rounding only, as shares of their limits.
+        # Joints that turn out of the plane have rows of rounding errors only, as fractions of their limits.
         kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > TINY)
         rows = [(row / usable)[:, kept] for row in (a, b, c, d)]
         return SpeedRows(rows[0], rows[1], rows[2], rows[3] if np.any(self._friction) else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on time that bring the efforts at the samples within the limits, shape (T,)."""
+        """Return the factors on the duration that bring the efforts at T samples within the limits, shape (T,)."""
         rest = np.zeros_like(samples.place)
         # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
         static = self._shares(samples.place, rest, rest)
@@ -261,10 +270,10 @@ class DriveEffort(MotionLimit):
         return np.asarray(np.max(slowings(moving / usable, static / usable, 1.0, rubbing), axis=1))
 
     def _shares(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-        """Return efforts as fractions of their limits, shape (N, 3 * links), plus a column for a limited feed force.
+        """Return efforts as fractions of their limits, shape (N, 3 * links), plus a column per limited feed force.
 
         Args:
-            place: coordinates on the path, shape (N, n) [rad, m].
+            place: coordinates, shape (N, n) [rad, m].
             velocity: velocities of the coordinates, shape (N, n) [rad/s, m/s].
             acceleration: accelerations of the coordinates, shape (N, n) [rad/s², m/s²].
         """
@@ -278,7 +287,7 @@ class DriveEffort(MotionLimit):
         return np.column_stack((torques, *forces))
 
     def _damping(self, velocity: FloatArray) -> FloatArray:
-        """Return the viscous efforts, proportional to velocity, as fractions of the limits."""
+        """Return the efforts due to viscous friction at velocities (N, n), as fractions of the limits."""
         shares = self._path.revolutes(velocity[:, self._path.coordinates.bends]) * self._friction
         return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
 
@@ -294,7 +303,7 @@ class DriveEffort(MotionLimit):
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
 
     def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
-        """Raise ``RetimingError`` where a drive cannot hold the arm still; elsewhere slow motions keep all limits."""
+        """Raise ``RetimingError`` where a drive cannot hold the arm still, so that no slow motion keeps the limits."""
         load = np.abs(static)
         point, drive = np.unravel_index(np.argmax(load), load.shape)
         if load[point, drive] >= 1.0:
@@ -309,7 +318,7 @@ class PointSpeed(MotionLimit):
         point: the limited point of the arm.
         velocity: maximum speed [m/s]; inf for no limit.
         acceleration: maximum acceleration in any direction [m/s²]; inf for no limit.
-        directions: number of directions of the rows over half a turn.
+        directions: number of directions over half a turn in which the acceleration is bounded.
     """
 
     def __init__(self, point: MovingPoint, velocity: float, acceleration: float, directions: int) -> None:
@@ -321,10 +330,10 @@ class PointSpeed(MotionLimit):
         self._normals = np.stack((np.cos(angles), np.sin(angles)))
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """Return a row for the speed, and rows that replace the disc of accelerations by a circumscribed polygon.
+        """Return a row for the speed, and rows for a polygon around the disc of allowed accelerations.
 
-        A row in ṡ², unlike a bound on ṡ, is tightened only where the motion exceeds it between grid points: points of
-        the arm change their speed along the path much faster than joints.
+        A row in ṡ², unlike a bound on ṡ, is tightened only where the motion exceeds it between grid points: the speed
+        of a point of the arm varies along the path much faster than that of a joint.
         """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
         # Along the path ṗ = p' ṡ and p̈ = p' s̈ + p'' ṡ²: velocity and acceleration at ṡ = 1, s̈ = 0.
@@ -334,7 +343,7 @@ class PointSpeed(MotionLimit):
         # |ṗ|² = |p'|² ṡ², which is linear in ṡ².
         squares = [np.sum(tangent**2, axis=1)[:, None] / self._velocity**2]
         if np.isfinite(self._acceleration):
-            # The polygon is circumscribed: what its corners allow too much is mended by slowing down.
+            # The polygon is circumscribed; the excess that its corners allow is removed by slowing down.
             along, across = _in_their_plane(tangent, bend)
             gains.append(along @ self._normals / self._acceleration)
             squares.append(across @ self._normals / self._acceleration)
@@ -342,7 +351,7 @@ class PointSpeed(MotionLimit):
         return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on time, shape (T,), for samples, their differences, and linear motion between them."""
+        """Return the factors on the duration for T samples, differences, and linear motion between samples, (T,)."""
         step = samples.steps
         places = self._point.position(samples.place)
         velocities = self._point.velocity(samples.place, samples.velocity)
@@ -356,9 +365,9 @@ class PointSpeed(MotionLimit):
         return np.asarray(np.maximum(speed / self._velocity, np.sqrt(growth / self._acceleration)))
 
     def _speed_between(self, samples: MotionSamples) -> FloatArray:
-        """Return a bound on the speed within steps whose coordinates are linear in time, shape (T − 1,) [m/s].
+        """Return bounds on the point's speed within steps whose coordinates are linear in time, shape (T − 1,) [m/s].
 
-        Between the ends of a step the point's velocity leaves its own chord by at most h² / 8 · max|p⃛|.
+        In a step of length h, the velocity deviates from its chord by at most h² / 8 · max|p⃛|.
         """
         rates = np.diff(samples.place, axis=0) / samples.steps
         before = _length(self._point.velocity(samples.place[:-1], rates))
@@ -368,11 +377,11 @@ class PointSpeed(MotionLimit):
 
 
 def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return pairs of vectors, each (N, 2) or (N, 3), in coordinates of the plane that they span, each (N, 2)."""
+    """Return pairs of vectors, each (N, 2) or (N, 3), in coordinates of the planes that they span, each (N, 2)."""
     if first.shape[1] == 2:
         return first, second
     length = np.linalg.norm(first, axis=1)
-    # Where the first vector is nothing, any plane that holds the second will do.
+    # Where the first vector is zero, any plane that contains the second will do.
     axis = np.where(length[:, None] > 0.0, first, second)
     axis = axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     along = np.sum(second * axis, axis=1)
@@ -386,7 +395,7 @@ def _length(vectors: FloatArray) -> FloatArray:
 
 
 def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.profile) -> tuple[MotionLimit, ...]:
-    """Return all limits that motions along a path must satisfy.
+    """Return all limits that motions along a path must keep.
 
     Raises:
         ProblemError: points are limited, but no arm is given on which to locate them.

@@ -1,8 +1,8 @@
-"""A timed motion at its samples, and how much longer it must take for its limits.
+"""Samples of a timed motion, and the factors by which the motion must be slowed down to keep its limits.
 
-Between samples coordinates are linear, so a motion is its samples: mean rates of the steps, and differences of these,
-must keep the limits too. Every difference quotient is a mean of the true derivative, and so keeps a limit that holds at
-all times; but where a limit is passed briefly between samples, it shows. Time longer by λ divides rates and their
+Coordinates are linear between samples, so mean rates over the steps, and differences of these, must keep the limits,
+too. Every difference quotient is a mean of the true derivative, so it keeps a limit that holds at all times; but it
+reveals where a limit is exceeded briefly between samples. Slowing a motion down by λ divides rates and their
 differences by λ, second derivatives by λ², third ones by λ³.
 """
 
@@ -15,12 +15,12 @@ from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Share of the greatest value that rounding may add to a first or second difference."""
+"""Fraction of the greatest value that rounding may add to a first or second difference."""
 
 
 @dataclass(frozen=True)
 class MotionSamples:
-    """A motion of the path's columns at sample times.
+    """A motion along a path, given by T samples.
 
     Attributes:
         s: path parameters, shape (T,).
@@ -42,26 +42,31 @@ class MotionSamples:
         return np.diff(self.time)[:, None]
 
     def slowed(self, factor: float) -> "MotionSamples":
-        """Return the samples of the motion slowed down by a factor."""
+        """Return the samples of the motion with its duration multiplied by a factor."""
         slower = self.velocity / factor
         return MotionSamples(self.s, self.time * factor, self.place, slower, self.acceleration / factor**2)
 
     def trajectory(self, coordinates: Coordinates, *timed_by: str) -> JointTrajectory:
-        """Return the samples as a trajectory in given coordinates, with the names of the methods that timed it."""
+        """Return the samples as a trajectory in given coordinates, with the names of the timing methods used."""
         motion = (self.time, self.place, self.velocity, self.acceleration)
         return JointTrajectory(*motion, coordinates, timed_by=timed_by)
 
 
 def mean_rates(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return difference quotients of sampled values, less a bound on their rounding error, shape (T − 1, n)."""
+    """Return difference quotients of T sampled values, reduced by their rounding errors, shape (T − 1, n)."""
     return _less_rounding(np.diff(values, axis=0) / step, values, step)
 
 
 def second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return differences of mean rates, with rest before and after the motion, shape (T, n).
+    """Return differences of mean rates at T samples, with rest before and after the motion, shape (T, n).
 
-    Rest before and after allows pauses and further legs. The rest is mirrored: a motion that begins with constant
-    acceleration shows that acceleration at its first sample.
+    Rest before and after allows pauses and further motions. The motion is mirrored at its ends: a motion that begins
+    with
+    constant acceleration has that acceleration at its first sample.
+
+    Args:
+        values: sampled values, shape (T, n).
+        step: time steps, shape (T − 1, 1) [s].
     """
     mean = np.diff(values, axis=0) / step
     around = np.concatenate((-mean[:1], mean, -mean[-1:]))
@@ -72,24 +77,29 @@ def second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def of_samples(of_steps: FloatArray) -> FloatArray:
-    """Assign values of steps, shape (T − 1,), to the samples at which the steps begin, with 0 at the last sample."""
+    """Assign values of steps (T − 1,) to the samples at which the steps begin, with 0 at the last, shape (T,)."""
     return np.append(of_steps, 0.0)
 
 
 def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return a difference quotient, reduced towards zero by a bound on its rounding error."""
+    """Return difference quotients, reduced towards zero by a bound on their rounding error."""
     noise = _ROUNDING * np.max(np.abs(values)) / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
-    """Return the allowed value of rows: ``allowed``, or half-way from the static part to the limit 1 if larger."""
+    """Return the allowed magnitude of limit rows: ``allowed``, or half-way from static part to limit if larger.
+
+    Args:
+        static: static part of the rows, as a fraction of the limit, which is 1.
+        allowed: fraction of the limit that may be used.
+    """
     share: FloatArray = np.maximum(allowed, 0.5 * (1.0 + np.abs(static)))
     return share
 
 
 def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
-    """Return the smallest factor on time that brings all rows within their allowed values.
+    """Return the least factor on the duration of a motion that brings all limit rows within their allowed values.
 
     Arguments as for ``slowings``.
     """
@@ -97,37 +107,39 @@ def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: Flo
 
 
 def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> FloatArray:
-    """Return the smallest factor on time that brings each row within its allowed value; may be below 1.
+    """Return the least factor on the duration that brings each limit row within its allowed value; may be below 1.
 
-    Slowing by a factor λ turns a row into m / λ² + d / λ + c. Without d, the smallest λ² is m / (L − c), where L is
-    the allowed value.
-    With d, λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is safe, and so is every larger factor.
+    Slowing down by a factor λ turns a row into m / λ² + d / λ + c. Without d, the least λ² is m / (L − c), where L is
+    the allowed value. With d, λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is sufficient, and so is every larger factor.
 
     Args:
         moving: part m of the rows, due to motion.
         static: part c of the rows, at rest, within ±1, of the shape of ``moving``.
-        allowed: share of the limit that may be used, see ``share_allowed``.
+        allowed: fraction of the limit that may be used, see ``share_allowed``.
         damping: part d of the rows, due to viscous friction; None without friction.
     """
     share = share_allowed(static, allowed)
     if damping is not None:
         return _damped_slowings(moving, damping, static, share)
-    # The static part helps where it points against the moving one, and hinders where it does not; where it leaves no
-    # room, a little keeps the quotient finite.
+    # The static part helps where it opposes the moving one, and hinders elsewhere; a small positive denominator keeps
+    # the quotient finite.
     room = np.maximum(share - np.sign(moving) * static, ROUNDING)
     return np.asarray(np.sqrt(np.abs(moving) / room))
 
 
 def _damped_slowings(moving: FloatArray, damping: FloatArray, static: FloatArray, share: FloatArray) -> FloatArray:
-    """Return ``slowings`` with friction; satisfied rows demand a longer time only where other rows do."""
+    """Return the factors of ``slowings`` with friction; if all rows are satisfied, zeros.
+
+    The arguments are those of ``slowings``, with the allowed value of each row as ``share``.
+    """
     if np.all(np.abs(moving + damping + static) <= share):
         return np.zeros_like(moving)
     factors = np.ones_like(moving)
-    # Upper and lower side of a row; the lower one is the upper one of the row negated.
+    # Upper and lower bound of a row; the lower one is the upper one of the negated row.
     for sign in (1.0, -1.0):
         room = np.maximum(share - sign * static, ROUNDING)
         root = damping * damping + 4.0 * sign * moving * room
         longer = sign * damping + np.sqrt(np.maximum(root, 0.0))
-        # Without a real root the row keeps this side at every λ.
+        # Without a real root the row keeps this bound at every λ.
         factors = np.maximum(factors, np.where(root >= 0.0, longer, 0.0) / (2.0 * room))
     return factors

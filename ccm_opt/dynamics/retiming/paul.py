@@ -1,21 +1,20 @@
-"""Paul's blends between straight pieces.
+"""Timing of a joint polygon with Paul's transitions, blends between straight legs (the paper's section 5.4).
 
-The paper plans its trajectories so (section 5.4). Joints move at constant speed along a leg, and within ±τ of the time
-of a via point B they go over to the next leg. With A the place at −τ, C the next via point, T the time from B to C,
-ΔB = A − B, ΔC = C − B and h = (t + τ) / 2τ
+Joints move at constant speed along each leg between two keyframes (via points). From τ before to τ after the time of a
+via point B, they make a transition to the next leg. With A the configuration at −τ, C the next via point, T the time
+from B to C, ΔB = A − B, ΔC = C − B and h = (t + τ) / 2τ,
 
     q = [(ΔC τ/T + ΔB)(2 − h) h² − 2 ΔB] h + B + ΔB
     q̇ = [(ΔC τ/T + ΔB)(3 − 2 h) h² − ΔB] / τ,   q̈ = 3 (ΔC τ/T + ΔB)(1 − h) h / τ².
 
-So speed goes from that of one leg to that of the next without passing either, acceleration is continuous, at most
-¾ |Δv| / τ, and the via point is missed by 3/16 τ |Δv|. At the ends the speed before, or after, is zero.
+So the velocity changes monotonically from that of one leg to that of the next, the acceleration is continuous and at
+most ¾ |Δv| / τ, and the via point is missed by 3/16 τ |Δv|. At both ends of the motion the velocity is zero.
 
-A motion with all times longer by λ has the same shape in space, speeds smaller by λ, accelerations by λ².
+A motion slowed down by a factor λ passes the same configurations, with velocities divided by λ and accelerations by λ².
 
-Joints move at constant speed along the legs between keyframes and turn smoothly at each, see ``transitions``. The
-times of the legs are found here: every leg is lengthened until speed, acceleration and torque keep their limits, then
-shortened where they leave room. Transitions leave the polygon of keyframes, by less the smaller the window that they
-may take of a leg; whoever calls this must verify the motion.
+The durations of the legs are determined here: every leg is lengthened until velocity, acceleration and torque keep
+their limits, then shortened where the limits allow. Transitions leave the polygon of keyframes, by less the smaller the
+fraction of a leg that they may take (the window); the caller must verify the motion.
 """
 
 from collections.abc import Sequence
@@ -37,37 +36,42 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates, DriveLimits
 
 WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
-"""Largest half transitions as a share of the shorter leg beside them, in the order in which they are worth a try.
-Derived: ½ is the greatest at which neighbours fit into their leg; each halves the miss of the corner."""
+"""Largest half durations of a transition, as fractions of the shorter adjacent leg, in the order of trials.
+
+Derived: ½ is the greatest at which transitions at both ends fit into a leg; each halves the distance from the corner.
+"""
 _SHARE = 0.995
-"""Share of every limit that is used. Taste."""
+"""Fraction of every velocity and acceleration limit that is used. Taste."""
 _LEAST_SAMPLES = 2
-"""Samples in half a transition, at least, so that the samples show what happens in it. Taste."""
+"""Least number of samples in half a transition, so that the samples resolve the transition. Taste."""
 _ROUNDS = 60
-"""Most rounds of lengthening legs; what is left after them is met by stretching time. Taste."""
+"""Largest number of rounds of lengthening legs; afterwards the whole motion is slowed down. Taste."""
 _DRIVE_ROUNDS = 24
-"""Most rounds of slowing down where a limit beyond those of the legs is passed, such as that on torques: legs by
-themselves in the first half, then all of them. Taste."""
+"""Largest number of rounds of slowing down for limits other than velocity and acceleration, such as torques.
+
+In the first half of the rounds legs are slowed down one by one, in the second half all together. Taste.
+"""
 _LONGEST = 1_000_000
-"""Most samples of a motion; a motion that needs more time than that is given up. Taste."""
+"""Largest number of samples of a motion; slower motions are given up. Taste."""
 _SHORTENING = (0.8, 0.9, 0.95, 0.98, 0.99)
-"""Factors by which legs are shortened where the limits leave room. Taste."""
+"""Factors by which legs are shortened where the limits allow, in order. Taste."""
 _SWEEPS = 12
-"""Sweeps with each factor. Taste."""
+"""Number of sweeps over all legs with each shortening factor. Taste."""
 _STATIC_POINTS = 400
-"""Places along the polygon at which the joints must be able to hold the arm. Taste."""
+"""Number of configurations along the polygon in which the joints must be able to hold the arm. Taste."""
 _NO_LEG = 1e-9
-"""Legs shorter than this in joint space are left out [rad, m]. Taste, above rounding."""
+"""Length in joint space below which legs are left out [rad, m]. Taste: above rounding."""
 
 
 @dataclass(frozen=True)
 class Legs:
-    """A motion along a polygon, with transitions at its via points.
+    """A motion along a polygon of K via points in joint space, with a transition at each via point.
 
     Attributes:
         vias: coordinates of the via points, shape (K, n) [rad, m].
         times: durations of the legs between via points, shape (K − 1,) [s].
-        halves: half of the duration of each transition, shape (K,) [s]; the halves at both ends of a leg fit into it.
+        halves: half of the duration of each transition, shape (K,) [s]; the halves at both ends of a leg fit into the
+            leg.
     """
 
     vias: FloatArray
@@ -76,14 +80,14 @@ class Legs:
 
     @cached_property
     def speeds(self) -> FloatArray:
-        """Velocities before, on and after the legs, zero before the first and after the last leg, shape (K + 1, n)."""
+        """Velocities of all legs, with zeros before the first and after the last, shape (K + 1, n)."""
         speeds = np.diff(self.vias, axis=0) / self.times[:, None]
         rest = np.zeros((1, self.vias.shape[1]))
         return np.concatenate((rest, speeds, rest))
 
     @cached_property
     def passed(self) -> FloatArray:
-        """Times at which the motion passes the via points, or would without transitions, shape (K,) [s]."""
+        """Times at which the motion passes, or without transitions would pass, the via points, shape (K,) [s]."""
         # Time counts from the start of the first transition, τ₀ before the first via point.
         return np.asarray(self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times))))
 
@@ -100,20 +104,23 @@ class Legs:
         return np.maximum.accumulate(pairs.ravel())
 
     def piece(self, time: FloatArray) -> tuple[IntArray, BoolArray]:
-        """Return the last via point whose transition has begun, and whether the transition is still in progress."""
+        """Return the last via point whose transition has begun, and whether the transition is in progress, at N times.
+
+        Both results have shape (N,).
+        """
         number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
         # The breaks alternate: even pieces are transitions, odd ones the straight legs after them.
         return number // 2, number % 2 == 0
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return coordinates, velocities and accelerations at given times, each of shape (N, n)."""
+        """Return coordinates, velocities and accelerations at N times, each of shape (N, n)."""
         via, turning = self.piece(time)
         since = (time - self.passed[via])[:, None]
         before = self.speeds[via]
         after = self.speeds[via + 1]
         tau = self.halves[via][:, None]
 
-        # A piece is evaluated in both ways, as a transition and as a leg, and the one that holds is picked.
+        # Each time is evaluated both as a transition and as a leg, and the result that applies is selected.
         h = np.clip((since + tau) / (2.0 * tau), 0.0, 1.0)
         start = -before * tau  # Paul's ΔB
         bend = after * tau + start  # Paul's ΔC τ/T + ΔB
@@ -129,7 +136,7 @@ class Legs:
         return q, qd, qdd
 
     def slowed(self, factor: float) -> "Legs":
-        """Return the motion slowed down by a factor."""
+        """Return the motion with all durations multiplied by a factor."""
         return replace(self, times=self.times * factor, halves=self.halves * factor)
 
 
@@ -145,7 +152,7 @@ def retime_paul(
     arm: Arm | None = None,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """Return a motion along a path's keyframes with Paul's transitions, from rest to rest, within the limits.
+    """Return a motion along a path's keyframes with Paul's transitions, from rest to rest, within drive limits.
 
     Args:
         path: path whose keyframes are the via points; the spline between them is not used.
@@ -155,13 +162,13 @@ def retime_paul(
         revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.
         window: maximum half transition as a fraction of the shorter adjacent leg, at most ½.
         step: largest time between two samples [s].
-        coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
-        arm: arm whose points are limited; needed only when the limits name points.
-        share: share of the drives' limits that may be used, see ``robot.coordinates``.
+        coordinates: the columns of the path; if None, one bend per link, and a feed axis if there is one more column.
+        arm: arm whose points are limited; needed only if the limits name points.
+        share: fraction of the drives' limits that may be used, see ``robot.coordinates``.
 
     Returns:
-        Samples at equal times, the first and last at rest at the path's ends. The motion leaves the polygon of
-        keyframes at its corners; the caller has to verify the motion.
+        Samples at equal time steps, the first and last at rest at the ends of the path. The motion leaves the polygon
+        of keyframes at its corners; the caller has to verify the motion.
 
     Raises:
         RetimingError: a joint cannot even hold the arm still at a point of the polygon, or no slower motion keeps the
@@ -170,7 +177,7 @@ def retime_paul(
     vias = _distinct(path.keyframes)
     columns = coordinates or likely_coordinates(limits, vias.shape[1])
     timed = TimedPath(_polygon(vias), limits, inverse_dynamics, revolutes, columns, arm, share)
-    # Those on the coordinates' own velocities and accelerations are kept by the legs as they are made.
+    # Limits on velocities and accelerations of the coordinates are kept by construction of the legs.
     others = [limit for limit in limits_along(timed) if not limit.kept_by_legs]
     for limit in others:
         limit.rows(timed.spline, np.linspace(0.0, 1.0, _STATIC_POINTS))  # an error where the arm cannot rest
@@ -184,8 +191,8 @@ def retime_paul(
         stretch = _leg_time_factors(legs, others, step)
         if np.max(stretch) <= 1.0:
             return _sampled(legs, step).trajectory(columns, "paul")
-        # At first only the legs at fault are lengthened. Legs influence their neighbours, so this need not settle;
-        # slowing the whole motion does.
+        # At first only the legs that violate limits are lengthened. Legs influence their neighbours, so this need not
+        # converge; slowing down the whole motion does.
         if 2 * attempt < _DRIVE_ROUNDS:
             legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
         else:
@@ -194,12 +201,12 @@ def retime_paul(
 
 
 def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Return legs with nearly the shortest times that the limits on speed and acceleration allow.
+    """Return legs with nearly the shortest durations that the velocity and acceleration limits allow.
 
     Legs are slowed down until the limits hold, then alternately shortened wherever the limits still hold.
 
     Args:
-        vias: coordinates of the via points, shape (K ≥ 2, n).
+        vias: coordinates of K ≥ 2 via points, shape (K, n) [rad, m].
         axes: limits of the drives.
         window: maximum half transition as a fraction of the shorter adjacent leg.
         least: minimum duration of a half transition [s].
@@ -213,7 +220,15 @@ def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: floa
 
 
 def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Return legs that last at least the given times, longer where a speed or acceleration limit requires it."""
+    """Return legs that last at least given times, and longer where a velocity or acceleration limit requires it.
+
+    Args:
+        vias: coordinates of K ≥ 2 via points, shape (K, n) [rad, m].
+        times: least durations of the legs, shape (K − 1,) [s].
+        axes: limits of the drives.
+        window: maximum half transition as a fraction of the shorter adjacent leg.
+        least: minimum duration of a half transition [s].
+    """
     legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
     for _ in range(_ROUNDS):
         need = needed(legs, axes)
@@ -224,41 +239,53 @@ def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: f
 
 
 def with_transitions(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Return legs with the shortest transitions that the acceleration limits and the window allow."""
-    # A half transition takes at most its share of the shorter leg beside it; beyond both ends there is no leg.
+    """Return legs of given durations with the shortest transitions that acceleration limits and window allow.
+
+    The arguments are those of ``lengthened``.
+    """
+    # A half transition takes at most a fraction of the shorter adjacent leg; beyond both ends there is no leg.
     most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
     legs = Legs(vias, times, most)
     change = np.abs(np.diff(legs.speeds, axis=0))
-    # A transition peaks at ¾ |Δv| / τ, solved here for the half time τ at which that is the limit.
+    # The acceleration of a transition peaks at ¾ |Δv| / τ, solved for the half duration τ at which this is the limit.
     wanted = 0.75 * np.max(change / (_SHARE * axes.acceleration), axis=1)
     return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
 
 
 def needed(legs: Legs, axes: DriveLimits) -> FloatArray:
-    """Return the factor on the time of each leg that its speed and transitions require, shape (K − 1,)."""
-    # The first and the last speed are the rest before and after the motion, not those of legs.
+    """Return the factors by which each leg must last longer to keep velocity and acceleration limits, (K − 1,)."""
+    # The first and the last velocity are those at rest before and after the motion, not of legs.
     speed = np.max(np.abs(legs.speeds[1:-1]) / (_SHARE * axes.velocity), axis=1)
     change = np.abs(np.diff(legs.speeds, axis=0))
     growth = 0.75 * np.max(change / (_SHARE * axes.acceleration), axis=1) / legs.halves
-    # Legs longer by λ lower |Δv| by λ and lengthen τ by λ: their peak falls by λ².
+    # Multiplying durations by λ divides |Δv| by λ and multiplies τ by λ, so the peak falls by λ².
     turn = np.sqrt(growth)
     return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
 
 
 def _shortened(legs: Legs, axes: DriveLimits, window: float, least: float, factor: float, colour: int) -> Legs:
-    """Return legs with every second one shortened where the limits still hold; these share no via point."""
+    """Return legs with every second leg shortened where the limits still hold; such legs have no via point in common.
+
+    Args:
+        legs: the legs.
+        axes: limits of the drives.
+        window: maximum half transition as a fraction of the shorter adjacent leg.
+        least: minimum duration of a half transition [s].
+        factor: factor by which legs are shortened.
+        colour: 0 to shorten the first, third, … leg; 1 for the others.
+    """
     times = legs.times.copy()
     # Never so short that the least half transition would not fit into the window.
     times[colour::2] = np.maximum(factor * times[colour::2], least / window)
     trial = with_transitions(legs.vias, times, axes, window, least)
     fails = needed(trial, axes) > 1.0 + 1e-12
-    # A leg shares its transitions with its neighbours: where one of them fails, both sides go back.
+    # A leg shares its transitions with its neighbours: where one of them fails, the legs on both sides are restored.
     near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])
     return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least)
 
 
 def _leg_time_factors(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
-    """Return the factor on the time of each leg that brings its samples within the limits, shape (K − 1,)."""
+    """Return the factors by which each leg must last longer so that its samples keep all limits, (K − 1,)."""
     stretch = np.zeros(len(legs.times))
     if not limits:
         return stretch
@@ -287,7 +314,7 @@ def _sampled(legs: Legs, step: float) -> MotionSamples:
 
 
 def _distinct(keyframes: FloatArray) -> FloatArray:
-    """Return the keyframes without those that repeat the previous keyframe; the last one is kept."""
+    """Return keyframes (K, n) without those that repeat the previous keyframe; the last one is kept."""
     kept = [keyframes[0]]
     for row in keyframes[1:]:
         if np.max(np.abs(row - kept[-1])) > _NO_LEG:
@@ -299,13 +326,13 @@ def _distinct(keyframes: FloatArray) -> FloatArray:
 
 
 def _standing(keyframes: FloatArray, step: float) -> Legs:
-    """Return a motion that stays at its keyframe for one step."""
+    """Return a motion that stays at its single keyframe for one time step [s]."""
     ends = keyframes[[0, -1]]
     return Legs(np.array([ends[0], ends[0]]), np.array([0.5 * step]), np.array([0.25 * step, 0.25 * step]))
 
 
 def _polygon(vias: FloatArray) -> BSpline:
-    """Return the polygon as a spline of degree 1 over [0, 1]; a single via point is repeated."""
+    """Return the polygon of via points (K, n) as a spline of degree 1 over [0, 1]; a single point is repeated."""
     vias = vias if len(vias) > 1 else np.repeat(vias, 2, axis=0)
     knots = np.concatenate(([0.0], np.linspace(0.0, 1.0, len(vias)), [1.0]))
     return BSpline(knots, vias, 1)

@@ -1,7 +1,7 @@
-"""A speed profile along the path: s̈ constant between grid points, so ṡ² is linear there and time is closed-form.
+"""Speed profiles along a path with s̈ constant between grid points, so that ṡ² is linear there and time is closed-form.
 
 All limits at points of the path are stacked as rows a s̈ + b ṡ² + d ṡ + c within ±1, and a bound on ṡ (Pham and Pham
-2018, section III). They are written down at the knots of the path, and between them by path length.
+2018, section III). The grid includes the knots of the path; between knots, its points are distributed by path length.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, GridSettin
 
 @dataclass(frozen=True)
 class PathRows:
-    """Limits at points of the path.
+    """Limits on path speed and acceleration at P points of a path, as R rows a s̈ + b ṡ² + d ṡ + c within ±1.
 
     Attributes:
         s: path parameters, shape (P,).
@@ -40,7 +40,7 @@ class PathRows:
     d: FloatArray | None
 
     def every(self, steps: int) -> "PathRows":
-        """Return the rows at every ``steps``-th point."""
+        """Return the rows at every ``steps``-th point of the path."""
         pick = slice(None, None, steps)
         d = None if self.d is None else self.d[pick]
         return PathRows(self.s[pick], self.slowness[pick], self.a[pick], self.b[pick], self.c[pick], d)
@@ -48,12 +48,12 @@ class PathRows:
     def with_friction(self, speed: FloatArray, share: float) -> "PathRows":
         """Return the rows with friction d ṡ linearised in ṡ² at given speeds ṡ.
 
-        The tangent of d √(ṡ²) at ṡ = v is d v / 2 + ṡ² d / 2 v. Its constant part is bounded, by a slower v for that
-        row, so that the row still leaves a margin for motion.
+        The tangent of d √(ṡ²) at ṡ = v is d v / 2 + ṡ² d / 2 v. Its constant part is bounded, with a smaller v for that
+        row if necessary, so that the row leaves a margin for motion.
 
         Args:
             speed: ṡ, shape (P,) [1/s].
-            share: share of the margin above the static part that the constant part may use.
+            share: fraction of the margin between the static part and the limit that the constant part may use.
         """
         if self.d is None:
             return self
@@ -62,15 +62,20 @@ class PathRows:
         constant = np.clip(self.c + 0.5 * self.d * speed[:, None], -most, most)
 
         half = constant - self.c
-        # Without friction there is no tangent, and half of it, as a share of the limit, would be divided by.
+        # Without friction there is no tangent, and the division by the constant part would fail.
         present = np.abs(half) > TINY
-        # With half = d v / 2 the slope d / 2 v is d² / (4 half); a clipped half stands for a slower v.
+        # With half = d v / 2 the slope d / 2 v is d² / (4 half); a clipped half corresponds to a smaller v.
         slope = np.where(present, self.d**2 / (4.0 * np.where(present, half, 1.0)), 0.0)
         return replace(self, b=self.b + slope, c=constant, d=None)
 
 
 def path_rows(limits: Sequence[MotionLimit], spline: BSpline, s: FloatArray) -> PathRows:
-    """Return the rows of all limits at given points of the path.
+    """Return the rows of all limits at P points of a path.
+
+    Args:
+        limits: the limits.
+        spline: the path.
+        s: path parameters of the points, shape (P,).
 
     Raises:
         RetimingError: even at rest, the arm violates a limit somewhere, or the path is not finite.
@@ -109,7 +114,7 @@ def _check_finite(rows: PathRows) -> None:
 
 @dataclass(frozen=True)
 class SpeedProfile:
-    """A speed profile along the path, by the squared speeds at its grid points.
+    """A speed profile along a path, given by the squared speeds at N + 1 grid points.
 
     Attributes:
         s: grid points, shape (N + 1,).
@@ -123,7 +128,7 @@ class SpeedProfile:
 
     @cached_property
     def acceleration(self) -> FloatArray:
-        """Path acceleration s̈ in each interval, shape (N,) [1/s²]."""
+        """Path acceleration s̈ in each grid interval, shape (N,) [1/s²]."""
         # d(ṡ²)/ds = 2 s̈.
         return np.asarray(0.5 * np.diff(self.squared) / np.diff(self.s))
 
@@ -136,11 +141,11 @@ class SpeedProfile:
 
     @property
     def duration(self) -> float:
-        """Duration from start to end [s]."""
+        """Duration of the motion from start to end [s]."""
         return float(self.times[-1])
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        """Return the path parameter s, ṡ and s̈ at given times, each of the shape of ``time``."""
         k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.s) - 2)
         since = time - self.times[k]
         speed = np.sqrt(self.squared[k])
@@ -149,28 +154,28 @@ class SpeedProfile:
         return np.clip(s, self.s[k], self.s[k + 1]), np.maximum(speed + since * growth, 0.0), growth
 
     def jumps(self, gain: FloatArray, least: float) -> FloatArray:
-        """Return the times at which s̈ jumps and a dependent quantity thereby jumps by more than ``least`` [s].
+        """Return the times at which s̈ jumps and thereby changes a dependent quantity by more than ``least`` [s].
 
         Args:
             gain: change of the dependent quantity per unit change of s̈ at every grid point, shape (N + 1,) [s²].
-            least: smallest jump of the dependent quantity that counts.
+            least: smallest change of the dependent quantity that counts.
         """
         change = gain[1:-1] * np.abs(np.diff(self.acceleration))
         return np.asarray(self.times[1:-1][change > least])
 
     def slowed(self, factor: float) -> "SpeedProfile":
-        """Return the profile slowed down by a factor."""
+        """Return the profile with its duration multiplied by a factor."""
         return replace(self, squared=self.squared / factor**2)
 
 
 @dataclass(frozen=True)
 class DenseCheck:
-    """Result of evaluating the limits' rows between the grid points of a profile.
+    """Result of evaluating limit rows between the grid points of a speed profile with N intervals.
 
     Attributes:
         excess: maximum |row| of each interval minus the allowed value, shape (N,).
-        stretch: factor on time that brings all rows and velocities within the allowed values.
-        stretches: factor on time that the rows of each interval alone require, without friction, shape (N,).
+        stretch: factor on the duration that brings all rows and velocities within the allowed values.
+        stretches: factor on the duration that the rows of each interval alone require, without friction, shape (N,).
     """
 
     excess: FloatArray
@@ -179,18 +184,19 @@ class DenseCheck:
 
 
 def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: float) -> DenseCheck:
-    """Check all limits at the dense points of a profile, at grid points from both sides, and at peaks between.
+    """Check a speed profile against all limits at grid points, at points between, and at peaks between these.
 
-    With s̈ constant and ṡ² linear in an interval, and every knot a grid point, accelerations are parabolas there, and
-    torques nearly so. The peak of the parabola through three neighbouring points counts as a point.
+    Grid points are checked from both sides. With s̈ constant and ṡ² linear in an interval, and every knot a grid point,
+    accelerations are parabolas in the interval, and torques nearly so. The peak of the parabola through three
+    neighbouring points counts as a point.
 
     Args:
         profile: speeds at the grid points.
         dense: rows at ``steps`` equal steps of every interval.
-        steps: number of steps between dense points in an interval.
-        allowed: share of each limit that may be used.
+        steps: number of steps per interval.
+        allowed: fraction of each limit that may be used.
     """
-    # Every grid point stands in two rows, as an end and as a start, for s̈ jumps there.
+    # Every grid point appears twice, as an end and as a start, since s̈ jumps there.
     at = steps * np.arange(len(profile.acceleration))[:, None] + np.arange(steps + 1)
     squared = profile.squared[:-1, None] + np.diff(profile.squared)[:, None] * np.linspace(0.0, 1.0, steps + 1)
     speed = np.sqrt(squared)
@@ -198,7 +204,7 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
     moving = dense.a[at] * profile.acceleration[:, None, None] + dense.b[at] * squared[:, :, None]
     damping = None if dense.d is None else dense.d[at] * speed[:, :, None]
     total = moving + static if damping is None else moving + static + damping
-    # What a peak adds is counted as moving, the part that slowing down reduces.
+    # The height of a peak counts as moving, the part that slowing down reduces.
     moving[:, 1:-1] += _peaks(total)
     total = moving + static if damping is None else moving + static + damping
 
@@ -208,15 +214,15 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
 
 
 def _peaks(values: FloatArray) -> FloatArray:
-    """Return the heights of parabolic peaks above the inner points next to them, shape (N, steps − 1, R).
+    """Return the heights of parabolic peaks above the nearest inner points of N intervals, shape (N, steps − 1, R).
 
     Args:
-        values: values at equally spaced points of every interval, shape (N, steps + 1, R).
+        values: values of R rows at equally spaced points of every interval, shape (N, steps + 1, R).
     """
     before = values[:, :-2]
     here = values[:, 1:-1]
     after = values[:, 2:]
-    # The vertex stands −slope² / (8 bend) above the middle value. It counts where it lies between the neighbours,
+    # The vertex lies −slope² / (8 bend) above the middle value. It counts where it lies between the neighbours,
     # |slope| ≤ 2 |bend|, and points away from zero.
     bend = before - 2.0 * here + after
     slope = after - before
@@ -225,44 +231,51 @@ def _peaks(values: FloatArray) -> FloatArray:
 
 
 _MOST_INTERVALS = 1500
-"""Most grid intervals, whatever the number of knots. Taste; it bounds the time."""
+"""Largest number of grid intervals, whatever the number of knots. Taste: bounds the time."""
 
 _EVEN_SHARE = 0.3
-"""Share of the intervals that is spread evenly over the spans, for those where the path turns rather than moves; the
-others go by length. Taste."""
+"""Fraction of the grid intervals that is distributed evenly over the path parameter; the others go by length. Taste.
+
+The even part is for spans where the path turns rather than moves.
+"""
 _END_HALVINGS = 8
-"""Extra points in the first interval and in the last, each half as far from the end of the path as the one before.
-Taste."""
+"""Number of extra grid points in the first interval and in the last, each half as far from the end as the one before.
+
+Taste.
+"""
 _STOP_POINTS = 10
-"""Extra points on either side of a stop. Taste."""
+"""Number of extra grid points on either side of a point at which the path stops. Taste."""
 _STOP_RATIO = 0.7
-"""Distance of each of them from the stop, as a share of that of the one before. Taste."""
+"""Ratio of the distances of successive extra grid points from a point at which the path stops. Taste."""
 _STOPPED = 1e-6
-"""Share of the greatest ``|q'|`` of all knots below which the path stops at a knot. Taste, far above rounding and far
-below what a path that moves has."""
+"""Fraction of the greatest ``|q'|`` at any knot below which the path stops at a knot.
+
+Taste: far above rounding and far below the values on a path that moves.
+"""
 
 
 def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> FloatArray:
-    """Return the grid points of the path parameter, 0 and 1 included.
+    """Return grid points of the path parameter for timing, from 0 to 1.
 
-    Every knot is a grid point, since the third derivative jumps there; a span gets grid points in proportion to its
-    length in joint space; a fraction is spread evenly, for spans where the path turns rather than moves.
+    Every knot is a grid point, since the third derivative jumps there. A span between knots gets grid points in
+    proportion to its length in joint space; a fraction of the points is spread evenly, for spans where the path turns
+    rather than moves.
 
     Args:
         spline: spline of the path over [0, 1].
-        settings: preferred number of grid intervals and their distribution; the result has slightly more intervals.
+        settings: preferred number of grid intervals; the result has slightly more.
 
     Returns:
         Increasing path parameters, shape (N + 1,).
     """
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
-    # Two intervals a span at least, however many keyframes there are, up to a bound.
+    # At least two intervals per span, however many keyframes there are, up to a bound.
     count = min(max(settings.intervals, 2 * (len(knots) - 1)), _MOST_INTERVALS)
     lengths = span_lengths(spline, knots)
     even = _EVEN_SHARE
     share = (1.0 - even) * lengths / np.sum(lengths) + even * np.diff(knots)
     pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
-    # Read over the running count of pieces, the knots turn into spans cut into equal pieces.
+    # Interpolating the knots over the cumulative number of pieces divides every span into equal pieces.
     points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
     # A slow joint may reach its speed at once, in the first interval or in the last.
     ramp = 0.5 ** np.arange(_END_HALVINGS, 0, -1)
@@ -271,13 +284,19 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
 
 
 def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
-    """Return inner knots at which the path stops, q' = 0, as where three control points in a row coincide."""
+    """Return the inner knots at which a path stops, q' = 0, as where three control points in a row coincide.
+
+    Args:
+        spline: the path.
+        knots: its knots, increasing.
+        share: fraction of the greatest q' below which the path counts as stopped.
+    """
     rates = np.max(np.abs(spline(knots, 1)), axis=1)
     return np.asarray(knots[1:-1][rates[1:-1] < share * np.max(rates)])
 
 
 def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
-    """Return grid points, increasingly dense on both sides of stops, where the path speed grows without bound."""
+    """Return a grid with extra, increasingly dense points around stops, where ṡ grows without bound."""
     at = np.searchsorted(points, places)
     ramp = _STOP_RATIO ** np.arange(1, _STOP_POINTS + 1)
     near = [points[at, None] + (points[at + side] - points[at])[:, None] * ramp for side in (-1, 1)]
@@ -285,12 +304,12 @@ def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
 
 
 def span_lengths(spline: BSpline, knots: FloatArray) -> FloatArray:
-    """Return lengths in joint space between knots, from eight chords per span, shape (len(knots) − 1,) [rad]."""
+    """Return the lengths of a path in joint space between knots, from eight chords each, (knots − 1,) [rad]."""
     points = spline(refine(knots, 8))
     chords = leg_lengths(points)
     return np.asarray(np.sum(chords.reshape(-1, 8), axis=1))
 
 
 def refine(grid: FloatArray, steps: int) -> FloatArray:
-    """Return the grid with every interval divided into ``steps`` equal parts, shape (steps * N + 1,)."""
+    """Return a grid with each of its N intervals divided into ``steps`` equal parts, shape (steps * N + 1,)."""
     return np.interp(np.arange(steps * (len(grid) - 1) + 1) / steps, np.arange(len(grid)), grid)

@@ -1,38 +1,41 @@
-"""Speeds along a path, smooth where jerk is limited.
+"""Fastest speed profiles along a path within its limits, smooth where jerk is limited.
 
-With x and y the squared speeds at both ends of an interval of width Δ, s̈ = (y − x) / 2Δ there, and each row becomes
-β x + γ y ≤ 1 with a right side that is positive before it is scaled, because the arm can be held still. So x = y = 0
-keeps every row with room to spare, and the controllable squared speeds at each grid point are a whole interval
-[0, K], K > 0. Its end is found by Newton's method on the concave, piecewise linear room that is left for y, from the
-right: it stops after finitely many steps. (Pham and Pham 2018, section IV, for the sweeps themselves.)
+Let x and y be the squared speeds at both ends of a grid interval of width Δ. There s̈ = (y − x) / 2Δ, and each limit
+row
+becomes β x + γ y ≤ 1, scaled by a right-hand side that is positive because the arm can be held still. So x = y = 0
+satisfies all rows strictly, and the controllable squared speeds at each grid point form an interval [0, K], K > 0. K is
+found by Newton's method on the allowed range of y, a concave, piecewise linear function of x, from above; the method
+ends after finitely many steps. (Sweeps: Pham and Pham 2018, section IV.)
 
-Its linear programs have absolute tolerances and fail on paths that stop and on rare crooked ones, where the path turns
-back. There, and where toppra is not installed, the sweeps of ``reachability`` find the speeds; the profile says which.
-toppra loads matplotlib when imported, so it is imported when first used.
+The linear programs of the toppra library have absolute tolerances and fail on paths that stop and on rare paths that
+turn back. There, and where toppra is not installed, the sweeps of ``reachable_speeds`` find the speeds; the profile
+records the method. toppra loads matplotlib when imported, so it is imported on first use.
 
-TOPP-RA keeps rows that are linear in s̈ and ṡ², at the grid points only. What it cannot know is put right from round to
+TOPP-RA keeps rows that are linear in s̈ and ṡ² at the grid points only. What this leaves out is corrected from round to
 round:
 
-- where a limit is passed inside an interval, the rows at the interval's ends are tightened by as much;
-- where tightening does not help, the speed at the interval's ends is bounded instead. It does not help beside a point
-  at which the path stops: the rows there are empty and leave the speed free, and the peak stands inside the interval;
-- viscous friction is linear in ṡ. It enters by the tangent of √(ṡ²) at the speed of the round before, as in Newton's
-  method, so that three or four rounds settle it.
+- where a limit is exceeded inside an interval, the rows at the interval's ends are tightened by the excess;
+- where tightening does not help, the speed at the interval's ends is bounded instead. It does not help next to a point
+  at which the path stops: the rows there vanish and leave the speed free, and the peak lies inside the interval;
+- viscous friction is linear in ṡ. It enters by the tangent of √(ṡ²) at the speed of the previous round, as in Newton's
+  method, so that three or four rounds converge.
 
-What remains after the last round is met by stretching time, the whole of it; so it must be little.
+Any violation that remains after the last round is removed by slowing down the whole motion, so it must be small.
 
-TOPP-RA's s̈ jumps. The mean of s over two equal windows of time, one after the other, is a motion along the same path
-whose s̈ is continuous: with windows w its third derivative is
+The s̈ of TOPP-RA jumps. The mean of s over two moving windows of time, applied one after the other, is a motion along
+the same path whose s̈ is continuous: with windows w its third derivative is
 
     s⃛(t) = (ṡ(t) − 2 ṡ(t − w) + ṡ(t − 2 w)) / w²,
 
-linear between the times at which ṡ or one of its copies has a corner, for ṡ is linear between grid points. So the
-motion is a polynomial of fourth degree in each piece, and lasts 2 w longer. An axis' jerk: q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³;
-time longer by λ divides it by λ³, so that any limit can be met. The window that makes the motion shortest is kept.
+linear between the times at which ṡ or one of its copies has a corner, since ṡ is linear between grid points. So the
+motion is a polynomial of degree four in each piece, and lasts 2 w longer. The jerk of an axis is
+q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³; slowing down by λ divides it by λ³, so that any limit can be met. The window with the
+shortest motion is kept.
 
-The velocity that a joint gains in a step lies between what the accelerations at its two ends would give, unless the
-acceleration jumps twice in the step or turns round in it. Paths with a corner at every keyframe do that every few
-milliseconds. Such steps are halved until what they hide is a small share of the velocity gained and lost.
+The change of a joint's velocity over a step lies between the values that the accelerations at both ends would give,
+unless the acceleration jumps twice or has an extremum in the step. Paths with a corner at every keyframe do so every
+few
+milliseconds. Such steps are halved until the unexplained change is a small fraction of the total change of velocity.
 """
 
 import logging
@@ -59,45 +62,64 @@ from ccm_opt.dynamics.retiming.timing_settings import (
 from ccm_opt.robot.coordinates import DriveLimits
 
 _TIGHTENINGS = 3
-"""Rounds after which rows are tightened where a limit was passed between grid points; after later rounds speed is
-bounded there. Measured on the random paths of ``tests/test_retiming.py``: a few in a hundred need more."""
+"""Number of rounds that tighten rows where a limit is exceeded between grid points; later rounds bound the speed there.
+
+Measured on the random paths of ``tests/test_retiming.py``: a few in a hundred need more.
+"""
 _ROUNDS = 10
-"""Most runs of TOPP-RA. Measured on the same paths: with friction three or four are usual."""
+"""Largest number of runs of TOPP-RA.
+
+Measured on the random paths of ``tests/test_retiming.py``: with friction three or four are usual.
+"""
 _SETTLED = 2e-3
-"""Relative change of the duration from round to round by which friction counts as known. Taste."""
+"""Relative change of the duration from round to round below which friction counts as converged. Taste."""
 _UNSEEN_FLOOR = 5e-4
-"""The same as a share of what the acceleration limit allows over the whole motion. Derived: so is this."""
+"""Additional change of velocity that may remain unexplained, as a fraction of acceleration limit times duration.
+
+Derived: half of what the verifier allows.
+"""
 
 _GRID_SHARE = 0.99
-"""Share of every limit used at the grid points. Taste: it leaves room for what is passed between them."""
+"""Fraction of every limit used at the grid points. Taste: leaves a margin for peaks between grid points."""
 _NEGLIGIBLE = 1.004
-"""Stretch of time that is not worth another round. Taste."""
+"""Factor of slowing down that is not worth another round. Taste."""
 _LEAST_TANGENT = 0.5
-"""Share of the speed at which the tangent of friction was taken, below which it is not taken in the next round.
-Measured: without, the rounds of 1 in 240 random paths with friction end at 1.6 times the best duration, with it at most
-1.002 times."""
+"""Least ratio of the speed at which the tangent of friction is taken to that of the previous round.
+
+Measured: without this bound, 1 in 240 random paths with friction ends at 1.6 times the best duration, with it at most
+at
+1.002 times.
+"""
 _FRICTION_SHARE = 0.7
-"""Share of the room above the static part that half the friction may take in the rows. Derived: below 1, so that some
-room is left for moving; at terminal velocity half the friction takes 0.5."""
+"""Fraction of the margin between the static part of a row and the limit that the constant part of friction may take.
+
+Derived: below 1, so that a margin remains for motion; at terminal velocity, half the friction takes 0.5.
+"""
 _TANGENT_SHARE = 0.5
-"""Share of the way to the speeds of the round before at which the tangent of friction is taken, once rows are no longer
-tightened. Measured: with 1 the rounds of 1 in 120 random paths with friction swing between 8.5 and 21.7 s; with 0.5
-they come to 7.5 s, and no other path is timed slower by more than 0.02 %."""
+"""Fraction of the change from the previous to the new speeds at which the tangent of friction is taken in late rounds.
+
+Late rounds are those in which rows are no longer tightened. Measured: with 1, 1 in 120 random paths with friction
+oscillates between durations of 8.5 and 21.7 s; with 0.5 it converges to 7.5 s, and no other path is timed slower by
+more
+than 0.02 %.
+"""
 _SPEED_CAP = 1e6
-"""Bound on ṡ², in units in which a motion takes about 1 s, where nothing moves and so no limit bounds it. Taste."""
+"""Bound on ṡ² where no limit bounds the speed, in units in which a motion takes about 1 s. Taste."""
 _SLOWEST = 1e-6
-"""What stands for a squared speed of zero inside, as a share of the least that is not. Taste; slowing down mends the
-rows."""
+"""Value that replaces a squared speed of zero inside the path, as a fraction of the least positive one. Taste.
+
+Violations of rows that this causes are removed by slowing down.
+"""
 
 
 class _Lines(NamedTuple):
-    """Bounds on y that are linear in x: ``start + slope x``."""
+    """Linear upper bounds on y as functions of x, ``start + slope x`` each."""
 
     start: FloatArray
     slope: FloatArray
 
     def least(self, x: float, bound: float) -> tuple[float, float]:
-        """Return the minimum of all bounds at x and of a constant bound, with the slope of the minimum."""
+        """Return the minimum, at x, of all linear bounds and a constant bound, with the slope of the minimum."""
         values = self.start + self.slope * x
         k = values.argmin() if len(values) else -1
         return (float(values[k]), float(self.slope[k])) if k >= 0 and values[k] < bound else (bound, 0.0)
@@ -105,7 +127,7 @@ class _Lines(NamedTuple):
 
 @dataclass(frozen=True)
 class _Stage:
-    """The rows β x + γ y ≤ 1 of one interval as bounds on y.
+    """Bounds on the squared speeds x and y at both ends of a grid interval, from rows β x + γ y ≤ 1.
 
     Attributes:
         above: upper bounds on y, from the rows with γ > 0.
@@ -133,17 +155,17 @@ class _Stage:
         return cls(above, below, min(most, float(np.min(bounds))), reach)
 
     def room(self, x: float) -> tuple[float, float, float, float]:
-        """Return the maximum and minimum y at a given x, and their slopes."""
+        """Return the maximum and minimum y allowed at a given x, and the slopes of both bounds."""
         high, rise = self.above.least(x, self.reach)
         low, fall = self.below.least(x, 0.0)
         return high, -low, rise, -fall
 
     def greatest(self, most_steps: int) -> float:
-        """Return the maximum x for which a feasible y exists."""
+        """Return the maximum x for which a feasible y exists, by at most ``most_steps`` Newton steps."""
         x = self.most
         for _ in range(most_steps):
             high, low, rise, fall = self.room(x)
-            # There is room for y; or a smaller x gains none, and what is missing is rounding.
+            # A feasible y exists; or a smaller x does not help, and the infeasibility is due to rounding.
             if high >= low or rise >= fall:
                 break
             x = max(x - (high - low) / (rise - fall), 0.0)
@@ -153,7 +175,9 @@ class _Stage:
 def reachable_speeds(
     rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
 ) -> FloatArray:
-    """Find ṡ² of the fastest motion from rest to rest at the grid points; arguments as for ``fastest_profile``.
+    """Find ṡ² of the fastest motion from rest to rest at N + 1 grid points by a backward and a forward sweep.
+
+    Arguments as for ``fastest_profile``.
 
     Returns:
         Squared speeds, positive between the ends, shape (N + 1,) [1/s²].
@@ -167,20 +191,20 @@ def reachable_speeds(
         stages.append(_Stage.from_rows(beta[k], gamma[k], cap[k], reach[k + 1]))
         reach[k] = stages[-1].greatest(settings.newton_steps)
 
-    # Forward: from rest as fast as the rows allow, within what can still be braked.
+    # Forward: from rest as fast as the rows allow, at most as fast as can still be braked.
     squared = np.zeros(count + 1)
     for k, stage in enumerate(reversed(stages)):
         high, low, _, _ = stage.room(min(squared[k], stage.most))
         squared[k + 1] = min(max(high, low, 0.0), stage.reach)
 
-    # Zeros inside would be stops for ever.
+    # Zeros inside would stop the motion forever.
     slowest = _SLOWEST * np.min(squared, where=squared > 0.0, initial=np.max(cap))
     squared[1:-1] = np.maximum(squared[1:-1], slowest)
     return squared
 
 
 def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return β and γ of every interval: both sides of the rows at its start and end, each of shape (N, 4 R)."""
+    """Return β and γ of all N intervals, for both signs of the R rows at start and end, each of shape (N, 4 R)."""
     # With s̈ = (y − x) / 2Δ a row has β = b − a / 2Δ and γ = a / 2Δ at the start of its interval,
     # and β = −a / 2Δ and γ = b + a / 2Δ at its end.
     width = 2.0 * np.diff(rows.s)[:, None]
@@ -199,16 +223,16 @@ def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatAr
 def fastest_profile(
     rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
 ) -> SpeedProfile:
-    """Find the fastest motion from rest to rest.
+    """Find the fastest speed profile from rest to rest along a path with N + 1 grid points.
 
     Args:
         rows: limits at the grid points, shape (N + 1, R).
         slack: allowed value of each row, above |c|, shape (N + 1, R).
-        cap: bound on ṡ², shape (N + 1,) [1/s²].
+        cap: upper bound on ṡ², shape (N + 1,) [1/s²].
         settings: settings of the speed profile.
 
     Returns:
-        The profile, with positive speeds between the ends; ``timed_by`` names the method that found them.
+        The profile, with positive speeds between the ends; ``timed_by`` names the method used.
     """
     capped = np.minimum(cap, _SPEED_CAP / _time_unit(rows) ** 2)
     try:
@@ -219,7 +243,9 @@ def fastest_profile(
 
 
 def toppra_speeds(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
-    """Find ṡ² at the grid points by toppra's linear programs, shape (N + 1,) [1/s²].
+    """Find ṡ² at N + 1 grid points by the linear programs of the toppra library, shape (N + 1,) [1/s²].
+
+    Arguments as for ``fastest_profile``.
 
     Raises:
         RetimingError: a linear program fails, or toppra is not installed.
@@ -228,9 +254,9 @@ def toppra_speeds(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatAr
     solver = _solver(rows, slack, cap * unit**2, unit)
     _, speeds, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
     if speeds is None:
-        # toppra sweeps from the end and leaves off at the first point from which it finds no way on.
+        # toppra sweeps from the end and stops at the first point for which its program fails.
         raise _failed(rows, int(np.flatnonzero(np.isnan(controllable).any(axis=1))[-1]))
-    # Two neighbouring speeds of zero would mean a stop for ever.
+    # Two neighbouring speeds of zero would stop the motion forever.
     bad = np.isnan(speeds[1:]) | (speeds[1:] + speeds[:-1] <= 0.0)
     if np.any(bad):
         raise _failed(rows, int(np.argmax(bad)))
@@ -239,21 +265,22 @@ def toppra_speeds(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatAr
 
 def _failed(rows: PathRows, point: int) -> RetimingError:
     gain = np.max(np.abs(rows.a), axis=1)
-    # Measured on random paths: where toppra fails beside a stop or a turning point it is 1e-4 of the greatest at most.
+    # Measured on random paths: where toppra fails next to a stop or a turning point, the gain is at most 1e-4 of the
+    # greatest.
     slow = ", where it all but stops" if gain[point] < 1e-3 * np.max(gain) else ""
     return RetimingError(Diagnosis(f"toppra fails at {rows.s[point]:.1%} of the path{slow}", "retiming"))
 
 
 def _time_unit(rows: PathRows) -> float:
-    """Return a time unit near the motion's duration, so that the solver's absolute tolerances suit any limits [s]."""
+    """Return a time near the motion's duration, as the unit that suits the solver's absolute tolerances [s]."""
     return max(float(np.mean(rows.slowness)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
 
 
 def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
-    """Return toppra's solver for rows a s̈ + b ṡ² + c within ±slack, with time in units of ``unit`` [s]."""
+    """Return a TOPP-RA solver for rows a s̈ + b ṡ² + c within ±slack, with time in units of ``unit`` [s]."""
     try:
         with warnings.catch_warnings():
-            # Python warns of its texts where it has to be translated first, which is an error where warnings are.
+            # Compiling the library may raise warnings about its string literals, which fail where warnings are errors.
             warnings.simplefilter("ignore", DeprecationWarning)
             warnings.simplefilter("ignore", SyntaxWarning)
             import toppra.algorithm  # noqa: PLC0415 - it is slow to import
@@ -267,7 +294,7 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
     b = rows.b / (slack * unit**2)
     c = rows.c / slack
     count = a.shape[1]
-    # |row| ≤ 1 as two one-sided rows: F (a s̈ + b ṡ² + c) ≤ 1 with F = (1, −1).
+    # |row| ≤ 1 is written as two one-sided rows: F (a s̈ + b ṡ² + c) ≤ 1 with F = (1, −1).
     both = np.concatenate((np.eye(count), -np.eye(count)))
     bound = np.stack((np.zeros(len(cap)), cap), axis=1)
 
@@ -282,20 +309,20 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
         def compute_constraint_params(self, _path: Any, grid: FloatArray) -> Any:
             convert = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
             parts = convert(a, b, c, both, np.ones(2 * count), bound, None, grid, identical=True)
-            # There is no bound on s̈; that on ṡ² belongs to a grid point and is not interpolated.
+            # s̈ is not bounded; the bound on ṡ² belongs to a grid point and is not interpolated.
             return *parts[:5], None, bound
 
-    # TOPP-RA asks the path for no more than this, since the rows are evaluated already.
+    # TOPP-RA uses no other attributes of the path, since the rows are already evaluated.
     path = SimpleNamespace(path_interval=np.array([0.0, 1.0]), duration=1.0, dof=count)
     return toppra.algorithm.TOPPRA([InterpolatedRows()], path, gridpoints=rows.s, solver_wrapper="seidel")
 
 
 def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.profile) -> SpeedProfile:
-    """Return the fastest profile of several rounds, each slowed down until it satisfies the limits.
+    """Return the fastest of several speed profiles, each slowed down until all limits hold.
 
     Args:
         dense: rows of the limits at ``settings.substeps`` equal steps of every interval of the grid.
-        settings: used shares of the limits, and number of rounds.
+        settings: usable fractions of the limits, and numbers of steps.
     """
     substeps = settings.substeps
     rows = dense.every(substeps)
@@ -319,10 +346,10 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
             between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), _FRICTION_SHARE)
             check = check_profile(profile, between, substeps, settings.dense_share)
         bounds = bounds.tighten_rows(check) if number < _TIGHTENINGS else bounds.capped_by(check, profile)
-        # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
+        # Where speeds are low, tangents of successive rounds may overshoot each other forever.
         share = 1.0 if number < _TIGHTENINGS else _TANGENT_SHARE
         slowed = speed + share * (np.sqrt(profile.squared) - speed)
-        # A tangent at a high speed holds for too much friction at a low one, and may bring the path almost to a stop.
+        # A tangent at a high speed overestimates friction at a low one, and may bring the motion almost to a stop.
         speed = np.maximum(slowed, _LEAST_TANGENT * speed)
         duration = profile.duration
 
@@ -331,12 +358,12 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
 
 @dataclass(frozen=True)
 class _Bounds:
-    """Bounds that apply in a round of TOPP-RA in addition to the rows.
+    """Bounds that apply in a round of TOPP-RA in addition to the limit rows at N + 1 grid points.
 
     Attributes:
         tightening: reduction of the allowed value of the rows at each grid point, shape (N + 1,).
-        cap: bound on ṡ², shape (N + 1,) [1/s²].
-        share: share of every limit that is used at the grid points.
+        cap: upper bound on ṡ², shape (N + 1,) [1/s²].
+        share: fraction of every limit that is used at the grid points.
     """
 
     tightening: FloatArray
@@ -345,33 +372,39 @@ class _Bounds:
 
     @classmethod
     def before_the_first_round(cls, dense: PathRows, substeps: int, share: float) -> "_Bounds":
-        """Return bounds without tightening, with ṡ capped by the velocity limits.
+        """Return bounds without tightening, with ṡ bounded by the velocity limits.
 
-        The maximum slowness in an interval bounds ṡ at both ends. ṡ² is linear in an interval, so the bound also holds
-        inside.
+        The greatest slowness (least 1/ṡ allowed) in an interval bounds ṡ at both ends. ṡ² is linear in an interval, so
+        the bound
+        also holds inside.
+
+        Args:
+            dense: rows at equal steps of every interval.
+            substeps: number of these steps per interval.
+            share: fraction of every limit that is used at the grid points.
         """
         inside = dense.slowness[:-1].reshape(-1, substeps).max(axis=1)
         widest = _to_ends(np.maximum(inside, dense.slowness[substeps::substeps]), 0.0)
         return cls(np.zeros(len(widest)), (share / np.maximum(widest, 1e-12)) ** 2, share)
 
     def slack(self, rows: PathRows) -> FloatArray:
-        """Return the allowed value of each row: its share less the tightening, but always above the static part."""
+        """Return the allowed value of each row: the used fraction less the tightening, but above the static part."""
         static = np.abs(rows.c)
         return np.asarray(np.maximum(self.share - self.tightening[:, None], static + 0.25 * (1.0 - static)))
 
     def tighten_rows(self, check: DenseCheck) -> "_Bounds":
-        """Return the bounds tightened at grid points by the excess in the adjacent intervals."""
+        """Return the bounds with rows tightened at grid points by the excess found in the adjacent intervals."""
         return replace(self, tightening=self.tightening + _to_ends(np.maximum(check.excess, 0.0), 0.0))
 
     def capped_by(self, check: DenseCheck, profile: SpeedProfile) -> "_Bounds":
-        """Return the bounds with ṡ capped in violating intervals as if they alone were slowed down to the limits."""
+        """Return the bounds with ṡ reduced at both ends of violating intervals, as if they alone were slowed down."""
         slowing = _to_ends(np.maximum(check.stretches, 1.0), 1.0)
         slower = np.minimum(self.cap, profile.squared / slowing**2)
         return replace(self, cap=np.where(slowing > 1.0, slower, self.cap))
 
 
 def _to_ends(of_intervals: FloatArray, outside: float) -> FloatArray:
-    """Return, for each grid point, the maximum over the two adjacent intervals.
+    """Return, for each of N + 1 grid points, the maximum over the two adjacent intervals, shape (N + 1,).
 
     ``outside`` is the value before and after the path.
     """
@@ -380,10 +413,10 @@ def _to_ends(of_intervals: FloatArray, outside: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class SmoothProfile:
-    """A motion along the path parameter with continuous s̈.
+    """A motion along the path parameter s with continuous s̈.
 
     Attributes:
-        position: s over time, a piecewise polynomial of degree 4.
+        position: s as a function of time, a piecewise polynomial of degree 4.
         factor: factor by which the motion is slowed down.
     """
 
@@ -401,12 +434,12 @@ class SmoothProfile:
 
     @property
     def corners(self) -> FloatArray:
-        """Times at which the jerk of s has corners [s]."""
+        """Times at which s⃛, the third time derivative of s, has corners [s]."""
         return np.asarray(self.position.x) * self.factor
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return s, ṡ and s̈ at given times, each of the shape of ``time``."""
-        # The polynomial runs in the time before slowing: s(t / λ), whose derivatives fall by λ, λ² and λ³.
+        """Return the path parameter s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        # The polynomial is a function of the time before slowing, s(t / λ), whose derivatives fall by λ, λ² and λ³.
         unslowed = np.clip(time / self.factor, 0.0, self.position.x[-1])
         speed, growth, _ = self._derivatives
         s = np.clip(self.position(unslowed), 0.0, 1.0)
@@ -414,16 +447,16 @@ class SmoothProfile:
         return np.asarray(s), np.asarray(v / self.factor), np.asarray(growth(unslowed) / self.factor**2)
 
     def jerk(self, time: FloatArray) -> FloatArray:
-        """Return s⃛ at given times [1/s³]."""
+        """Return the third time derivative of the path parameter at given times [1/s³]."""
         return np.asarray(self._derivatives[2](np.clip(time / self.factor, 0.0, self.position.x[-1])) / self.factor**3)
 
     def slowed(self, factor: float) -> "SmoothProfile":
-        """Return the profile slowed down by a factor."""
+        """Return the profile with its duration multiplied by a factor."""
         return replace(self, factor=self.factor * factor)
 
 
 def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
-    """Return a motion averaged twice over a moving window of given length [s]."""
+    """Return a speed profile averaged twice over a moving window of given length [s], so that s̈ is continuous."""
     times = profile.times
     speeds = np.sqrt(profile.squared)
     shifts = (0.0, window, 2.0 * window)
@@ -433,20 +466,20 @@ def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
     corners = np.sort(np.concatenate([times + shift for shift in shifts]))
     corners = corners[np.append(True, np.diff(corners) > apart)]
 
-    # Before its begin and after its end the motion rests, so the shifted speeds are 0 there.
+    # The motion is at rest before its start and after its end, so the shifted speeds are 0 there.
     copies = [np.interp(corners - shift, times, speeds, left=0.0, right=0.0) for shift in shifts]
     jerk = (copies[0] - 2.0 * copies[1] + copies[2]) / window**2
     # s⃛ is linear between corners; integrated three times from rest at s = 0 it gives the whole motion.
     slope = np.diff(jerk) / np.diff(corners)
     position = PPoly(np.stack((slope, jerk[:-1])), corners).antiderivative(3)
-    # The smoothed speed has its area to rounding only, so the path's end is put at 1 exactly.
+    # The integral of the smoothed speed is 1 up to rounding only, so the end of the path is set to 1 exactly.
     return SmoothProfile(PPoly(position.c / position(corners[-1]), corners))
 
 
 def jerk_limited(
     spline: BSpline, profile: SpeedProfile, axes: DriveLimits, settings: SmoothingSettings = DEFAULT_TIMING.smoothing
 ) -> SmoothProfile:
-    """Return the fastest of several smoothed motions, each slowed down to its speed, acceleration and jerk limits.
+    """Return the fastest of several smoothed motions, each slowed down to velocity, acceleration and jerk limits.
 
     Args:
         spline: the path.
@@ -468,8 +501,8 @@ def jerk_limited(
 
 
 def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: int) -> float:
-    """Return the factor on time that brings velocity, acceleration and jerk at many times within their limits."""
-    # Jerk may peak at the corners of s⃛ and, where the path is crooked, anywhere between them.
+    """Return the factor on the duration that brings velocity, acceleration and jerk within their limits."""
+    # Jerk may peak at the corners of s⃛ and, where the path is curved, anywhere between them.
     time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, looks))
     s, v, growth = (values[:, None] for values in motion.at(time))
     jerk = motion.jerk(time)[:, None]
@@ -477,7 +510,7 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: in
     first = spline(places, 1)
     second = spline(places, 2)
 
-    # Shares of the limits; those of a time longer by λ are smaller by λ, λ² and λ³, hence the roots at the end.
+    # Fractions of the limits; slowing down by λ divides them by λ, λ² and λ³, hence the roots at the end.
     velocity = np.abs(first * v) / axes.velocity
     acceleration = np.abs(first * growth + second * v**2) / axes.acceleration
     rest = first * jerk + 3.0 * second * v * growth
@@ -488,7 +521,7 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: in
 
 
 def unresolved_gains(samples: MotionSamples) -> FloatArray:
-    """Return velocity changes of steps not explained by the accelerations at their ends, (T − 1, n) [rad/s, m/s]."""
+    """Return velocity changes of steps not explained by accelerations at the ends, (T − 1, n) [rad/s, m/s]."""
     step = samples.steps
     gained = np.diff(samples.velocity, axis=0)
     most = step * np.maximum(samples.acceleration[1:], samples.acceleration[:-1])
@@ -504,7 +537,7 @@ def refine_unresolved(
     Args:
         samples: samples of a motion.
         acceleration: acceleration limit of every column, shape (n,) [rad/s², m/s²].
-        settings: allowed change of velocity that samples leave unexplained.
+        settings: fraction of the change of velocity that samples may leave unexplained.
 
     Returns:
         Sample times [s]; None where no step needs to be halved.
@@ -517,7 +550,7 @@ def refine_unresolved(
     hiding = np.sum(unseen, axis=0) > allowed
     if not hiding.any():
         return None
-    # Steps within their share of what is allowed may stay: together they cannot pass it.
+    # Steps whose unexplained change is within their fraction of the allowance need no halving.
     too_much = np.any(unseen[:, hiding] > allowed[hiding] * step / duration, axis=1)
     middles = 0.5 * (samples.time[1:] + samples.time[:-1])
     return np.union1d(samples.time, middles[too_much])

@@ -1,4 +1,4 @@
-"""A path with the limits within which it is timed."""
+"""A joint path together with the limits and the dynamics that determine its timing."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,15 +15,18 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import FEED, Coordinates, DriveLimits, joint_coordinates
 
 InverseDynamics: TypeAlias = Callable[..., FloatArray]
-"""Map from angles, velocities and accelerations, each (N, 3 * links), and with a feed axis its accelerations, (N,)
-[m/s²], to torques (N, 3 * links) [N m]. It may have a method ``feed_forces`` with the same arguments, which returns the
-forces on the axis [N]."""
+"""Function from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of this shape [N m].
+
+With a feed axis, the function also takes its accelerations, shape (N,) [m/s²]. It may have a method ``feed_forces``
+with
+the same arguments, which returns the forces on the axis [N].
+"""
 Revolutes: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Linear map from bends (N, links) to revolute angles (N, 3 * links); it also maps their rates."""
+"""Linear function from bends (N, links) to revolute angles (N, 3 * links), and likewise for their rates."""
 
 
 def likely_coordinates(limits: Limits, columns: int) -> Coordinates:
-    """Return default coordinates of a path's columns: one bend per link, and a feed axis if one column is left."""
+    """Return default coordinates for a path: one bend per link, and a feed axis if there is one more column."""
     links = len(limits.velocity) // 3
     return joint_coordinates(links, 1, (FEED,) * min(columns - links, 1))
 
@@ -43,16 +46,16 @@ def _wrong_columns(columns: int, coordinates: Coordinates) -> RetimingError:
 
 @dataclass(frozen=True)
 class TimedPath:
-    """A path with the limits and the dynamics of the arm that follows it.
+    """A joint path with the limits and the dynamics of the arm that follows the path.
 
     Attributes:
-        spline: the arm's coordinates over the path parameter in [0, 1].
+        spline: the arm's coordinates as a function of the path parameter in [0, 1].
         limits: limits of the drives and of points of the arm.
         inverse_dynamics: inverse dynamics of the arm.
         revolutes: map from bends to revolute angles.
         coordinates: the columns of the spline.
-        arm: the arm whose points are limited; None when no points are.
-        share: share of the drives' limits that may be used; points of the arm may use their limits in full.
+        arm: the arm whose points are limited; None if no points are.
+        share: fraction of the drives' limits that may be used; points of the arm may use their limits in full.
     """
 
     spline: BSpline
@@ -65,7 +68,7 @@ class TimedPath:
 
     @cached_property
     def bounds(self) -> DriveLimits:
-        """Usable part of the limits on the columns of the path.
+        """Usable velocity, acceleration and jerk limits of the columns of the path.
 
         Raises:
             RetimingError: the columns do not match the limits, or a column has no limit on velocity or acceleration.
@@ -81,7 +84,10 @@ class TimedPath:
 
     @property
     def weighed(self) -> BSpline:
-        """The path with base displacements in arm lengths if the arm is known, so that the arm's size has no effect."""
+        """Spline of the path with base displacements divided by the arm's length, if the arm is known.
+
+        Lengths in joint space then do not depend on the size of the arm.
+        """
         weights = np.ones(len(self.coordinates))
         if self.arm is not None:
             weights[self.coordinates.base] = 1.0 / self.arm.length

@@ -1,10 +1,10 @@
-"""Times a path and samples it.
+"""Timing of a joint path, and sampling of the timed motion.
 
-Between samples the columns of a path are taken as linear in time. The chord from s₀ to s₁ leaves the path in a column
-by at most ⅛ (s₁ − s₀)² max|q''|, so with headings φ (running sums of the bends) every point of the arm leaves its way
-by at most ⅛ (s₁ − s₀)² (Σ l |φ''| + |feed''|), the greatest on the interval. The second derivative of a cubic spline is
-linear between knots, so the greatest stands at a knot or at an end. What a chord does in time does not matter: it is
-another speed along the same way.
+Between samples, the coordinates are taken as linear in time. In a coordinate, the chord from s₀ to s₁ deviates from the
+path by at most ⅛ (s₁ − s₀)² max|q''|, so with headings φ (cumulative sums of the bends) every point of the arm deviates
+by at most ⅛ (s₁ − s₀)² (Σ l |φ''| + |feed''|), maximised over the interval. The second derivative of a cubic spline is
+linear between knots, so its maximum is at a knot or at an end. Deviations in time along the chord do not matter: they
+are another speed along the same path.
 """
 
 import logging
@@ -30,33 +30,42 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
 _LEAST_SAMPLES = 100
-"""Steps of a short motion, whatever the time between them. Taste."""
+"""Least number of steps of a motion, however short its duration. Taste."""
 _MOST_NUMBERS = 30_000_000
-"""Steps times coordinates of the arm; a motion of more is not sampled. Taste: an array of them has a quarter of a
-gigabyte, and a fed arm of 24 links moves for 40 minutes."""
+"""Largest product of steps and coordinates; a longer motion is not sampled.
+
+Taste: an array of this size takes a quarter of a gigabyte, and an arm of 24 links with a feed axis moves for 40
+minutes.
+"""
 _SPARE_SHARE = 0.5
-"""Share of the gap that a path is certified to spare that chords between samples may use. Derived: the other half is
-the verifier's, whose bounds are not sharp."""
+"""Fraction of the certified extra gap of a path that chords between samples may use.
+
+Derived: the other half is left to the verifier, whose bounds are not sharp.
+"""
 _CUTTINGS = 8
-"""Most rounds of cutting steps, for chords and again for accelerations. Measured: the first leaves few steps too long
-for chords."""
+"""Largest number of rounds of dividing steps, for chords and again for accelerations.
+
+Measured: the first round leaves few steps that are too long for chords.
+"""
 _STANDING = 1e-9
-"""Path length in joint space below which a path counts as standing still [rad]. Taste, above rounding."""
+"""Path length in joint space below which a path counts as standing still [rad]. Taste: above rounding."""
 
 _BESIDE_JUMP = 0.02
-"""Share of a step by which such a sample is at least away from its neighbours. Derived: nearer than this to a sample, a
-jump adds less than 4 %."""
+"""Least distance of a sample inserted at a jump from its neighbours, as a fraction of the step.
+
+Derived: a jump nearer than this to a sample adds less than 4 %.
+"""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Chords:
-    """Allowed deviation of the straight chords between samples from the path.
+    """Allowed deviation of the straight chords between samples from a path.
 
     Attributes:
         link_length: length of a link [m].
-        sag: maximum deviation of any point of the arm from its path [m].
+        sag: maximum deviation of any point of the arm [m].
     """
 
     link_length: float
@@ -64,15 +73,15 @@ class Chords:
 
     @classmethod
     def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
-        """Return chords whose allowed deviation is a fraction of the gap certified for a path.
+        """Return chords whose allowed deviation is a fraction of the extra gap certified for a path.
 
-        The deviation allowed is at least ``settings.hair``.
+        The allowed deviation is at least ``settings.hair``.
         """
         return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
 
 
 Profile: TypeAlias = SpeedProfile | SmoothProfile
-"""A motion along the path parameter."""
+"""A motion along the path parameter s, as a function of time."""
 
 
 def sample_motion(
@@ -84,16 +93,18 @@ def sample_motion(
     settings: SamplingSettings = DEFAULT_TIMING.sampling,
     jumps: FloatArray | None = None,
 ) -> MotionSamples:
-    """Return samples of the motion along a path with a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ².
+    """Return samples of the motion along a path with a given speed profile.
+
+    With q(s) the path, q̇ = q' ṡ and q̈ = q' s̈ + q'' ṡ².
 
     Args:
-        spline: spline of the arm's coordinates over the path parameter.
+        spline: spline of the arm's coordinates as a function of the path parameter.
         profile: path parameter as a function of time.
         step: largest time between two samples [s].
         chords: allowed deviation of chords between samples from the path; None for no bound.
-        coordinates: the columns of the spline.
+        coordinates: layout of the columns of the spline.
         settings: settings of sampling.
-        jumps: times at which accelerations jump and samples are placed [s]; None where there are none.
+        jumps: times at which accelerations jump, where samples are added [s]; None if there are none.
 
     Raises:
         RetimingError: the motion is too slow to be sampled with this step.
@@ -101,7 +112,7 @@ def sample_motion(
     most = _MOST_NUMBERS // spline.c.shape[1]
     if profile.duration / step > most:
         raise _too_slow(profile.duration, step, most)
-    # The small number keeps rounding from adding a step where the duration is a whole number of them.
+    # The small number keeps rounding from adding a step where the duration is a whole number of steps.
     count = max(int(np.ceil(profile.duration / step - 1e-9)), _LEAST_SAMPLES)
     time = np.linspace(0.0, profile.duration, count + 1)
     if chords is not None:
@@ -124,7 +135,7 @@ def _too_slow(duration: float, step: float, most: int) -> RetimingError:
 
 
 def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:
-    """Return the motion along a path at times, shape (T,) [s], from its start to its end."""
+    """Return the motion along a path at given times, shape (T,) [s], from start to end."""
     s, speed, growth = (values[:, None] for values in profile.at(time))
     # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)
@@ -156,11 +167,20 @@ def near_the_path(
     coordinates: Coordinates,
     settings: SamplingSettings,
 ) -> FloatArray:
-    """Return sample times with steps divided, up to a number of pieces, where chords would leave the path."""
-    # Bounds the number of samples: a path with a kink would otherwise be cut for ever.
+    """Return sample times with steps divided where chords between samples would deviate too far from the path.
+
+    Args:
+        spline: spline of the arm's coordinates as a function of the path parameter.
+        profile: path parameter as a function of time.
+        time: sample times, shape (T,) [s].
+        chords: allowed deviation of chords from the path.
+        coordinates: layout of the columns of the spline.
+        settings: largest number of pieces of a step.
+    """
+    # Bounds the number of samples: steps at a kink of the path would otherwise be divided forever.
     shortest = np.min(np.diff(time)) / settings.most_pieces
     for _ in range(_CUTTINGS):
-        # The sag falls with the square of the step, so a step is cut into as many pieces as the root says.
+        # The deviation falls with the square of the step, so the number of pieces is the square root of the excess.
         share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
@@ -171,18 +191,18 @@ def near_the_path(
 
 
 def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordinates) -> FloatArray:
-    """Return bounds on the deviation of any point of the arm on chords between points of the path.
+    """Return bounds on the deviation of any point of the arm from the path on chords between points of the path.
 
     Args:
-        spline: spline of the arm's coordinates over the path parameter.
+        spline: spline of the arm's coordinates as a function of the path parameter.
         s: path parameters, not decreasing, shape (T,).
         link_length: length of a link [m].
-        coordinates: the columns of the spline.
+        coordinates: layout of the columns of the spline.
 
     Returns:
         Bounds, shape (T − 1,) [m].
     """
-    # |q''| is linear between knots, so knots and ends of intervals are all that need looking at.
+    # |q''| is linear between knots, so it is evaluated at knots and ends of intervals only.
     places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
     weight = coordinates.travel(np.asarray(spline(places, 2)), link_length)
     at = np.searchsorted(places, s)
@@ -213,16 +233,16 @@ def _report(left: FloatArray, chords: Chords, count: int) -> None:
 def joined(
     trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = DEFAULT_TIMING.sampling.step
 ) -> JointTrajectory:
-    """Return one motion composed of several legs, each from rest to rest, with pauses between them.
+    """Return one motion composed of several motions (legs), each from rest to rest, with pauses between them.
 
     Args:
         trajectories: the legs, at least one; each begins where the previous one ends.
-        pauses: time at rest after each leg but the last, length ``len(trajectories) − 1`` [s]; none when left out.
+        pauses: time at rest after each leg but the last, length ``len(trajectories) − 1`` [s]; by default none.
         step: largest time between two samples of a pause [s].
 
     Returns:
-        The motion, whose ``stops`` are the samples at which legs end and the stops of the legs. The sample at a
-        stop without a pause reports the acceleration at the end of the leg.
+        The motion, whose ``stops`` are the stops of the legs and the samples at which legs end. The sample at a stop
+        without a pause has the acceleration at the end of the leg.
 
     Raises:
         RetimingError: a leg does not begin where the previous one ends.
@@ -239,7 +259,10 @@ def joined(
 
 
 def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
-    """Return the reversed motion, for example a retraction: velocities change their sign, accelerations do not."""
+    """Return a motion reversed in time, for example a retraction.
+
+    Velocities change their sign, accelerations do not.
+    """
     last = len(trajectory.time) - 1
     return replace(
         trajectory,
@@ -252,7 +275,7 @@ def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
 
 
 def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTrajectory:
-    """Return the motion with its last pose held for a given time [s]."""
+    """Return a motion extended by holding its last pose for a given time [s]."""
     count = int(np.ceil(pause / step - 1e-9))
     if count == 0:
         return trajectory
@@ -263,13 +286,13 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
-    """Return two consecutive motions as one; the first sample of the second is the last one of the first."""
+    """Return two consecutive motions as one with a stop between; the second begins with the last sample before."""
     later = tuple(len(first.time) - 1 + number for number in leg.stops)
     return replace(chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
 
 
 def chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
-    """Return the samples of two consecutive motions; the second begins at the end of the first."""
+    """Return the samples of two consecutive motions as one; times of the second count from the end of the first."""
     return replace(
         first,
         time=np.concatenate((first.time, first.time[-1] + second.time)),
@@ -284,7 +307,7 @@ def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> N
     # Legs in different coordinates do not fit at all, whatever their numbers.
     gap = np.inf
     if first.coordinates == leg.coordinates:
-        # Rounding of a place on a long axis grows with the place.
+        # The rounding error of a position on a long axis grows with the position.
         size = np.maximum(np.abs(first.positions[-1]), 1.0)
         gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1]) / size))
     if gap <= ROUNDING:
@@ -300,19 +323,26 @@ def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> N
 
 
 _PERIOD = 1e-3
-"""Time between looks at the smoothed motion, which has no grid of its own [s]. Taste."""
+"""Time step at which a smoothed motion, which has no grid of its own, is checked [s]. Taste."""
 _JUMP = 0.1
-"""Change of an acceleration or effort, as a share of its limit, at which a sample is put when it happens at once. A
-drive's reference that is interpolated between two samples beside a jump passes the accelerations before and after it by
-up to a third of the jump. Taste: what smaller ones add is within the share that plans leave."""
+"""Jump of an acceleration or effort, as a fraction of its limit, from which on a sample is placed at the jump. Taste.
+
+A reference interpolated between two samples around a jump passes the accelerations before and after the jump by up to a
+third of the jump. The effect of smaller jumps is within the fraction of limits that plans leave unused.
+"""
 _SMALL_STRETCH = 1.01
-"""Stretch of time that keeps the samples where they are on the path; steps are shorter by as much before it. Taste."""
+"""Factor of slowing down up to which samples are kept; steps are shorter by this factor beforehand. Taste."""
 _RESAMPLINGS = 60
-"""Most samplings, each of a motion slower than the last by at least a small stretch. Derived: they reach 1.8 times the
-duration."""
+"""Largest number of samplings, each of a motion slower than the previous one by at least a small factor.
+
+Derived: they reach 1.8 times the duration.
+"""
 _MOST_STRETCH = 100.0
-"""From which on a motion is not slowed down but given up: samples this far beyond a limit are those of a path that
-nothing can be driven along, as one with a corner is, and a motion as slow has millions of them. Taste."""
+"""Factor of slowing down from which on a motion is given up. Taste.
+
+Samples this far beyond a limit are those of a path that no drive can follow, such as one with a corner, and a motion so
+slow has millions of samples.
+"""
 
 
 def retime(
@@ -328,28 +358,29 @@ def retime(
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> JointTrajectory:
-    """Return the fastest motion along a path from rest to rest, within the limits.
+    """Return the fastest motion along a joint path from rest to rest, within the limits.
 
     A motion, possibly a slow one, exists whenever every drive can hold the arm still all along the path.
 
     Args:
-        path: spline of the bends, and of the feed when there is a feed axis, over u in [0, 1].
+        path: spline of the bends, and of the feed if there is a feed axis, as a function of u in [0, 1].
         limits: limits of every revolute (ball i bends by revolute 3 i + 1), of the feed axis, and of points of the arm.
         inverse_dynamics: map from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of
             that shape [N m]. With a feed axis, the map also takes feed accelerations, shape (N,), and has the method
             ``feed_forces``.
         revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.
-        step: largest time between two samples [s]; that of the settings when None.
-        link_length: length of a link [m]; when given, steps are divided where chords between samples would leave the
-            path by more than half of the gap certified for the path.
-        coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
-        arm: arm whose points are limited; needed only when the limits name points.
-        share: share of the drives' limits that may be used, see ``robot.coordinates``.
+        step: largest time between two samples [s]; that of the settings if None.
+        link_length: length of a link [m]; if given, steps are divided where chords between samples would deviate from
+            the path by more than half of the extra gap certified for the path.
+        coordinates: layout of the columns of the path; if None, one bend per link, and a feed axis if there is one more
+            column.
+        arm: arm whose points are limited; needed only if the limits name points.
+        share: fraction of the drives' limits that may be used, see ``robot.coordinates``.
         settings: settings of timing.
 
     Returns:
-        Samples, the first and last at rest at the path's ends. Angles, velocities and accelerations are consistent up
-        to rounding, and neither they nor their finite differences exceed a limit. ``timed_by`` names the method that
+        Samples, the first and last at rest at the ends of the path. Angles, velocities and accelerations are consistent
+        up to rounding, and neither they nor their finite differences exceed a limit. ``timed_by`` names the method that
         found the speeds.
 
     Raises:
@@ -361,7 +392,7 @@ def retime(
     timing = _Timing(timed, limits_along(timed, settings.profile), settings)
     largest = settings.sampling.step if step is None else step
 
-    # A path that goes nowhere has no grid; its rows are still asked whether the arm can be held there.
+    # A path without length has no grid; its rows are still evaluated to check whether the arm can be held still.
     if np.sum(span_lengths(timed.weighed, np.linspace(0.0, 1.0, 33))) < _STANDING:
         timing.rows(np.linspace(0.0, 1.0, 2))
         return _standing(path.spline, largest).trajectory(columns, "rest")
@@ -373,13 +404,13 @@ def retime(
 
 
 def needed_stretch(samples: MotionSamples, limits: Sequence[MotionLimit]) -> float:
-    """Return the factor on time that brings all samples and differences within the limits; at most 1 if all are."""
+    """Return the factor on the duration that brings all samples and differences within limits; at most 1 if all are."""
     return max(float(np.max(limit.stretches(samples))) for limit in limits)
 
 
 @dataclass(frozen=True)
 class _Timing:
-    """The stages of timing one path.
+    """Timing of one path in stages: fastest profile, smoothing, sampling.
 
     Attributes:
         path: the path to time.
@@ -396,32 +427,32 @@ class _Timing:
         return path_grid(self.path.weighed, self.settings.grid)
 
     def rows(self, s: FloatArray) -> PathRows:
-        """Return the rows of the limits at points of the path; fails where a drive cannot hold the arm still."""
+        """Return the rows of all limits at points of the path; raises where a drive cannot hold the arm still."""
         return path_rows(self.limits, self.path.spline, s)
 
     @cached_property
     def _dense(self) -> PathRows:
-        """Rows of the limits at the grid points and between them."""
+        """Rows of all limits at the grid points and at equal steps between them."""
         return self.rows(refine(self._grid, self.settings.profile.substeps))
 
     def fastest(self) -> SpeedProfile:
-        """Return the fastest speeds along the path."""
+        """Return the fastest speed profile along the path."""
         return fastest_within(self._dense, self.settings.profile)
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
-        """Return the motion with bounded jerk, slowed down until all limits hold wherever they are evaluated."""
+        """Return the profile smoothed to limit jerk, slowed down until all limits hold wherever they are evaluated."""
         spline = self.path.spline
         coordinates = self.path.coordinates
         profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
         looks = sample_motion(spline, profile, _PERIOD, None, coordinates, self.settings.sampling)
-        # As between the points of a grid, samples will fall beside the looks.
+        # The final samples will lie between the samples checked here, as between grid points.
         return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
 
     def sampled(self, profile: Profile, step: float, chords: Chords | None) -> MotionSamples:
-        """Return samples of the motion, slowed down slightly if needed, that satisfy the limits."""
+        """Return samples of the motion that keep all limits, slowed down slightly if necessary."""
         settings = self.settings.sampling
         for _ in range(_RESAMPLINGS):
-            # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
+            # Sampled slightly finer than required, so that slowing down slightly does not make the steps too long.
             samples = sample_motion(
                 self.path.spline,
                 profile,
@@ -442,7 +473,7 @@ class _Timing:
         raise _no_speed(profile)
 
     def _densified_samples(self, samples: MotionSamples, profile: Profile) -> MotionSamples:
-        """Return the samples with steps divided where accelerations vary between samples."""
+        """Return the samples with steps divided where accelerations vary too much between samples."""
         settings = self.settings.sampling
         for _ in range(_CUTTINGS):
             time = refine_unresolved(samples, self.path.bounds.acceleration, settings)
@@ -455,7 +486,7 @@ class _Timing:
         """Return the times at which accelerations jump [s]; None for a motion whose jerk is limited."""
         if isinstance(profile, SmoothProfile):
             return None
-        # Rows are shares of the limits, so the greatest coefficient of s̈ is what a change of it does to any of them.
+        # Rows are fractions of the limits, so their greatest coefficient of s̈ bounds the effect of a jump of s̈.
         gain = np.max(np.abs(self._dense.every(self.settings.profile.substeps).a), axis=1)
         return profile.jumps(gain, _JUMP)
 

@@ -1,15 +1,15 @@
-"""Settings of timing: usable shares of the limits, iterations, densities of samples."""
+"""Settings of timing: usable fractions of the limits, iterations, and densities of samples."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class GridSettings:
-    """Settings of the grid along the path on which the limits are imposed.
+    """Settings of the grid along a path at whose points the limits are imposed.
 
     Attributes:
-        intervals: preferred number of grid intervals. Measured by ``tests/benchmarks/bench_retiming.py``: the
-            motion takes 1.9 % longer in the median than with 800 intervals.
+        intervals: preferred number of grid intervals. Measured by ``tests/benchmarks/bench_retiming.py``: the motion
+            takes 1.9 % longer in the median than with 800 intervals.
     """
 
     intervals: int = 200
@@ -17,16 +17,16 @@ class GridSettings:
 
 @dataclass(frozen=True)
 class ProfileSettings:
-    """Settings of the search for the fastest speed profile.
+    """Settings of the search for the fastest speed profile along a path.
 
     Attributes:
-        dense_share: share of every limit that may be used between grid points. Derived: between the grid's share and
-            1, so that samples, which fall elsewhere, keep the limit too.
-        substeps: number of steps of the dense check inside one grid interval. Taste.
+        dense_share: fraction of every limit that may be used between grid points. Derived: between the fraction at grid
+            points and 1, so that samples, which lie elsewhere, keep the limit, too.
+        substeps: number of steps per grid interval at which limits are checked. Taste.
         newton_steps: maximum number of steps of Newton's method per controllable speed. Taste; a few usually suffice.
-        directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived:
-            the polygon of twice as many sides leaves the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the grid's share
-            covers.
+        directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived: the
+            polygon of twice as many sides exceeds the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the unused fraction
+            of the limits covers.
     """
 
     dense_share: float = 0.996
@@ -37,14 +37,14 @@ class ProfileSettings:
 
 @dataclass(frozen=True)
 class SmoothingSettings:
-    """Settings of the smoothing of the fastest motion that limits its jerk.
+    """Settings for smoothing the fastest motion so that its jerk is limited.
 
     Attributes:
         halvings: number of smoothing windows tried, each half as long as the previous one, beginning with half of the
-            motion. Taste.
+            duration. Taste.
         beside: further windows tried, as multiples of the best halved window. Derived: √½ and √2 lie halfway.
-        looks: number of places, besides the corners of the profile, at which limits are evaluated to compare windows.
-            Taste.
+        looks: number of points, besides the corners of the speed profile, at which limits are evaluated to compare
+            windows. Taste.
     """
 
     halvings: int = 10
@@ -58,12 +58,12 @@ class SamplingSettings:
 
     Attributes:
         step: largest time between two samples [s]. Taste: 250 samples per second, a usual rate for robot drives.
-        hair: chord deviation that is always allowed [m]. Derived: half of the verifier's tolerance, with which the
-            driver replaces it for the arm and the problem; the default is for an arm of one metre.
-        most_pieces: maximum number of pieces of a step divided so that chords stay near the path. Taste; it bounds the
-            number of samples.
-        unseen_share: share of a joint's change of velocity that its sampled accelerations may leave unexplained; steps
-            are halved until this holds. Derived: half of what the verifier allows.
+        hair: deviation of chords between samples from the path that is always allowed [m]. Derived: half of the
+            verifier's tolerance; the default is for an arm of one metre, and callers set the value for their arm.
+        most_pieces: maximum number of pieces into which a step is divided so that chords stay near the path. Taste:
+            bounds the number of samples.
+        unseen_share: fraction of a joint's change of velocity that its sampled accelerations may leave unexplained;
+            steps are halved until this holds. Derived: half of what the verifier allows.
     """
 
     step: float = 4e-3
@@ -74,7 +74,7 @@ class SamplingSettings:
 
 @dataclass(frozen=True)
 class TimingSettings:
-    """Settings of timing along a path.
+    """Settings of timing a motion along a path.
 
     Attributes:
         grid: the grid along the path.
@@ -90,4 +90,4 @@ class TimingSettings:
 
 
 DEFAULT_TIMING = TimingSettings()
-"""Settings used if no others are given."""
+"""Default settings of timing."""

@@ -1,8 +1,8 @@
-"""The C source of the compiled dynamics: one link's functions as CasADi generates them, then the files beside this one.
+"""C source of the compiled dynamics: functions of one link as CasADi generates them, then hand-written files.
 
-``sines.c`` and ``recursion.c`` run those functions along the arm, ``simulation.c`` closes the loop. Masses, lengths,
-gravity, gains and the number of links are run-time inputs. There are three sources: two orders of axes, and one for
-motions in the plane, where either order is the same arm.
+``sines.c`` and ``recursion.c``, next to this module, run the functions of a link along the arm, and ``simulation.c``
+closes the control loop. Masses, lengths, gravity, gains and the number of links are run-time inputs. There are three
+sources: two orders of axes, and one for motions in the plane, where both orders are equivalent.
 """
 
 from collections.abc import Sequence
@@ -18,19 +18,22 @@ from ccm_opt.robot.arm import Axes
 
 C_FILES = ("sines.c", "recursion.c", "simulation.c")
 SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate", "work_per_link", "loop_rows")
-"""Functions that a source exports; in the library, their names end in two underscores and the structure's variant."""
-# The functions of one link are for the recursions alone.
+"""Functions that a source exports.
+
+In the library, their names end in two underscores and the variant of the arm's structure.
+"""
+# The functions of one link are called by the recursions only.
 PRIVATE = "#define CASADI_SYMBOL_EXPORT static ALWAYS_INLINE\n"
 
 
 def every_source() -> dict[str, str]:
-    """Return the C sources for all structures of arms, by file name."""
+    """Return the C sources of the dynamics for all structures of arms, by file name."""
     structures = (*(Structure(1, axes) for axes in get_args(Axes)), Structure(1, "zyx", planar=True))
     return {f"dynamics_{structure.variant}.c": source_text(structure) for structure in structures}
 
 
 def source_text(structure: Structure) -> str:
-    """Return the C source for arms of a structure with any number of links."""
+    """Return the C source of the dynamics for arms of a given structure with any number of links."""
     rnea = rnea_steps(structure)
     aba = aba_steps(structure)
     names = "".join(f"#define {name} {name}__{structure.variant}\n" for name in SYMBOLS)
@@ -42,7 +45,7 @@ def source_text(structure: Structure) -> str:
 
 
 def _generated(functions: Sequence[Any], name: str) -> str:
-    generator = ca.CodeGenerator(f"{name}.c")  # the name is in front of its helpers, of which there is one library
+    generator = ca.CodeGenerator(f"{name}.c")  # prefixes the names of helper functions, as all sources form one library
     for function in functions:
         # CasADi omits known zeros from sparse results, which would shift the values that follow.
         if not all(function.sparsity_out(i).is_dense() for i in range(function.n_out())):

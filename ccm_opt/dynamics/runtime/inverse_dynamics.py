@@ -1,4 +1,4 @@
-"""Inverse and forward dynamics by compiled functions."""
+"""Inverse and forward dynamics of an arm, evaluated by compiled functions."""
 
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias
@@ -16,20 +16,20 @@ from ccm_opt.robot.frames import joint_names, revolute_angles
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
 """Direction of the dynamics: from accelerations to torques, or from torques to accelerations."""
 JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-"""Function of three joint arrays to one, each of shape (3 * links,)."""
+"""Function from three arrays of joint values to one, each of shape (3 * links,)."""
 FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray | float], tuple[FloatArray, FloatArray]]
-"""The same with a value of the feed axis, shape (), as additional argument and result."""
+"""Function like ``JointsCall`` with a value of the feed axis, shape (), as an additional argument and result."""
 
 
 def arm_for_c(model: ArmModel) -> dict[str, Any]:
-    """Return an arm's parameters and working memory as the structure ``Arm`` of recursion.c."""
+    """Return an arm's parameters and working memory as named fields of ``Arm`` in recursion.c."""
     links = model.structure.links
     work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
     return {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
 
 
 class CompiledFunction:
-    """Compiled inverse or forward dynamics of one arm; not thread-safe.
+    """Inverse or forward dynamics of one arm, evaluated by compiled code; not thread-safe.
 
     Args:
         kind: inverse or forward dynamics.
@@ -42,11 +42,13 @@ class CompiledFunction:
         self.one, self.one_with_feed = self._single_state_calls(model.structure.joints)
 
     def _single_state_calls(self, joints: int) -> tuple[JointsCall, FeedCall]:
-        """Return the functions for a single state, as closures over fixed memory to minimise the call overhead.
+        """Return functions that evaluate the dynamics in a single state.
+
+        They are closures over fixed memory, which keeps the overhead of a call small.
 
         Returns:
             A function of three arrays of shape (3 * links,) to the result for the joints, with a feed of 0, and a
-            function of the same arrays and a feed to the results for joints and feed. Both raise ValueError, TypeError
+            function of the three arrays and a feed to the results for joints and feed. Both raise ValueError, TypeError
             or NotImplementedError for other arrays.
         """
         q, qd, third, out = np.zeros((4, joints))
@@ -95,11 +97,11 @@ class CompiledFunction:
 
 
 MISFIT = (TypeError, ValueError, NotImplementedError)
-"""Errors that memory views raise for anything but contiguous doubles of their own shape."""
+"""Errors that memory views raise for anything but contiguous doubles of the expected shape."""
 
 
 class DynamicsFunction:
-    """Inverse or forward dynamics of one arm, for states of any number, type and layout.
+    """Inverse or forward dynamics of one arm, for states of any number, number type and memory layout.
 
     Args:
         kind: inverse or forward dynamics.
@@ -114,7 +116,10 @@ class DynamicsFunction:
         self._joints = model.structure.joints
 
     def of_joints(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-        """Return the result for the joints with a feed of 0, of the states' shape; see ``with_feed``."""
+        """Return the result for the joints with a feed of 0, of the shape of the arguments.
+
+        The arguments are those of ``with_feed``.
+        """
         # A single state of contiguous doubles is tried first, since inspecting the arguments takes longer than this.
         try:
             return self._one(first, second, third)
@@ -124,10 +129,18 @@ class DynamicsFunction:
     def with_feed(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate at states of equal shapes, (3 * links,) or (N, 3 * links), and a feed of shape () or (N,).
+        """Evaluate the dynamics in one or several states of joints and feed axis.
+
+        Args:
+            first: angles of the revolutes, shape (3 * links,) or (N, 3 * links) [rad].
+            second: velocities of the revolutes, of the same shape [rad/s].
+            third: accelerations [rad/s²] for inverse dynamics, torques [N m] for forward dynamics, of the same shape.
+            feed: acceleration [m/s²] or force [N] of the feed axis, shape () or (N,).
 
         Returns:
-            The results for the joints, of the states' shape, and for the feed axis, of shape () or (N,).
+            Torques or accelerations of the joints, of the shape of the arguments, and force or acceleration of the feed
+            axis,
+            shape () or (N,).
 
         Raises:
             ProblemError: the shapes do not match.
@@ -140,7 +153,7 @@ class DynamicsFunction:
     def _general(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate at states of any number, type and layout, after checks and conversions."""
+        """Evaluate the dynamics in states of any number, type and layout, after checks and conversions."""
         shape = np.shape(first)
         fits = len(shape) in {1, 2} and shape[-1] == self._joints
         if not fits or np.shape(second) != shape or np.shape(third) != shape:
@@ -154,7 +167,7 @@ class DynamicsFunction:
 
 
 class InverseDynamics:
-    """Torques that a motion requires, by the Newton–Euler recursion.
+    """Torques that a motion of an arm requires, by the recursive Newton–Euler algorithm.
 
     Args:
         arm: the arm.
@@ -171,14 +184,14 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> FloatArray:
-        """Return the torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
+        """Return the torques of the revolutes in N states, shape (N, 3 * links), or in one, shape (3 * links,) [N m].
 
         Args:
-            angles: angles of the revolutes [rad].
-            velocities: velocities of the revolutes [rad/s].
-            accelerations: accelerations of the revolutes [rad/s²].
-            feed_accelerations: accelerations of the base along the base heading, shape (N,) or () [m/s²]; None when
-                the base rests or moves evenly.
+            angles: angles of the revolutes, of the shape of the result [rad].
+            velocities: velocities of the revolutes, of this shape [rad/s].
+            accelerations: accelerations of the revolutes, of this shape [rad/s²].
+            feed_accelerations: accelerations of the base along the base heading, shape (N,) or () [m/s²]; None when the
+                base rests or moves evenly.
 
         Raises:
             ProblemError: the shapes do not fit the arm.
@@ -196,7 +209,8 @@ class InverseDynamics:
     ) -> FloatArray:
         """Return the force on the feed axis [N], shape (N,), or () for one state; arguments as for ``__call__``.
 
-        The force is the component along the base heading of the force that moves and carries the whole arm.
+        The force is the component, along the base heading, of the force that accelerates the whole arm and supports its
+        weight.
         """
         return self.efforts(angles, velocities, accelerations, feed_accelerations)[1]
 
@@ -215,7 +229,7 @@ class InverseDynamics:
 class MassMatrix:
     """Mass matrix of an arm, payload and rotors included.
 
-    The columns of the matrix are the torques for unit accelerations, without gravity and at rest.
+    The columns of the matrix are the torques for unit accelerations, at rest and without gravity.
 
     Args:
         arm: the arm.
@@ -225,7 +239,7 @@ class MassMatrix:
         self._dynamics = InverseDynamics(arm, np.zeros(3))
 
     def __call__(self, angles: FloatArray) -> FloatArray:
-        """Return the mass matrix M, shape (3 * links, 3 * links) [kg m²], at angles of shape (3 * links,) [rad]."""
+        """Return the mass matrix M at joint angles (3 * links,) [rad], shape (3 * links, 3 * links) [kg m²]."""
         return self.with_feed(angles)[1:, 1:]
 
     def with_feed(self, angles: FloatArray) -> FloatArray:
@@ -238,7 +252,7 @@ class MassMatrix:
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
-    """Return the motion and efforts of all drives along a trajectory: the revolutes, and the axes of the base."""
+    """Return motion and efforts of all drives along a trajectory: of the revolutes and of the axes of the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
@@ -250,7 +264,7 @@ def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: Invers
 
 
 class ForwardDynamics:
-    """Accelerations that torques cause, by the articulated-body algorithm.
+    """Accelerations that torques on an arm cause, by the articulated-body algorithm.
 
     Args:
         arm: the arm.
@@ -261,15 +275,15 @@ class ForwardDynamics:
         self._aba = DynamicsFunction("forward_dynamics", arm_model(arm, gravity))
 
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:
-        """Return accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
+        """Return the accelerations of the revolutes [rad/s²], shape (N, 3 * links), or (3 * links,) for one state.
 
-        The thrust on a feed axis is zero. Not finite where the ball joint is singular and its drives have no rotor
-        inertia: θ2 = ±90° under ``zyx``, θ2 = 0 under ``zyz``.
+        The force on a feed axis is zero. Results are not finite where a ball joint is singular and its drives have no
+        rotor inertia: θ2 = ±90° with axes ``zyx``, θ2 = 0 with axes ``zyz``.
 
         Args:
-            angles: angles of the revolutes [rad].
-            velocities: velocities of the revolutes [rad/s].
-            torques: torques of the revolutes [N m].
+            angles: angles of the revolutes, of the shape of the result [rad].
+            velocities: velocities of the revolutes, of this shape [rad/s].
+            torques: torques of the revolutes, of this shape [N m].
 
         Raises:
             ProblemError: the shapes do not fit the arm.
@@ -279,12 +293,12 @@ class ForwardDynamics:
     def with_feed(
         self, angles: FloatArray, velocities: FloatArray, torques: FloatArray, thrust: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the accelerations of the joints, and of the base along its feed axis, shape (N,) or () [m/s²].
+        """Return the accelerations of the revolutes, and of the base along its feed axis, shape (N,) or () [m/s²].
 
         Args:
-            angles: angles of the revolutes [rad].
-            velocities: velocities of the revolutes [rad/s].
-            torques: torques of the revolutes [N m].
+            angles: angles of the revolutes, shape (N, 3 * links) or (3 * links,) [rad].
+            velocities: velocities of the revolutes, of this shape [rad/s].
+            torques: torques of the revolutes, of this shape [N m].
             thrust: force on the base along the base heading, shape (N,) or () [N].
         """
         return self._aba.with_feed(angles, velocities, torques, thrust)

@@ -1,1 +1,1 @@
-"""Simulation of the arm under its controller: references, disturbances, and the closed loop."""
+"""Simulation of an arm under its controller: references, disturbances, and the control loop."""

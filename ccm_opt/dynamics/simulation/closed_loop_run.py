@@ -1,6 +1,7 @@
-"""Simulation of the controlled arm, and the verdict on how well it followed its plan.
+"""Simulation of an arm under its controller, and the verdict on how well the arm followed its plan.
 
-Each step holds the control computed at its start and integrates q̈ = ABA(q, q̇, τ) by the classical Runge–Kutta method; a
+Each step holds the control computed at its start and integrates q̈ = ABA(q, q̇, τ) by the classical Runge–Kutta method;
+a
 feed axis is an additional, last coordinate. A planar motion under gravity in its plane stays exactly planar, since all
 out-of-plane terms are products with zero.
 """
@@ -36,20 +37,20 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
 _STRAYED = 0.1
-"""Error of a joint above which the arm does not follow its plan [rad]. Taste."""
+"""Tracking error of a joint above which the arm counts as not following its plan [rad]. Taste."""
 _LOST = 1.0
-"""Error of a joint at which the arm counts as having diverged and the run is stopped [rad]. Taste."""
+"""Tracking error of a joint at which the arm counts as having diverged, and the run is stopped [rad]. Taste."""
 
 _CHUNK_STEPS = 200
-"""Number of steps per call of the loop.
+"""Number of simulation steps per call of the compiled loop.
 
-Taste: a call costs microseconds, and states that are not finite are noticed only when their call ends.
+Taste: a call costs microseconds, and non-finite states are noticed only after the call.
 """
 
 
 @dataclass(frozen=True)
 class RunFault:
-    """The first fault of a run.
+    """The first fault of a simulation run: a large or non-finite tracking error, or a saturated drive.
 
     Attributes:
         column: index of the faulty coordinate: a revolute, or after all revolutes the feed axis.
@@ -63,7 +64,7 @@ class RunFault:
 
 
 def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
-    """Return the first state that is not finite, or in which a revolute's error exceeds ``most`` [rad]."""
+    """Return the first state that is not finite, or in which a joint's tracking error exceeds ``most`` [rad]."""
     # If an error is NaN, the first comparison fails, too.
     if steps.worst_error <= most and steps.is_finite:
         return None
@@ -75,7 +76,7 @@ def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
 
 
 def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | None:
-    """Return the first effort at its limit, with the state from which it is applied, for limits (W,) [N m, N]."""
+    """Return the first effort at its limit (W,) [N m, N], with the state from which on the effort is applied."""
     full = np.abs(steps.efforts) >= limit
     if not full.any():
         return None
@@ -84,7 +85,7 @@ def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | Non
 
 
 def steps_before(steps: SimulatedSteps, fault: RunFault) -> SimulatedSteps:
-    """Return the steps of a run that end before the faulty state; there may be none."""
+    """Return the simulation steps that end before a faulty state; there may be none."""
     count = fault.step - steps.first - 1
     return replace(
         steps, states=steps.states[: count + 1], efforts=steps.efforts[:count], targets=steps.targets[:count]
@@ -110,7 +111,7 @@ def judge_run(
     lost: RunFault | None,
     needs: PlanNeeds | None,
 ) -> SimulationVerdict:
-    """Return the verdict on a run, judged by drives and tracking errors; contacts are not checked here.
+    """Return the verdict on a simulation run from saturated drives and tracking errors; contacts are not checked here.
 
     Args:
         record: record of the run.
@@ -147,7 +148,7 @@ def judge_run(
 
 
 def _describe_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
-    """Return a clause on whether the drives could follow the plan, to be appended to the reason."""
+    """Return a clause on whether the drives could follow the plan, to append to the reason of a verdict."""
     if needs is None:
         return ""
     unit = "N" if needs.column == len(names) else "N m"
@@ -182,19 +183,19 @@ def simulate(
     options: SimulationOptions,
     limits: Limits,
 ) -> SimulatedMotion:
-    """Simulate the arm tracking a trajectory.
+    """Simulate an arm that tracks a planned trajectory under its controller.
 
     Args:
-        arm: the arm as its controller knows it; ``options.disturbances`` say how the simulated one differs.
-        trajectory: trajectory with the sample times, and the motion of the feed axis when there is one.
+        arm: the arm as modelled by its controller; ``options.disturbances`` define how the simulated one differs.
+        trajectory: trajectory with the sample times, and the motion of the feed axis if there is one.
         joints: motion of the trajectory for all revolutes; the arm starts with the angles and velocities of its first
             sample.
         options: gravity, step, controller and disturbances.
         limits: limits of the drives; efforts saturate at ``limits.torque`` and ``limits.feed_force`` where not None.
 
     Returns:
-        Angles, base positions and applied torques at the trajectory's own samples, with a verdict on drives and errors.
-        The run stops when the arm diverges; contacts are not checked here.
+        Angles, base positions and applied torques at the trajectory's own samples, with a verdict on saturation and
+        tracking errors. The run stops when the arm diverges; contacts are not checked here.
 
     Raises:
         SimulationError: before the run, if the axes are singular on the motion or the gains are unstable at this step.
@@ -237,15 +238,15 @@ def simulated_states(
     limits: Limits,
     interval: float,
 ) -> Iterator[tuple[float, FloatArray, float]]:
-    """Yield the states of the simulation at a fixed time interval, for live display (section 5.1, steps 5 to 7).
+    """Yield states of a simulated arm at a fixed time interval, for live display (paper, section 5.1, steps 5 to 7).
 
     Args:
-        arm: the arm as its controller knows it; ``options.disturbances`` say how the simulated one differs.
+        arm: the arm as modelled by its controller; ``options.disturbances`` define how the simulated one differs.
         trajectory: trajectory that determines the duration.
         joints: the motion for all revolutes.
         options: gravity, step, controller and disturbances.
         limits: limits of the efforts.
-        interval: time between two states, rounded to steps [s].
+        interval: time between two states, rounded to whole steps [s].
 
     Yields:
         Time [s], angles of all revolutes, shape (3 * links,) [rad], and position of the base on its feed axis [m].
@@ -271,10 +272,10 @@ def _prepared(
     options: SimulationOptions,
     limits: Limits,
 ) -> tuple["_Run", FloatArray]:
-    """Return the run and its initial state, after all checks that may reject it."""
+    """Return a simulation run and its initial state (2, W), after all checks that may reject the run."""
     planar = _is_planar(arm, joints, options)
     if planar:
-        arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
+        arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are equivalent
     plant = disturbed_arm(arm, options.disturbances)
     check_axes(arm, joints.angles, planar=planar)
     check_stability(plant, joints.angles, options, planar=planar, believed=arm)
@@ -298,11 +299,11 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
 def closed_loop(
     plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits, *, planar: bool = False
 ) -> CompiledLoop:
-    """Return the closed loop of a plant and a controller with its own model of the arm.
+    """Return the control loop of a simulated arm (plant) and a controller with its own model of the arm.
 
     Args:
         plant: the simulated arm.
-        arm: the arm as its controller knows it.
+        arm: the arm as modelled by its controller.
         options: gravity, step and controller.
         limits: limits of the efforts.
         planar: whether the arm starts in its plane and no input of the loop leads out of it.
@@ -316,7 +317,7 @@ def closed_loop(
 
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
-    """Return whether reference and gravity keep the arm exactly in its plane."""
+    """Return whether reference and gravity keep the simulated arm exactly in its plane."""
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
     return still and falls_in_plane(arm, options.gravity)
@@ -324,14 +325,14 @@ def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> boo
 
 @dataclass(frozen=True)
 class _Run:
-    """A closed loop with its reference and sensor noise."""
+    """A control loop with its reference and measurement noise, ready to be simulated."""
 
     loop: CompiledLoop
     reference: StepReference
     noise: Noise
 
     def steps(self, state: FloatArray, options: SimulationOptions, size: int) -> Iterator[SimulatedSteps]:
-        """Yield all steps from an initial state, shape (2, W), in batches of `size` steps."""
+        """Yield all simulation steps from an initial state, shape (2, W), in batches of `size` steps."""
         # Brakes hold the arm for this many steps while the reference moves on.
         held = round(options.disturbances.start_delay / options.step)
         for first in range(0, self.reference.steps, size):

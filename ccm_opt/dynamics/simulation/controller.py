@@ -1,35 +1,39 @@
-"""The controller of the simulated arm, the reference that it follows, and disturbances.
+"""Controller of a simulated arm, its reference, and disturbances.
 
-``simulation.c`` computes this. Positions x = (q, x_b) and speeds ẋ are those of all revolutes and, last, of the base on
-its feed axis; the efforts are their torques and the thrust, u = (τ, F). Each step of length h does three things.
+The loop is computed by ``simulation.c``. Positions x = (q, x_b) and velocities ẋ are those of all revolutes and, last,
+of the base on its feed axis; the efforts are their torques and the thrust, u = (τ, F). A step of length h has three
+parts.
 
 1. *Measure.* q and q̇ with noise, x_b and ẋ_b without. With the reference x_r at the start of the step, the errors are
-   e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, the feed axis with gains of its own.
+   e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, with separate gains for the feed axis.
 
-2. *Control*, held over the step. While the brakes hold the arm, u = 0 and nothing moves. Else
+2. *Control*, held over the step. While the brakes hold the arm, u = 0 and nothing moves. Otherwise
 
-   - computed torque: a = ẍ_r + Kp e + Kd ė, u = ID(q + ½ h q̇, q̇ + ½ h a, a), the efforts that make the acceleration a
-     at the middle of the step. Where F passes its limit, a_b is changed to what the base can do,
-     a_b + (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joints'
-     torques fit a base that lags;
-   - PD: τ = Kp e⁺ + Kd ė⁺ + ID(q, 0, 0), the gravity torques of the measured pose added (Takegaki and Arimoto, 1981),
-     with the errors at the end of the step, e⁺ = e + h ė and ė⁺ = ė + h (q̈_r − q̈): drives close their loops many times
-     in a step, and errors of its start, held so long, would shake a light link under gains that hold a heavy arm. The
-     q̈ that this makes is FD of the believed arm with rotors heavier by h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0)
-     (stable PD; Tan, Liu and Turk, 2011). The feed axis has F = Kp e + Kd ė + ID(q, 0, 0).
+   - computed torque: a = ẍ_r + Kp e + Kd ė, u = ID(q + ½ h q̇, q̇ + ½ h a, a), the efforts that produce the
+     acceleration
+     a in the middle of the step. Where F exceeds its limit, a_b is changed to what the base can do,
+     a_b + (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joint torques
+     fit the delayed base;
+   - PD: τ = Kp e⁺ + Kd ė⁺ + ID(q, 0, 0), including the gravity torques of the measured pose (Takegaki and Arimoto,
+     1981), with the errors at the end of the step, e⁺ = e + h ė and ė⁺ = ė + h (q̈_r − q̈): real drives close their
+     loops
+     many times per step, and errors of its start, held over the step, would destabilise a light link under gains that
+     hold a heavy arm. The resulting q̈ is the forward dynamics FD of the modelled arm with rotor inertias increased by
+     h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0) (stable PD; Tan, Liu and Turk, 2011). The feed axis has
+     F = Kp e + Kd ė + ID(q, 0, 0).
 
-   Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is inverse dynamics (``rnea``) of what the controller believes
-   in, which need not be the plant.
+   Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is the inverse dynamics (``rnea``) of the controller's model,
+   which may differ from the plant.
 
-3. *Move.* One classical Runge–Kutta step of ẍ = FD(x, ẋ, u), the plant's forward dynamics (``aba``), u held.
+3. *Move.* One classical Runge–Kutta step of ẍ = FD(x, ẋ, u), the forward dynamics (``aba``) of the plant, with u held.
 
-``stability.py`` says which gains this sampled form can hold.
+``stability.py`` states the gains for which this sampled loop is stable.
 
-Gains of PD come from the arm. With M(0) the mass matrix of the straight arm and D = diag(Σⱼ |M(0)ᵢⱼ|), Kp = ωn² D and
-Kd = 2 ωn D. No lever is longer than along the straight arm, so that in the plane |M(q)ᵢⱼ| ≤ M(0)ᵢⱼ in every pose, and
-D − M(q) is diagonally dominant: xᵀ D x ≥ xᵀ M(q) x. So every mode of the errors, M ë + Kd ė + Kp e = M q̈_r, is damped
-critically or more, and while the arm moves slowly against ωn no joint is off by more than max |q̈_r| / ωn², however many
-links there are, and however light they are.
+PD gains are derived from the arm. With M(0) the mass matrix of the straight arm and D = diag(Σⱼ |M(0)ᵢⱼ|), Kp = ωn² D
+and Kd = 2 ωn D. No lever is longer than along the straight arm, so that in the plane |M(q)ᵢⱼ| ≤ M(0)ᵢⱼ in every pose,
+and D − M(q) is diagonally dominant: xᵀ D x ≥ xᵀ M(q) x. So every mode of the errors, M ë + Kd ė + Kp e = M q̈_r, is
+damped critically or more, and while the arm moves slowly compared with ωn no joint deviates by more than
+max |q̈_r| / ωn², whatever the number and mass of the links.
 """
 
 from collections.abc import Mapping
@@ -48,20 +52,20 @@ from ccm_opt.robot.arm import Arm
 
 
 def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
-    """Return a controller's model of the arm with rotor inertias raised by h Kd, as PD at the end of a step needs."""
+    """Return a controller's model with rotor inertias raised by step length times Kd, as stable PD requires."""
     drives = model.drives.copy()
     drives[:, :3] += step * kd.reshape(-1, 3)
     return replace(model, drives=drives)
 
 
 class CompiledLoop:
-    """A simulated arm under its controller, by the laws of this module's docstring.
+    """Compiled simulation of an arm under its controller, as described in this module's docstring.
 
-    The last of the W = 3 * links + 1 columns of arrays is the feed axis, which stays at rest when there is none.
+    The last of the W = 3 * links + 1 columns of arrays is the feed axis, which stays at rest if there is none.
 
     Args:
-        plant: the arm that moves.
-        model: the arm as the controller knows it.
+        plant: model of the simulated arm.
+        model: model of the arm that the controller uses.
         numbers: gains, limits and step of the loop, see ``loop_numbers``.
     """
 
@@ -80,12 +84,12 @@ class CompiledLoop:
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Simulate a number of steps.
+        """Simulate N steps of the control loop.
 
         Args:
             state: positions and velocities before the first step, shape (2, W).
             reference: positions, velocities and accelerations of every step, shape (N, 3, W).
-            noise: measurement noise of joint angles [rad] and speeds [rad/s], shape (N, 2, W - 1).
+            noise: measurement noise of joint angles [rad] and velocities [rad/s], shape (N, 2, W - 1).
             held: number of steps at the beginning during which brakes hold the arm.
 
         Returns:
@@ -108,10 +112,11 @@ class CompiledLoop:
 
 
 def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the gains Kp and Kd of the joints under the chosen control law, shape (3 * links,) each.
+    """Return the gains Kp and Kd of the joints for the chosen control law, each of shape (3 * links,).
 
-    Under computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn²,
-    Kd = 2 ωn; under PD on torques [N m/rad, N m s/rad].
+    For computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn², Kd = 2 ωn;
+    for
+    PD on torques [N m/rad, N m s/rad].
     """
     joints = np.ones(3 * arm.links)
     bandwidth = options.bandwidth
@@ -134,7 +139,7 @@ def inertia_at_most(arm: Arm) -> FloatArray:
     """Return an upper bound on the inertia seen by each joint when all bends move, shape (3 * links,) [kg m²].
 
     The bound is the row sum, over the bends, of the straight arm's mass matrix. Yaw and roll get the value of their
-    ball's bend, since the arm beyond a ball has no greater inertia about another axis through it.
+    ball joint's bend, since the arm beyond a ball joint has no greater inertia about any other axis through the joint.
     """
     straight = MassMatrix(arm)(np.zeros(3 * arm.links))
     bends = np.sum(np.abs(straight[1::3, 1::3]), axis=1)
@@ -142,20 +147,21 @@ def inertia_at_most(arm: Arm) -> FloatArray:
 
 
 def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
-    """Return Kp and Kd of the feed axis, critically damped with ωn = bandwidth.
+    """Return the gains Kp and Kd of the feed axis, critically damped with ωn = bandwidth.
 
-    Under computed torque they act on accelerations [1/s², 1/s], under PD on the force, times the mass [N/m, N s/m].
+    For computed torque they act on accelerations [1/s², 1/s], for PD, multiplied by the mass, on the force [N/m, N
+    s/m].
     """
     mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
     return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
 
 
 def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
-    """Return the parameters of the closed loop under their names in ``simulation.c``.
+    """Return the parameters of the control loop under their names in ``simulation.c``.
 
     The parameters are the step [s], whether the law is computed torque rather than PD, Kp and Kd of every joint, shape
     (3 * links,), and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,)
-    [N m], and on the thrust of the feed axis [N], inf where there are none.
+    [N m], and on the thrust of the feed axis [N]; inf where unlimited.
     """
     kp, kd = gains(arm, options)
     feed_kp, feed_kd = feed_gains(arm, options)
@@ -172,7 +178,7 @@ def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[s
 
 
 def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
-    """Return the simulated arm, which has heavier links, a larger payload and more friction than the given one."""
+    """Return the arm with the masses, payload and friction of the simulated arm, which differ by disturbances."""
     heavier = 1.0 + disturbances.mass_error
     return replace(
         arm,
@@ -185,11 +191,11 @@ def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
 
 
 class Noise:
-    """Gaussian noise on measured joint angles and speeds.
+    """Gaussian noise on measured joint angles and velocities.
 
     Args:
         disturbances: standard deviations and seed.
-        planar: whether the arm stays in its plane; then only the bends get noise, so that the arm does not leave it.
+        planar: whether the arm stays in its plane; if so, only the bends get noise, so that the arm does not leave it.
     """
 
     def __init__(self, disturbances: Disturbances, *, planar: bool) -> None:
@@ -198,12 +204,12 @@ class Noise:
         self._planar = planar
 
     def draw(self, count: int, joints: int) -> FloatArray:
-        """Return the noise on angles [rad] and speeds [rad/s] of ``count`` steps, shape (count, 2, joints)."""
+        """Sample the noise on angles [rad] and velocities [rad/s] of ``count`` steps, shape (count, 2, joints)."""
         if not np.any(self._scale):
             return np.zeros((count, 2, joints))
         noise = self._scale * self._random.standard_normal((count, 2, joints))
         if self._planar:
-            # All are sampled nevertheless, so that a seed gives the bends the same noise in the plane and out of it.
+            # All joints are sampled nevertheless, so that bends get equal noise in planar and spatial runs of one seed.
             noise[..., 0::3] = 0.0
             noise[..., 2::3] = 0.0
         return noise
@@ -211,15 +217,16 @@ class Noise:
 
 @dataclass(frozen=True)
 class StepReference:
-    """Joint reference on a grid of equal steps.
+    """Joint reference on a grid of equal time steps.
 
-    Angles follow the cubic Hermite polynomial of the samples' angles and velocities, velocities follow its derivative.
+    Angles follow the cubic Hermite polynomial through the samples' angles and velocities, velocities follow its
+    derivative.
     The acceleration of a step is the mean over the step, since the control is constant over a step.
 
     Attributes:
         angles: cubic Hermite spline of the angles of the joints that move.
         velocities: derivative of that spline.
-        moving: indices of the joints that move, shape (M,); all others stay at zero.
+        moving: indices of the M joints that move, shape (M,); all others stay at zero.
         joints: number of all joints.
         step: length of a step [s].
         steps: number of steps that cover the motion.
@@ -233,13 +240,13 @@ class StepReference:
     steps: int
 
     def window(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return the reference of ``count`` steps from step ``first`` on.
+        """Return the joint reference of ``count`` steps from step ``first`` on.
 
         Returns:
             Angles, velocities and accelerations at the start of each step, shape (count, 3, joints), and the angles at
             the end of each step, shape (count, joints). Steps past the end hold the last pose.
         """
-        # The last step may reach past the end of the motion, where the splines would run on.
+        # The last step may extend past the end of the motion, where the splines would extrapolate.
         end = float(self.angles.x[-1])
         times = np.minimum(np.arange(first, first + count + 1) * self.step, end)
         angles = self.angles(times)
@@ -254,7 +261,7 @@ class StepReference:
 
 
 def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray, step: float) -> StepReference:
-    """Return the reference of a sampled motion.
+    """Return the joint reference of a sampled motion on a grid of equal steps.
 
     Args:
         time: sample times, strictly increasing from 0, shape (T,) [s].
@@ -270,7 +277,7 @@ def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray,
 
 
 def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the angles inside steps by cubic interpolation of angles and velocities at both ends.
+    """Return joint angles inside N time steps by cubic interpolation of angles and velocities at both ends.
 
     Args:
         fraction: time inside the step as a fraction of the step, in [0, 1], shape (N,).

@@ -1,4 +1,4 @@
-"""The record of a simulation, checks before it runs, and the efforts that a plan requires."""
+"""Record of a simulation, checks before the simulation, and the efforts that a plan requires."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,16 +16,17 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
 _LARGEST_BEND = 1.3
-"""Largest bend at which an arm with Z-Y-X ball joints is simulated out of its plane [rad].
+"""Largest bend for which an arm with Z-Y-X ball joints is simulated out of its plane [rad].
 
-Derived: the joint is singular at 90°, and at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link. The
+Derived: the ball joint is singular at 90°, and at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link.
+The
 choice of 3.7 is taste.
 """
 
 
 @dataclass(frozen=True)
 class SimulatedSteps:
-    """N consecutive steps of a simulation; the feed axis is the last of W = 3 * links + 1 columns.
+    """States and efforts of N consecutive simulation steps; the feed axis is the last of W = 3 * links + 1 columns.
 
     Attributes:
         first: index of the first step.
@@ -52,18 +53,20 @@ class SimulatedSteps:
 
     @cached_property
     def worst_error(self) -> float:
-        """The largest tracking error [rad]; NaN if any error is NaN; 0 if there are no steps."""
+        """Largest tracking error of any revolute [rad]; NaN if any error is NaN; 0 if there are no steps."""
         return float(np.max(self.errors, initial=0.0))
 
     @cached_property
     def is_finite(self) -> bool:
-        """Whether all states at the ends of steps are finite."""
+        """Whether all states at the ends of the steps are finite."""
         return bool(np.isfinite(self.states[1:]).all())
 
 
 @dataclass
 class SimulationRecord:
-    """The simulated motion at the plan's samples, filled step by step; the feed axis is the last of W columns.
+    """Record of a simulated motion at the T samples of its plan, filled step by step.
+
+    The feed axis is the last of W columns.
 
     Attributes:
         step: length of a step [s].
@@ -88,17 +91,17 @@ class SimulationRecord:
 
     @classmethod
     def from_plan(cls, time: FloatArray, start: FloatArray, step: float, limit: FloatArray) -> "SimulationRecord":
-        """Return an empty record for a plan with sample times (T,) [s], start positions (W,) and effort limits (W,)."""
+        """Create an empty record for a plan with sample times (T,) [s], start positions (W,) and effort limits (W,)."""
         positions = np.repeat(start[None], len(time), axis=0)
         return cls(step, time / step, positions, np.zeros_like(positions), limit)
 
     def add(self, steps: SimulatedSteps) -> None:
-        """Add steps to the record by interpolating them at the plan's samples that they cover."""
+        """Add simulation steps to the record by interpolating them at the plan's samples that they cover."""
         if steps.count == 0:
             return
         self.end = steps.first + steps.count
         self._last = steps.states[-1, 0]
-        # A sample that rounding puts past the end of the steps belongs to them.
+        # A sample that lies past the end of the steps by rounding belongs to the steps.
         first = np.searchsorted(self.places, steps.first)
         here = slice(first, np.searchsorted(self.places, self.end + ROUNDING, side="right"))
         local = self.places[here] - steps.first
@@ -112,7 +115,7 @@ class SimulationRecord:
         self.full_steps += int(np.count_nonzero(full))
 
     def motion(self, coordinates: Coordinates, verdict: SimulationVerdict) -> SimulatedMotion:
-        """Return the whole simulated motion, after all steps have been added."""
+        """Return the whole simulated motion with a given verdict, after all steps have been added."""
         drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
         if self._last is not None:
             # An arm whose run was stopped is taken as standing still from there on.
@@ -129,21 +132,21 @@ class SimulationRecord:
 
 
 def check_options(arm: Arm, options: SimulationOptions) -> None:
-    """Reject, before planning, options with which no motion of the arm could be simulated.
+    """Raise an error, before planning, for options with which no motion of the arm could be simulated.
 
     Args:
         arm: the arm, which is checked in its straight pose.
         options: gravity, step, controller and gains.
 
     Raises:
-        ProblemError: the options are unsuitable; names the setting at fault and a remedy.
+        ProblemError: the options are unsuitable; the message names the setting and a remedy.
     """
     straight = np.zeros((1, 3 * arm.links))
     # An arm with two bends per joint leaves any plane; one with a single bend stays in its own.
     planar = arm.coordinates.bends_a_joint == 1 and falls_in_plane(arm, options.gravity)
     plant = disturbed_arm(arm, options.disturbances)
     try:
-        # In the plane only bends move, and both orders of axes are the same arm.
+        # In the plane only bends move, and both orders of axes are equivalent.
         check_axes(replace(arm, axes="zyx") if planar else arm, straight, planar=planar)
         check_stability(plant, straight, options, planar=planar, believed=arm)
     except SimulationError as error:
@@ -156,7 +159,7 @@ def falls_in_plane(arm: Arm, gravity: FloatArray) -> bool:
 
 
 def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
-    """Reject motions on which the ball joints are singular.
+    """Raise an error for motions on which ball joints are singular.
 
     Args:
         arm: the arm.
@@ -164,7 +167,7 @@ def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
         planar: whether the arm stays in its plane, where only the bends move and no joint is singular.
 
     Raises:
-        SimulationError: a ball joint is singular on the motion; names a remedy.
+        SimulationError: a ball joint is singular on the motion; the message names a remedy.
     """
     if arm.axes == "zyz":
         raise SimulationError(
@@ -190,7 +193,7 @@ def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
 
 
 def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> None:
-    """Raise an error if a state of the given steps is not finite.
+    """Raise an error if a simulated state is not finite.
 
     Args:
         steps: steps of the run.
@@ -198,7 +201,7 @@ def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> 
         step: length of a step [s].
 
     Raises:
-        SimulationError: a state is not finite; names joint and time.
+        SimulationError: a state is not finite; the message names joint and time.
     """
     finite = np.isfinite(steps.states)
     if finite.all():
@@ -218,7 +221,7 @@ def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> 
 
 @dataclass(frozen=True)
 class PlanNeeds:
-    """The effort of an exactly followed plan that uses the largest share of its drive's limit.
+    """The effort of an exactly followed plan that is the largest fraction of its drive's limit.
 
     Attributes:
         column: index of the drive: a revolute, or after all revolutes the feed axis.
@@ -236,19 +239,19 @@ class PlanNeeds:
 
     @property
     def share(self) -> float:
-        """Share of the limit that the effort uses; infinite for a limit of zero."""
+        """Effort as a fraction of its limit; infinite for a limit of zero."""
         return self.effort / self.limit if self.limit > 0.0 else np.inf
 
 
 def largest_need(
     plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
-    """Return the effort of a plan that uses the largest share of its limit; None if no drive has a limit.
+    """Return the effort of a plan that is the largest fraction of its limit; None if no drive has a limit.
 
     Args:
         plant: the simulated arm.
         trajectory: the plan.
-        joints: the plan in terms of the revolutes.
+        joints: angles, velocities and accelerations of the revolutes in the plan.
         gravity: gravitational acceleration, shape (3,) [m/s²].
         limit: effort limits of all revolutes and, last, of the feed axis, shape (3 * links + 1,) [N m, N].
     """
@@ -259,7 +262,7 @@ def largest_need(
     feed = trajectory.coordinates.advance(trajectory.accelerations)
     moving = np.abs(np.column_stack(dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed)))
     still = np.abs(np.column_stack(dynamics.efforts(joints.angles, rest, rest)))
-    # Without a limit the share is zero; with a limit of zero it is huge for any effort.
+    # Without a limit the fraction is zero; with a limit of zero it is huge for any effort.
     share = moving / np.maximum(limit, np.finfo(np.float64).tiny)
     row, column = np.unravel_index(int(np.argmax(share)), share.shape)
     return PlanNeeds(

@@ -1,16 +1,16 @@
-"""Conditions under which the sampled closed loop is stable, checked before anything runs.
+"""Stability conditions of the sampled control loop, checked before a simulation.
 
-The control is computed at the start of a step and held over it, so that a mode of the joint errors moves by
-x' = x + dt v − ½ dt² a and v' = v − dt a.
+The control is computed at the start of a step of length dt and held over the step, so that a mode x of the joint errors
+moves by x' = x + dt v − ½ dt² a and v' = v − dt a.
 
 Under computed torque a = Kp x + Kd v. With α = Kp dt² and β = Kd dt the roots of z² − (2 − α/2 − β) z + (1 + α/2 − β)
-lie inside the unit circle exactly when β < 2 and α < 2 β (Jury's test); with Kp = ωn² and Kd = 2 ωn: when ωn dt < 1.
+lie inside the unit circle exactly if β < 2 and α < 2 β (Jury's test); with Kp = ωn² and Kd = 2 ωn: if ωn dt < 1.
 
-PD takes the errors at the end of the step, a = (κ (x + dt v) + v) ν / (1 + ν dt) with κ = Kp / Kd, the same for all
-joints, and ν an eigenvalue of M⁻¹ Kd. Jury's test leaves one condition, ν dt (1 + κ dt) / (1 + ν dt) < 2, which holds
-for every arm if κ dt < 1. Where the arm is lighter than its controller believes, by a factor, the left side is larger
-by its inverse. Gravity torques are those of the measured pose, as those of the reference would leave gravity's own
-stiffness in the loop, which soft gains cannot hold.
+PD uses the errors at the end of the step, a = (κ (x + dt v) + v) ν / (1 + ν dt) with κ = Kp / Kd, equal for all joints,
+and ν an eigenvalue of M⁻¹ Kd. Jury's test leaves one condition, ν dt (1 + κ dt) / (1 + ν dt) < 2, which holds for every
+arm if κ dt < 1. Where the arm is lighter than its controller assumes, by a factor, the left side is larger by the
+inverse of this factor. Gravity torques are those of the measured pose; those of the reference would leave the stiffness
+of gravity in the loop, which low gains cannot stabilise.
 """
 
 import numpy as np
@@ -24,13 +24,18 @@ from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.arm import Arm
 
 _CHECKED_POSES = 9
-"""Number of poses along the motion at which gains and friction are compared with the mass matrix. Taste: λmax varies
-slowly along a motion, and a pose costs one mass matrix and one eigenvalue."""
+"""Number of poses along the motion at which gains and friction are compared with the mass matrix.
+
+Taste: the largest eigenvalue varies slowly along a motion, and a pose costs one mass matrix and one eigenvalue.
+"""
 _ADVISED_SHARE = 0.9
-"""Share of a stability bound that advised values use. Taste."""
+"""Fraction of a stability bound at which advised values are set. Taste."""
 
 RUNGE_KUTTA_REACH = 2.78
-"""|λ dt| on the negative real axis up to which the classical method is stable, where 1 + z + … + z⁴/24 reaches 1."""
+"""Largest |λ dt| on the negative real axis for which the classical Runge-Kutta method is stable.
+
+There 1 + z + … + z⁴/24 reaches 1.
+"""
 
 
 def check_stability(
@@ -41,17 +46,17 @@ def check_stability(
     planar: bool,
     believed: Arm | None = None,
 ) -> None:
-    """Refuse gains with which the sampled loop is unstable, and friction that the integrator cannot follow.
+    """Raise an error for gains with which the sampled loop is unstable, or friction that the integrator cannot follow.
 
     Args:
         arm: the simulated arm.
         angles: reference motion, shape (T, 3 * links) [rad].
         options: controller, gains and step.
         planar: whether the arm stays in its plane, so that only the bends matter.
-        believed: the arm as its controller knows it; the arm itself if None.
+        believed: the arm as modelled by its controller; the arm itself if None.
 
     Raises:
-        SimulationError: a condition of this module's docstring is violated; the message reports the values.
+        SimulationError: a condition of this module's docstring is violated; the message states the values.
     """
     poses = _spread(angles, _CHECKED_POSES)
     if options.controller == "computed-torque":
@@ -64,24 +69,24 @@ def check_stability(
 
 
 def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Return the largest eigenvalue of M⁻¹ over several poses [1/(kg m²)]; of the bends only for a planar motion.
+    """Return the largest eigenvalue of the inverse mass matrix M⁻¹ over several poses [1/(kg m²)].
 
     Args:
         arm: the arm.
         poses: angles of all revolutes, shape (N, 3 * links) [rad].
-        planar: whether the arm stays in its plane.
+        planar: whether the arm stays in its plane, so that only the bends count.
     """
     return fastest_rate(arm, poses, np.ones(3 * arm.links), planar=planar)
 
 
 def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
-    """Return the largest eigenvalue of M⁻¹ diag(damping) over several poses [1/s].
+    """Return the largest eigenvalue of M⁻¹ diag(damping) over several poses, with mass matrix M [1/s].
 
     Args:
         arm: the arm.
         poses: angles of all revolutes, shape (N, 3 * links) [rad].
         damping: viscous damping of every joint, shape (3 * links,) [N m s/rad].
-        planar: whether the arm stays in its plane.
+        planar: whether the arm stays in its plane, so that only the bends count.
     """
     mass_matrix = MassMatrix(arm)
     moving = _moving(planar=planar)
@@ -94,7 +99,7 @@ def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bo
 
 
 def _check_computed_torque(options: SimulationOptions) -> None:
-    """Refuse gains of computed torque that violate ωn dt < 1."""
+    """Raise an error for computed-torque gains that violate ωn dt < 1."""
     value = options.bandwidth * options.step
     if value < 1.0:
         return
@@ -111,7 +116,10 @@ def _check_computed_torque(options: SimulationOptions) -> None:
 
 
 def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Refuse PD gains unless ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm lighter than believed."""
+    """Raise an error for PD gains unless ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error).
+
+    The mass error enters if the arm is lighter than modelled; the symbols are those of this module's docstring.
+    """
     step = options.step
     proportional, derivative = gains(believed, options)
     ratio = float(np.max(proportional / derivative))
@@ -131,9 +139,9 @@ def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, p
 
 
 def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[str, ...]:
-    """Return advice on how to make PD stable, independently of ν where possible."""
+    """Return advice on how to make PD stable for any eigenvalue ν of M⁻¹ Kd, if possible."""
     computed = 'simulation.controller = "computed-torque"'
-    # For ν without bound the condition is 1 + κ dt < bound.
+    # For ν → ∞ the condition is 1 + κ dt < bound.
     most = _ADVISED_SHARE * (bound - 1.0) / options.step
     if most <= 0.0:
         return ("simulation.disturbances.mass_error above -0.5", computed)
@@ -145,7 +153,7 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[
 
 
 def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Refuse damping of the feed axis under PD that is too large for the effective mass of the base."""
+    """Raise an error for PD damping of the feed axis that is too large for the effective mass of the base."""
     if options.controller == "computed-torque":
         return
     # The base has one mode: λ is the inverse of the mass that moves with it at once.
@@ -164,7 +172,7 @@ def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, plan
 
 
 def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Refuse friction that damps the fastest mode at a rate that the integrator cannot follow."""
+    """Raise an error for friction that damps the fastest mode at a rate that the integrator cannot follow."""
     friction = float(np.max(arm.friction))
     if friction == 0.0:
         return
@@ -184,7 +192,7 @@ def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, 
 
 
 def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Return the minimum effective mass of the base, with free joints, over several poses [kg].
+    """Return the least effective mass of the base, with freely moving joints, over several poses [kg].
 
     The effective mass is the Schur complement of the joints' block in the mass matrix.
     """
@@ -200,11 +208,11 @@ def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
 
 
 def _moving(*, planar: bool) -> slice:
-    """Return the revolutes that move: all, or in a planar motion the bends alone, the middle revolute of each ball."""
+    """Return the indices of the revolutes that move: all, or in a planar motion the second of each ball joint."""
     return slice(1, None, 3) if planar else slice(None)
 
 
 def _spread(angles: FloatArray, count: int) -> FloatArray:
-    """Return evenly chosen poses of a motion, the first and the last included, shape (count, 3 * links) [rad]."""
+    """Return evenly selected poses of a motion, including the first and the last, shape (count, 3 * links) [rad]."""
     rows = np.unique(np.linspace(0, len(angles) - 1, count).round().astype(int))
     return np.asarray(angles[rows], dtype=np.float64)

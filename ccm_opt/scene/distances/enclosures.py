@@ -1,4 +1,4 @@
-"""Points inside bodies, and the nearest points of two segments."""
+"""Tests of points against bodies in space, and nearest points of two segments."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from ccm_opt.scene.workspace import Workspace
 
 @dataclass(frozen=True)
 class Enclosure:
-    """A point inside a body, or outside the room.
+    """A point that lies inside a body, or outside the room.
 
     Attributes:
         name: name of the body; empty for a point outside the room.
@@ -36,26 +36,26 @@ class Enclosure:
 
 
 def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: float = math.inf) -> Enclosure | None:
-    """Return the point that is deepest inside a body or farthest outside the room; None if all points are free.
+    """Return the point that lies deepest inside a body or farthest outside the room; None if all points are free.
 
     An arm that touches no surface is inside a closed body with all its points or with none, so testing one point is
     enough.
 
     Args:
-        workspace: the workspace.
+        workspace: a workspace in space.
         places: points to test, shape (k, 3) [m].
         entering: radius of an arm that may reach the points from outside [m]; open shells with an opening wide enough
-            for the arm are ignored.
+            for
+            the arm are ignored.
     """
     return max(_enclosures(workspace, places, entering), key=lambda found: found.depth, default=None)
 
 
 @lru_cache(maxsize=64)
 def opening_width(body: MeshBody) -> float:
-    """Return an upper bound of the diameter of a ball that fits through the widest opening of a mesh [m].
+    """Return an upper bound on the diameter of a ball that fits through the widest opening of a mesh [m]; 0 if closed.
 
-    The bound is the second largest extent of the edges around the opening along their principal axes; it is 0 for a
-    closed mesh.
+    The bound is the second largest extent of the edges around the opening along their principal axes.
     """
     edges = body.shells.open_edges
     if not len(edges):
@@ -81,10 +81,10 @@ def opening_width(body: MeshBody) -> float:
 
 
 def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
-    """Return advice on how to correct an object that lies inside a body.
+    """Return lines of advice for an object that lies inside a body.
 
     Args:
-        workspace: the workspace.
+        workspace: a workspace in space.
         name: name of the body.
         what: description of the object that lies inside.
     """
@@ -97,7 +97,7 @@ def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
 
 
 def open_words(body: MeshBody) -> str:
-    """Return a description of how many open edges a mesh has and where one of them is."""
+    """Return text on the number of open edges of a mesh and the position of one of them."""
     edges = body.shells.open_edges
     count = "1 open edge" if len(edges) == 1 else f"{len(edges)} open edges, one"
     return f"has {count} near {place(edges[0].mean(axis=0))}"
@@ -132,11 +132,11 @@ def _outside_workspace(workspace: Workspace, places: FloatArray) -> Iterator[Enc
 
 
 def enclosed(workspace: Workspace, places: FloatArray, entering: float) -> IntArray:
-    """Return the increasing indices of the points (k, d) that are inside bodies or outside the room.
+    """Return the increasing indices of the points that lie inside bodies or outside the room.
 
     Args:
         workspace: the workspace.
-        places: points to test, shape (k, d) [m].
+        places: k points to test, shape (k, d) [m].
         entering: radius of the arm [m]; used in space only, as in `deepest_enclosure`.
     """
     if workspace.dimension == 2:
@@ -150,14 +150,16 @@ def enclosed(workspace: Workspace, places: FloatArray, entering: float) -> IntAr
 def segment_distances(
     a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the nearest points of segments ab and cd, given by their end points, shape (k, d) [m].
+    """Return the nearest points of k segments ab and k segments cd, given by their end points, shape (k, d) [m].
 
     The nearest points are those of the two lines if these lie inside both segments; otherwise, one of them is an end of
-    a segment.
+    a
+    segment.
 
     Returns:
-        Positions of the points as fractions of the first and second segment, their distances [m], and unit vectors from
-        the second segment to the first.
+        Positions of the points as fractions of the first and second segment, their distances [m], each of shape (k,),
+        and
+        unit vectors from the second segment to the first, shape (k, d).
     """
     tiny = 1e-300
     u = b - a

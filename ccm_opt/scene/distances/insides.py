@@ -1,10 +1,12 @@
-"""Tests whether points are inside bodies.
+"""Tests of whether points lie inside bodies in space.
 
-A mesh is tested shell by shell: a point is inside a shell whose generalised winding number about it exceeds a half (A.
-Jacobson, L. Kavan and O. Sorkine-Hornung, Robust inside-outside segmentation using generalized winding numbers, 2013),
-whatever the orientation of the shell's triangles in the file. Open shells are tested one by one and all together. So
-bodies that overlap or touch do not cancel, whatever their orientations. Only shells that lie wholly inside each other,
-with alternating orientations, are a body and its cavity.
+A mesh is tested shell by shell: a point is inside a shell whose generalised winding number about the point exceeds a
+half (A. Jacobson, L. Kavan and O. Sorkine-Hornung, Robust inside-outside segmentation using generalized winding
+numbers,
+2013), whatever the orientation of the shell's triangles in the file. Open shells are tested one by one and all
+together.
+So bodies that overlap or touch do not cancel, whatever their orientations. Only shells that lie wholly inside each
+other, with alternating orientations, are a body and its cavity.
 """
 
 from functools import lru_cache
@@ -18,11 +20,11 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup, box_about
 
 TINIEST = np.finfo(np.float64).tiny
-"""Squares below this have lost all their digits."""
+"""Least normal number in double precision; squares below have lost all their digits."""
 
 
 def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
-    """Return the least distance of a point from triangles, which may be degenerate [m]; ∞ for none.
+    """Return the least distance of a point from m triangles, which may be degenerate [m]; ∞ if m = 0.
 
     Args:
         point: position of the point, shape (3,) [m].
@@ -41,12 +43,12 @@ def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
 
 
 def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Return the point of each triangle nearest to a point, shape (m, 3) [m].
+    """Return the point of each of m triangles that is nearest to a given point, shape (m, 3) [m].
 
-    This is the foot of the perpendicular if it lies on the triangle, else the nearest point of the sides.
+    Each is the foot of the perpendicular if the foot lies on the triangle, else the nearest point of the sides.
 
     Args:
-        point: position of the point, shape (3,) [m].
+        point: the given point, shape (3,) [m].
         triangles: corners of the triangles, shape (m, 3, 3) [m].
     """
     sides = np.roll(triangles, -1, axis=1) - triangles
@@ -69,18 +71,18 @@ def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray
 
 
 _RAYS = np.array([[0.83, 0.41, 0.37], [-0.29, 0.77, -0.57], [0.13, -0.61, 0.78]])
-"""Irregular directions, so that no ray runs along the faces and edges of typical models."""
+"""Directions of rays, shape (3, 3), irregular so that no ray runs along the faces and edges of typical models."""
 _HALF = 0.5
-"""A point is inside if the surface covers more than this share of all directions."""
+"""Winding number (fraction of all directions covered by a surface) above which a point is inside."""
 
 
 def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) -> float:
-    """Return the depth of a point inside a body [m]; for a point outside, the negative of its distance from the body.
+    """Return the depth of a point inside a body [m]; outside, the negative of the distance from the body.
 
     Args:
         body: the body; if it is a mesh that is not solid, only its surface counts.
         point: position of the point, shape (3,) [m].
-        closed_only: leave out open shells, through whose holes a point may be reached.
+        closed_only: whether open shells, through whose holes a point may be reached, are ignored.
     """
     if body.kind == "cylinder":
         return _depth_in_cylinder(body, point)
@@ -94,7 +96,7 @@ def encloses(body: Body, point: FloatArray, *, closed_only: bool = False) -> boo
     Args:
         body: the body; nothing lies inside degenerate triangles.
         point: position of the point, shape (3,) [m].
-        closed_only: leave out open shells, through whose holes a point may be reached.
+        closed_only: whether open shells, through whose holes a point may be reached, are ignored.
     """
     if not body.solid:
         return False
@@ -111,7 +113,7 @@ def _pieces(body: MeshBody) -> "_Pieces":
 
 
 class _Pieces:
-    """The shells of a mesh, with the triangles of every shell stored consecutively.
+    """The shells of a mesh, with the triangles of every shell stored consecutively, for tests of points.
 
     Args:
         body: the mesh.
@@ -131,7 +133,7 @@ class _Pieces:
         self._apart: dict[tuple[int, int], bool] = {}
 
     def is_free(self, point: FloatArray, *, closed_only: bool) -> bool:
-        """Return whether a point is outside all shells, or in a cavity."""
+        """Return whether a point (3,) is outside all shells, or in a cavity."""
         if not closed_only and self._open_ones_enclose(point):
             return False
         about = np.all((self._low <= point) & (point <= self._high), axis=1) & self._closed
@@ -140,7 +142,7 @@ class _Pieces:
         return not round_it or self._is_cavity(round_it, turns)
 
     def _open_ones_enclose(self, point: FloatArray) -> bool:
-        """Return whether the winding number of one open shell, or of all together, about a point exceeds a half."""
+        """Return whether the winding number of one open shell, or of all open shells, about a point exceeds a half."""
         opened = ~self._closed
         if not opened.any() or np.any(
             (point < self._low[opened].min(axis=0)) | (point > self._high[opened].max(axis=0))
@@ -153,10 +155,11 @@ class _Pieces:
         return bool(max(abs(parts.sum()), np.abs(each).max()) > _HALF)
 
     def _turns(self, k: int, point: FloatArray) -> float:
-        """Return the winding number of a closed shell about a point.
+        """Return the winding number of closed shell k about a point.
 
         For a shell that is not orientable, return 1 if most rays from the point cross the shell an odd number of times,
-        and 0 otherwise.
+        and 0
+        otherwise.
         """
         triangles = self._of(k)
         if not self._orientable[k]:
@@ -164,7 +167,12 @@ class _Pieces:
         return float(np.sum(self._sign[self._slice(k)] * _solid_angles(point, triangles)))
 
     def _is_cavity(self, round_it: list[int], turns: dict[int, float]) -> bool:
-        """Return whether an even number of shells around a point are nested with alternating orientations."""
+        """Return whether an even number of shells around a point are nested with alternating orientations.
+
+        Args:
+            round_it: indices of the shells around the point.
+            turns: winding numbers of shells about the point, by index.
+        """
         if len(round_it) % 2:
             return False
         size = [float(np.prod(self._high[k] - self._low[k])) for k in round_it]
@@ -177,7 +185,7 @@ class _Pieces:
         )
 
     def _are_apart(self, one: int, other: int) -> bool:
-        """Return whether two shells do not touch.
+        """Return whether two shells, given by their indices, do not touch.
 
         If two shells that do not touch both enclose a point, one lies wholly inside the other.
         """
@@ -193,7 +201,7 @@ class _Pieces:
 
 
 def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
-    """Return whether no edge of a first set of triangles touches a second set."""
+    """Return whether no edge of a first set of triangles touches a second set, each of shape (·, 3, 3)."""
     low, high = box_about(others)
     edges = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=2).reshape(-1, 2, 3)
     edges = edges[np.all((edges.min(axis=1) <= high) & (edges.max(axis=1) >= low), axis=1)]
@@ -205,7 +213,7 @@ def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
 
 
 def _depth_in_cylinder(body: CylinderBody, point: FloatArray) -> float:
-    """Return the depth of a point inside the exact cylinder rather than its prism [m]; negative outside."""
+    """Return the depth of a point inside the exact cylinder, not its prism [m]; negative outside."""
     way = body.end - body.start
     length = float(np.linalg.norm(way))
     along = float((point - body.start) @ way) / length
@@ -218,7 +226,7 @@ def _depth_in_cylinder(body: CylinderBody, point: FloatArray) -> float:
 
 
 def _winding(point: FloatArray, triangles: FloatArray) -> float:
-    """Return the winding number of triangles about a point."""
+    """Return the winding number of triangles (m, 3, 3) about a point (3,)."""
     return float(np.sum(_solid_angles(point, triangles)))
 
 
@@ -241,7 +249,7 @@ def _solid_angles(point: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def _crossings(point: FloatArray, way: FloatArray, triangles: FloatArray) -> int:
-    """Return the number of triangles that a ray crosses.
+    """Return the number of triangles (m, 3, 3) that a ray from a point (3,) in a direction (3,) crosses.
 
     Source: Möller and Trumbore, Fast ray/triangle intersection, 1997.
     """

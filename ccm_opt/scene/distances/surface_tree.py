@@ -1,4 +1,4 @@
-"""Distances of segments from triangles, by a tree of bounding boxes."""
+"""Distances of segments from triangles, by a tree of bounding boxes in C."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,14 +16,17 @@ from ccm_opt.scene.surfaces import TriangleSoup
 
 @dataclass(frozen=True, eq=False)
 class Witnesses:
-    """Nearest points of k segments and the surfaces; without a surface in reach, the gap is the reach, the owner −1.
+    """Nearest points of k segments and the surfaces of a scene.
+
+    A segment without a surface in reach has the reach as its gap and the owner −1.
 
     Attributes:
-        gap: distance of the segment from the surface, negative inside its rounding, shape (k,) [m].
+        gap: distance of the segment from the surface, negative inside the radius of an inflated triangle, shape (k,)
+            [m].
         share: nearest point of the segment, as a fraction from 0 at its start to 1 at its end, shape (k,).
         point: nearest point of the surface, shape (k, 3) [m].
         normal: unit direction from the surface to the segment, shape (k, 3).
-        owner: index of the surface's owner, shape (k,).
+        owner: index of the body to which the surface belongs, shape (k,).
     """
 
     gap: FloatArray
@@ -35,17 +38,17 @@ class Witnesses:
 
 @dataclass(frozen=True, eq=False)
 class PlaneRows:
-    """Half-spaces normal · (x − point) ≥ 0 that contain a segment and are free of the surfaces near it.
+    """Half-spaces normal · (x − point) ≥ 0 that contain a segment and are free of the surfaces near that segment.
 
-    The rows of a segment are consecutive, the nearest first.
+    The r half-spaces are ordered by segment, and those of a segment by distance.
 
     Attributes:
         link: index of the segment, shape (r,).
-        share: point of the segment nearest to the surface, from 0 to 1, shape (r,).
+        share: point of the segment nearest to the surface, as a fraction from 0 to 1, shape (r,).
         normal: unit direction from the surface to the segment, shape (r, 3).
         point: point of the surface, shape (r, 3) [m].
         gap: distance of the segment from the surface, shape (r,) [m].
-        owner: index of the surface's owner, shape (r,).
+        owner: index of the body to which the surface belongs, shape (r,).
     """
 
     link: IntArray
@@ -58,16 +61,19 @@ class PlaneRows:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceBoxes:
-    """A tree of bounding boxes over triangles.
+    """A tree of bounding boxes over m triangles, as arrays for C.
 
     Attributes:
         nodes: box, largest rounding, longest edge, and number of triangles of each node, shape (nodes,); ``first`` is
-            the first triangle of a leaf, or, for a node without triangles, the first of its two children, which are
-            adjacent. A leaf that only completes a pair has the number −1.
+            the
+            first triangle of a leaf, or, for a node without triangles, the first of its two children, which are
+            adjacent. A
+            leaf that only completes a pair has the number −1.
         corners: triangles in the order of the leaves, with the longest edge from first to second corner, shape (m, 3,
-            3) [m].
-        rounding: rounding of each triangle, in the same order, shape (m,) [m].
-        order: index of each triangle in the scene, in the same order, shape (m,).
+            3)
+            [m].
+        rounding: radius by which each triangle is inflated, in leaf order, shape (m,) [m].
+        order: index of each triangle in the scene, in leaf order, shape (m,).
     """
 
     nodes: npt.NDArray[np.void]
@@ -81,7 +87,7 @@ class SurfaceBoxes:
 
         Args:
             triangles: corners, shape (m, 3, 3), 0 < m < 2³⁰ [m].
-            rounding: rounding of each triangle, shape (m,) [m].
+            rounding: radius by which each triangle is inflated, shape (m,) [m].
             leaf: maximum number of triangles in a leaf.
 
         Raises:
@@ -103,7 +109,7 @@ class SurfaceBoxes:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSearch:
-    """Searches a tree of boxes; in the results, the owner is the index of a triangle in leaf order.
+    """Searches of a tree of boxes; the owner in results is the index of a triangle in leaf order.
 
     Attributes:
         boxes: the tree.
@@ -113,13 +119,13 @@ class SurfaceSearch:
 
     @cached_property
     def for_c(self) -> dict[str, Any]:
-        """The tree as the fields of ``Surfaces`` in surface_nodes.h."""
+        """Tree of boxes as named fields of ``Surfaces`` in surface_nodes.h."""
         return {"nodes": self.boxes.nodes, "corners": self.boxes.corners, "rounding": self.boxes.rounding}
 
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
-        """Return the least gap of each segment (k, 2, 3), capped at the reach, shape (k,) [m].
+        """Return the least gap of each segment (k, 2, 3) from the surfaces, capped at `reach`, shape (k,) [m].
 
-        The reported gap may be too small by at most the slack; it is NaN for segments with NaN.
+        The reported gap may be too small by at most `slack` [m]; it is NaN for segments with NaN.
         """
         gap = np.empty(len(segments))
         NativeCall(
@@ -129,7 +135,7 @@ class SurfaceSearch:
         return gap
 
     def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
-        """Return the nearest points of each segment (k, 2, 3) and the surfaces.
+        """Return the nearest points of k segments (k, 2, 3) and the surfaces.
 
         Of every ``together`` consecutive segments, only the one nearest to a surface is searched for.
         """
@@ -144,7 +150,10 @@ class SurfaceSearch:
         return found
 
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
-        """Return up to ``most`` half-spaces around each segment (k, 2, 3), nearest first to within the slack."""
+        """Return up to ``most`` free half-spaces around each segment (k, 2, 3), nearest first up to ``slack`` [m].
+
+        Surfaces that protrude through a half-space's plane by less than ``behind`` [m] count as excluded.
+        """
         count = len(segments)
         whole = np.empty((2, count * most), dtype=np.int64)
         real = np.empty((8, count * most))
@@ -162,10 +171,7 @@ class SurfaceSearch:
         return PlaneRows(whole[0, :rows], share[:rows], normal[:rows], point[:rows], gap[:rows], whole[1, :rows])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
-        """Return the gaps at the centres of the cells of a grid, capped at the reach [m].
-
-        ``low`` is the centre of the first cell.
-        """
+        """Return the gaps at the cell centres of a grid, the first at ``low`` (3,), capped at `reach` [m]."""
         gap = np.empty(counts)
         NativeCall("grid_gaps", surfaces=self.for_c, counts=counts, low=low, cell=cell, reach=reach, gap=gap)()
         return gap
@@ -173,18 +179,21 @@ class SurfaceSearch:
 
 @dataclass(frozen=True)
 class DistanceSettings:
-    """Settings of the tree of boxes and of its searches.
+    """Settings of the bounding-box tree over triangles and of its searches.
 
     Attributes:
         leaf: maximum number of triangles in a box that is not split further. Measured by
             ``tests/benchmarks/bench_surfaces.py``: two to sixteen are within a tenth of each other, and larger leaves
-            take less memory.
+            take
+            less memory.
         most_planes: maximum number of half-spaces around a segment. Taste: anything beyond the nearest fourteen rarely
             matters.
-        behind: distance by which a surface may protrude through a plane and still count as behind it, as a fraction of
-            the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
+        behind: distance by which a surface may protrude through a plane and still count as behind the plane, as a
+            fraction
+            of the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
         slack: extra distance at which a surface may still be treated as the nearest one in the search for half-spaces,
-            as a fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
+            as a
+            fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
     """
 
     leaf: int = 8
@@ -194,24 +203,24 @@ class DistanceSettings:
 
 
 DEFAULT_DISTANCES = DistanceSettings()
-"""Settings used if no others are given."""
+"""Default settings of the bounding-box tree and of its searches."""
 
 
 _MOST_TRIANGLES = 2**30
-"""Limit of triangles: nodes are numbered in 32 bits."""
+"""Largest number of triangles in a tree, whose nodes are numbered in 32 bits."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTree:
-    """Triangles with rounding, in a tree of bounding boxes.
+    """Triangles, each inflated by a radius, in a tree of bounding boxes for distance queries.
 
-    All distances are those of a segment from the triangles minus their rounding, exact up to floating-point rounding.
+    All distances are those of a segment from the triangles minus their radii, exact up to floating-point rounding.
     Distances are capped at a reach; the smaller the reach, the faster the search. Only surfaces count: a segment wholly
-    inside a closed mesh has a positive distance from it. Segments with NaN have the distance NaN, so that no comparison
-    takes them for free.
+    inside a closed mesh has a positive distance from the mesh. Segments with NaN have the distance NaN, so that no
+    comparison takes them for free.
 
     Attributes:
-        owner: index of each triangle's owner, in leaf order, shape (m,).
+        owner: index of the body to which each triangle belongs, in leaf order, shape (m,).
         search: searches the boxes; None if there are no triangles.
         settings: settings of the searches.
     """
@@ -222,7 +231,7 @@ class SurfaceTree:
 
     @classmethod
     def of(cls, soup: TriangleSoup, settings: DistanceSettings = DEFAULT_DISTANCES) -> "SurfaceTree":
-        """Return the tree over the surfaces of a scene.
+        """Build the tree over the surfaces of a scene.
 
         Raises:
             ProblemError: a coordinate is not a number, or too large.
@@ -242,29 +251,30 @@ class SurfaceTree:
         return cls(soup.owner[boxes.order], SurfaceSearch(boxes), settings)
 
     def distances(self, segments: FloatArray, reach: float, slack: float = 0.0) -> FloatArray:
-        """Return the least distance of each segment from the surfaces.
+        """Return the least distance of each of k segments from the surfaces.
 
         Args:
             segments: end points, shape (k, 2, 3) [m].
-            reach: distances are capped here [m].
+            reach: value at which distances are capped [m].
             slack: largest amount by which reported distances may be too small; they are never too large [m]. Along
-                finely meshed walls a little slack saves most of the time.
+                finely
+                meshed walls a little slack saves most of the time.
 
         Returns:
-            Distances, at most the reach, negative inside a rounding, shape (k,) [m].
+            Distances, at most the reach, negative inside the radius of an inflated triangle, shape (k,) [m].
         """
         if self.search is None:
             return np.full(len(segments), float(reach))
         return self.search.distances(_checked(segments), reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
-        """Return the nearest points of each segment and the surfaces, with gaps as in ``distances``.
+        """Return the nearest points of each of k segments and the surfaces, with gaps as in ``distances``.
 
         The owner is −1 if nothing is in reach.
 
         Args:
             segments: end points, shape (k, 2, 3) [m].
-            reach: surfaces at this distance or farther are ignored [m].
+            reach: distance from which on surfaces are ignored [m].
             together: size of groups of consecutive segments; in every group only the first of the segments nearest to a
                 surface is searched for, and the others may be reported to have nothing in reach. This is much faster.
         """
@@ -278,17 +288,19 @@ class SurfaceTree:
     def planes(
         self, segments: FloatArray, reach: float, most: int | None = None, behind: float | None = None
     ) -> PlaneRows:
-        """Return the half-spaces that bound a convex free region around each segment.
+        """Return half-spaces that bound a convex free region around each of k segments.
 
         Surfaces are taken in order of distance, up to the slack of the settings. The plane through a surface's nearest
-        point, perpendicular to the shortest connection, is added; everything behind an added plane is dropped.
+        point,
+        perpendicular to the shortest connection, is added; everything behind an added plane is dropped.
 
         Args:
             segments: end points, shape (k, 2, 3) [m].
-            reach: surfaces at this distance or farther are ignored [m].
+            reach: distance from which on surfaces are ignored [m].
             most: maximum number of planes per segment; that of the settings if None.
-            behind: distance by which a surface may protrude through a plane and still count as behind it [m]; by the
-                settings if None.
+            behind: distance by which a surface may protrude through a plane and still count as behind the plane [m];
+                that of
+                the settings if None.
         """
         if self.search is None:
             none = np.zeros(0, dtype=np.intp)
@@ -300,7 +312,7 @@ class SurfaceTree:
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
-        """Return the distances of the centres of a grid's cells from the surfaces, as for segments of zero length.
+        """Return the distances of the cell centres of a regular grid from the surfaces.
 
         Any point of a cell is at least as far from the surfaces as the centre, minus half the cell's diagonal.
 
@@ -308,7 +320,7 @@ class SurfaceTree:
             low: centre of the first cell, shape (3,) [m].
             cell: size of a cell [m].
             counts: number of cells along x, y and z.
-            reach: distances are capped here [m].
+            reach: value at which distances are capped [m].
 
         Returns:
             Distances, in an array of shape ``counts`` [m].
@@ -319,9 +331,9 @@ class SurfaceTree:
 
 
 def _checked(segments: FloatArray, together: int = 1) -> FloatArray:
-    """Return the segments, shape (k, 2, 3), after checking their shape for the C code.
+    """Return segments (k, 2, 3) unchanged, after checking their shape for the C code.
 
-    The C code takes ``together`` segments at a time.
+    The C code takes ``together`` segments at a time, so k must be a multiple of it.
 
     Raises:
         ValueError: the segments have another shape.
