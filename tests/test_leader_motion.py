@@ -17,6 +17,7 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.leader_motion import keyframes_behind_tip, tube_bound
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.biarc import straight_at_exit
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from tests.snakes_in_space import snake
 
 ARM = snake(16, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
@@ -73,6 +74,39 @@ def test_an_arm_on_another_path_is_drawn_back_first(seed: int, feeds: tuple[floa
     assert np.array_equal(keyframes[[0, -1]], np.stack((start, end)))
     assert not np.any(tubed_bends(keyframes))
     assert np.max(np.abs(np.diff(keyframes, axis=0))) <= 1.5 * 0.4 * ARM.joint_limit
+
+
+@given(seed=st.integers(0, 2**32), feed=st.floats(-0.6, -0.1))
+@settings(deadline=None, max_examples=15)
+def test_bends_change_as_evenly_as_displacements_allow(seed: int, feed: float) -> None:
+    """No other bends of joints beyond the tube have a smaller sum of unevenness and of displacements from the path."""
+    ends = np.append(np.zeros(32), -0.8), pose(seed, feed)
+    given_path = keyframes_behind_tip(ARM, *ends, np.inf)
+    smooth = keyframes_behind_tip(ARM, *ends, 1e3)
+    assert given_path is not None
+    assert smooth is not None
+    unit = ARM.length / NOMINAL_LINKS
+    step = (smooth[1, -1] - smooth[0, -1]) / unit
+    along = ARM.link_rotations(smooth)[..., 0]
+    along = along + np.concatenate((along[:, 1:], along[:, -1:]), axis=1)
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+
+    def cost(q: FloatArray) -> float:
+        uneven = np.diff(q[:, :-1], 2, axis=0) / step**2
+        moved = (ARM.joint_positions_at(q) - ARM.joint_positions_at(given_path))[:, 1:] / unit
+        across = moved - np.sum(moved * along, axis=-1, keepdims=True) * along
+        return float(np.sum(uneven**2) + 1e3 * np.sum(across**2))
+
+    free = given_path != 0.0
+    free[[0, -1]] = False
+    free[:, -1] = False
+    assert np.array_equal(smooth[~free], given_path[~free])
+    rng = np.random.default_rng(seed)
+    least = cost(smooth)
+    assert least < cost(given_path)
+    for size in (1e-3, 1e-2):
+        change = size * free * np.convolve(rng.normal(size=smooth.size), np.ones(5) / 5.0, "same").reshape(smooth.shape)
+        assert cost(smooth + change) > least
 
 
 def test_an_arm_that_cannot_be_drawn_back_far_enough_has_no_such_motion() -> None:
