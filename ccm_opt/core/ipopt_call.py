@@ -31,8 +31,7 @@ def ipopt_answer(
 
     Returns:
         The result and the statistics, by the names of CasADi. If the solver raised an exception, the result is the
-        initial
-        guess with NaN for every constraint row.
+        initial guess with NaN for every constraint row.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed during the call.

@@ -110,8 +110,7 @@ def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
 
     Args:
         fields: name, type and use of each field; the type of a struct is a list of its fields; the use is 'in' or 'out'
-            for
-            a pointer that C reads or writes, the length for an array, and '' otherwise.
+            for a pointer that C reads or writes, the length for an array, and '' otherwise.
     """
     types: list[tuple[str, Any]] = []
     pointers: dict[str, _Pointer] = {}

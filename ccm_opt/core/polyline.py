@@ -1,6 +1,6 @@
 """Geometry of polylines, and angles in the plane.
 
-Points may have any number of coordinates unless a docstring says ``(k, 2)``; so a motion in joint space is a polyline,
+Points may have any number of coordinates unless a shape (k, 2) is stated, so a motion in joint space is a polyline,
 too.
 """
 

@@ -2,10 +2,9 @@
 
 One check is implemented here: whether the first links can turn from the start to the goal. They have few joints, so all
 of their poses can be covered by cells in the space of their bends. A cell is closed if some point of a link is too
-close
-to a wall in every pose of the cell. If no chain of open cells joins the start to the goal, there is no motion of the
-first links, and hence none of the arm. Self-collision is ignored, and a cell is closed only if its centre is blocked by
-enough to cover the whole cell, so the check never rejects a solvable problem.
+close to a wall in every pose of the cell. If no chain of open cells joins the start to the goal, there is no motion of
+the first links, and hence none of the arm. Self-collision is ignored, and a cell is closed only if its centre is
+blocked by enough to cover the whole cell, so the check never rejects a solvable problem.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -117,7 +116,7 @@ class FirstLinkCells:
 
     @property
     def useful(self) -> bool:
-        """Whether the check can succeed: obstacles are within reach, and the number of cells is acceptable."""
+        """Whether obstacles are within reach of the first links and the number of cells is acceptable."""
         return len(self.near.obstacles) > 0 and 0 < int(np.prod(self.counts)) <= _MOST_CELLS
 
     @cached_property

@@ -12,8 +12,7 @@ class TrialSettings:
         longest_try: CPU time limit of one trial [s]. Taste.
         longest_further_try: CPU time limit of one trial once a helpful change is known [s]. Taste.
         longest_search: CPU time limit of causes and trials together, counted from when a cause is known [s]. Taste:
-            users
-            who wait for changes already have the cause.
+            users who wait for changes already have the cause.
         patience: CPU time after which no new trial starts once a helpful change is known [s]. Taste.
     """
 

@@ -64,8 +64,7 @@ class WholePose:
         key: key of the pose in the problem file.
         q: configuration, shape (c,) [rad, m].
         bend_play: tolerance of each bend [rad]; infinite if the pose is a curve, since another mapping from curve to
-            joints
-            may give other bends.
+            joints may give other bends.
         base_play: tolerance of the base's position on its axis [m].
     """
 

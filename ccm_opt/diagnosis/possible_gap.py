@@ -18,12 +18,9 @@ def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
     """Return an upper bound on the least gap of every motion that ends exactly at its goals.
 
     The gap of a motion is at most the gap at its start, at a whole-arm goal, and, for a tip goal, that of the tip or
-    the
-    last link there. At the end, the arm reaches from base to goal, so the gap is also at most that of the widest path
-    for
-    the arm's axis between the two. Paths of every homotopy class count, and arms with links short enough to follow a
-    path
-    exactly, so no motion may attain the bound.
+    the last link there. At the end, the arm reaches from base to goal, so the gap is also at most that of the widest
+    path for the arm's axis between the two. Paths of every homotopy class count, and arms with links short enough to
+    follow a path exactly, so no motion may attain the bound.
 
     Args:
         problem: the problem.

@@ -114,10 +114,8 @@ def most_turn(arm: Arm, limit: float) -> float:
     """Return the largest angle between consecutive links if each bend of their joint has a given limit [rad].
 
     With two bends a and b, the next link points along (cos a cos b, sin a cos b, −sin b) in the frame of the preceding
-    link,
-    so the angle is arccos (cos a cos b). For limits up to a right angle, it is largest with both bends at the limit;
-    beyond,
-    with one of them zero.
+    link, so the angle is arccos (cos a cos b). For limits up to a right angle, it is largest with both bends at the
+    limit; beyond, with one of them zero.
     """
     if arm.coordinates.bends_a_joint > 1 and limit <= 0.5 * np.pi:
         return float(np.arccos(np.cos(limit) ** 2))

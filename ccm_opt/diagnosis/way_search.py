@@ -88,8 +88,7 @@ class WaySearch:
         """Return whether there is a path that keeps a distance from all surfaces and is no longer than a length.
 
         The answer "closed" is proved for both conditions. "open" means that a path that keeps the distance is known,
-        which may
-        be longer.
+        which may be longer.
 
         Args:
             room: distance from all surfaces [m].

@@ -358,8 +358,8 @@ def _short(ways: Ways) -> Iterator[Finding]:
 def _stiff(ways: Ways) -> Iterator[Finding]:
     """Yield a finding for each turn of a short axis path that the arm, at its tightest bend, can hardly follow.
 
-    A turn by α around an inner corner with clearance h on the outside admits an arc of radius
-    h cos(α/2) / (1 − cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
+    A turn by α around an inner corner with clearance h on the outside admits an arc of radius h cos(α/2) / (1 −
+    cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
     """
     arm = ways.problem.arm
     way = ways.shortest
@@ -400,8 +400,7 @@ def simplified(way: FloatArray, tolerance: float) -> FloatArray:
     """Return a polyline without the corners that lie near the straight lines between the others, shape (k, d) [m].
 
     A path shortened around an obstacle has many corners with small turns, which are merged into one. Source: D. Douglas
-    and
-    T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
+    and T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
 
     Args:
         way: corners of the polyline, shape (m, d) [m].

@@ -141,8 +141,7 @@ class WallProofs:
         workspace: the workspace with the walls.
         least: least distance of the axis of each link from walls, rounding included, shape (links,) [m].
         mount: index of the link on which the mount ends, and the fraction of that link in the mount, in [0, 1]; the
-            mount
-            may touch walls.
+            mount may touch walls.
     """
 
     workspace: Workspace

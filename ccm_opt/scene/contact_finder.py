@@ -61,16 +61,12 @@ class CertificateSettings:
         depth: number of bisections of an interval before its certificate is refused. Taste: the chord deviation falls
             four-fold at each.
         touch: gap that even an arm of zero width keeps [arm lengths]. Derived: above the rounding error in a room of up
-            to
-            a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
+            to a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
         rounding: depth of contact [arm lengths], and bend beyond a joint limit [rad], that are ignored at either end of
-            a
-            motion. Derived: as for ``touch``.
+            a motion. Derived: as for ``touch``.
         contact: depth of contact [arm lengths] allowed for motions that start or end in contact, if the arm has
-            non-zero
-            width. Derived: half of what the verifier allows; if the problem sets another tolerance for the verifier,
-            half
-            of that.
+            non-zero width. Derived: half of what the verifier allows; if the problem sets another tolerance for the
+            verifier, half of that.
     """
 
     depth: int = 7

@@ -367,8 +367,7 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
 
     Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis theorem);
     perpendiculars to the wall at its ends are tried as well. If the cell is a segment, a line along the segment keeps
-    only
-    the region on one side, so such a line is the last resort.
+    only the region on one side, so such a line is the last resort.
     """
     normals, offsets = _separators(cell, wall)
     overlap = np.maximum(

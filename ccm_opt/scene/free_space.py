@@ -375,8 +375,7 @@ class FreeSpace:
     """Free space of an arm's axis in the plane: positions farther than the inflation from all walls.
 
     All properties are computed on first use. Points a little outside, for example a base that stands on a wall, count
-    as
-    the nearest free points.
+    as the nearest free points.
 
     Attributes:
         workspace: the room and its obstacles.

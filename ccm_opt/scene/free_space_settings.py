@@ -12,8 +12,8 @@ class FreeSpaceSettings:
             with few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
         dent: depth up to which dents of free space are filled, as a fraction of the inflation. Taste.
         edge_samples: number of points on each edge of the triangulation, ends included, between which paths are
-            measured
-            before their shortest form is computed. Taste; the cost of a walk grows with the square of this number.
+            measured before their shortest form is computed. Taste; the cost of a walk grows with the square of this
+            number.
         bisections: number of times that a straight piece which meets a wall is halved before the shortest walk is used
             instead. Taste.
     """

@@ -176,7 +176,7 @@ def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -
 
 @dataclass(frozen=True)
 class Chain:
-    """A directed sequence of neighbouring triangles from one junction of the triangulation to the next.
+    """A directed sequence of neighbouring triangles from one junction of a triangulation to the next.
 
     Attributes:
         triangles: indices of all triangles, including both junctions.

@@ -283,8 +283,7 @@ def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntA
     """Return the half-edges of edges with more than two triangles, partners side by side, any odd one last at its edge.
 
     Half-edges of one patch, whose triangles are connected over edges with two triangles, belong to one body and are
-    paired
-    first.
+    paired first.
 
     Args:
         edges: all half-edges.

@@ -209,8 +209,7 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
         start: a point in the triangle before the first portal, shape (2,) [m].
         goal: a point in the triangle after the last portal, shape (2,) [m].
         shrink: distance by which both ends of each portal are moved inwards [m], at most 0.45 of its width, to stay
-            away
-            from corners.
+            away from corners.
 
     Returns:
         The vertices of the path, including start and goal, shape (k, 2) [m].
@@ -336,10 +335,9 @@ class TautString:
 
         Returns:
             Unit directions from right to left, shape (2,), each with its squareness: the cosine of the angle between
-            the path
-            and the chord's normal, at a vertex the smaller of the cosines for its two legs, and at least a thousandth.
-            The
-            directions are the normals of the legs at this arc length and of their mean, and the edges crossed there.
+            the path and the chord's normal, at a vertex the smaller of the cosines for its two legs, and at least a
+            thousandth. The directions are the normals of the legs at this arc length and of their mean, and the edges
+            crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
         tangents = _units(self.path[legs + 1] - self.path[legs])

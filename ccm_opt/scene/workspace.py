@@ -114,8 +114,7 @@ class Workspace:
         obstacles: the obstacles, in file order.
         clearance: least clearance between the arm's surface and every obstacle [m].
         bounds: lower and upper corner of a room in space, whose sides are walls, shape (2, 3) [m]; None without a room,
-            and
-            in the plane.
+            and in the plane.
     """
 
     boundary: shapely.Polygon = field(default_factory=shapely.Polygon)
@@ -259,9 +258,9 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
     """Convert shapely geometries to planar obstacles, in metres.
 
     A polygon is an obstacle, and its holes are free. A line string is a wall without thickness; buffered, it is a
-    polygon.
-    A geometry with several parts gives one obstacle per part, with numbers after the name. Heights (z) are dropped. A
-    geometry is taken as it is: round ends and discs that shapely has buffered are polygons inside the true arcs.
+    polygon. A geometry with several parts gives one obstacle per part, with numbers after the name. Heights (z) are
+    dropped. A geometry is taken as it is: round ends and discs that shapely has buffered are polygons inside the true
+    arcs.
 
     Args:
         shapes: a geometry, a list of geometries, named "obstacle 1" and so on, or a mapping from names to geometries.

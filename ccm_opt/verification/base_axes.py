@@ -78,10 +78,8 @@ def _held(
     """Check that every joint inside the guide tube is straight.
 
     A joint that leaves the tube between two samples must be straight until it passes the hole at the tube's end. Feed
-    and
-    bend are linear between samples, so the bend at the hole follows by proportion. The worst value is a bend as a
-    multiple
-    of its tolerance.
+    and bend are linear between samples, so the bend at the hole follows by proportion. The worst value is a bend as a
+    multiple of its tolerance.
     """
     # Depth of each joint behind the hole: positive within the guide tube.
     depth = axis.hole - place[:, None] - arm.link_length * np.arange(arm.links)

@@ -66,8 +66,7 @@ def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> l
     """Return candidates for the vector from the nearest point of a triangle to that of a segment, for P pairs.
 
     Each candidate is a vector per pair, shape (P, 3), with a mask, shape (P,), that is set where both of its end points
-    lie
-    on the segment and the triangle.
+    lie on the segment and the triangle.
     """
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
@@ -212,8 +211,7 @@ class _Piece:
         """Return whether the mesh encloses a point and is closed.
 
         A mesh counts as closed if its winding number at the point is an integer or, without a consistent orientation,
-        if all
-        rays agree.
+        if all rays agree.
         """
         if self._is_beyond(point):
             return False
@@ -234,8 +232,7 @@ class _Piece:
         """Return the winding number of the mesh around a point.
 
         The winding number is the sum of the triangles' signed solid angles over 4 π: ±1 inside a closed surface and 0
-        outside
-        (A. Van Oosterom and J. Strackee, The solid angle of a plane triangle, 1983).
+        outside (A. Van Oosterom and J. Strackee, The solid angle of a plane triangle, 1983).
         """
         a, b, c = (self.triangles[:, k] - point for k in range(3))
         lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]

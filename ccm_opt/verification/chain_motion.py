@@ -163,8 +163,7 @@ class ChainMotion:
         time: sample times, shape (T,) [s].
         positions: coordinates at the samples, shape (T, c) [rad, m].
         deviation: bound on how far each link may be from this motion in each step, shape (T − 1, links) [m]; None if
-            the
-            motion is exact.
+            the motion is exact.
     """
 
     arm: Arm

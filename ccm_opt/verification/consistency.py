@@ -71,8 +71,7 @@ def check_rates(
     """Check that velocities match the differences of positions, as closely as an acceleration limit a implies.
 
     In a step of length h, |Δq/h − (v₀ + v₁)/2| ≤ h a/4 holds for any motion whose acceleration lies within ± a: the
-    error
-    bound of the trapezoidal rule for a velocity with slope at most a.
+    error bound of the trapezoidal rule for a velocity with slope at most a.
 
     Args:
         name: name of the check.
@@ -375,11 +374,10 @@ def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Confi
 
 
 def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: FloatArray) -> Check:
-    """Check that an arm follows its curves, for plans in which the motion of the curve was planned first.
+    """Check that an arm follows the backbone curves from which its motion was derived.
 
     The heading of each link must be the mean heading of the curve over that link, plus an offset from the mapping of
-    the
-    start that is equal at all keyframes.
+    the start that is equal at all keyframes.
 
     Args:
         arm: a planar arm.

@@ -1,10 +1,10 @@
 """Checks of the motion that a controller interpolates from the points of a trajectory message.
 
 ROS's ``joint_trajectory_controller`` joins two points by a cubic if both have velocities, and by a quintic if both also
-have accelerations. Such a curve is checked in short steps. In a step of length h, a function f lies within
-h² / 8 · max|f''| of its chord, so |f| is at most its value at the ends plus this amount, or without this amount if f'
-keeps its sign. Bounds on the derivatives of a polynomial follow from those on higher derivatives, of which the last is
-constant or linear (``docs/guarantees.md``, theorem 10).
+have accelerations. Such a curve is checked in short steps. In a step of length h, a function f lies within h² / 8 ·
+max|f''| of its chord, so |f| is at most its value at the ends plus this amount, or without this amount if f' keeps its
+sign. Bounds on the derivatives of a polynomial follow from those on higher derivatives, of which the last is constant
+or linear (``docs/guarantees.md``, theorem 10).
 
 In the verified motion, coordinates are linear between samples. A deviation of the curve *along* a linear piece only
 changes the timing on the same path; the deviation across the piece is bounded here (theorem 10, too).
@@ -257,11 +257,9 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     """Return bounds on the second time derivative of every torque and of the base force, shape (n,) [N m/s², N/s²].
 
     No link turns faster than the sum of the magnitudes of all bend rates, and likewise for higher derivatives. A vector
-    of
-    constant length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³, and so on, times its
-    length;
-    this includes the joint axes. A link is replaced by a point mass that lies its radius of gyration beyond its distal
-    end.
+    of constant length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³, and so on, times its
+    length; this includes the joint axes. A link is replaced by a point mass that lies its radius of gyration beyond its
+    distal end.
     """
     arm = problem.arm
     joints = steps.message.coordinates.joints
@@ -307,13 +305,12 @@ def check_message_deviation(
         message: the trajectory points.
         factor: duration of the message as a multiple of that of the verified motion.
         spare: allowed distance of any point of the arm from the verified motion at any time [m].
-        gaps: checks the gaps of links that deviate from the verified motion by given distances in each step, shape
-            (T − 1, links) [m]; called only if the deviation exceeds `spare`.
+        gaps: checks the gaps of links that deviate from the verified motion by given distances in each step, shape (T −
+            1, links) [m]; called only if the deviation exceeds `spare`.
 
     Returns:
         A check whose worst value is a bound on the distance of any point of the arm from where it is at a nearby time
-        of
-        the verified motion [m].
+        of the verified motion [m].
     """
     found = _deviation(arm, proved, message, factor, 1)
     if np.max(found) > 0.5 * spare:

@@ -42,8 +42,7 @@ def check_limits(
     """Check every limit of a problem on bends, velocities, accelerations, jerks and torques of the joints.
 
     Velocities and accelerations are checked twice, by the reported values and by differences of the samples. The mean
-    rate
-    over a step never exceeds a limit that holds at all times, so a false report cannot hide a violation.
+    rate over a step never exceeds a limit that holds at all times, so a false report cannot hide a violation.
     """
     names = describe_revolute_joints(joints.names)
     found = [
@@ -175,11 +174,9 @@ def check_points(
     """Check every limit on the speed or acceleration of a point of the arm.
 
     Speeds are computed from the reported velocities, from the distances between samples and, in the plane, from the
-    motion
-    with coordinates linear between samples, at all times. Accelerations are computed from the reported values, from
-    difference quotients of reported velocities, and from second differences of positions. Both quotients are means,
-    which
-    the peak of any motion through the samples reaches or exceeds.
+    motion with coordinates linear between samples, at all times. Accelerations are computed from the reported values,
+    from difference quotients of reported velocities, and from second differences of positions. Both quotients are
+    means, which the peak of any motion through the samples reaches or exceeds.
     """
     if not limits.points:
         return []
@@ -241,8 +238,7 @@ class _PointMotion:
         """Return bounds on the speed of a planar arm's point within every step, shape (T − 1,) [m/s].
 
         Coordinates are taken as linear in time. In a step of length h, the velocity deviates from linear interpolation
-        by at
-        most h² / 8 times the greatest third derivative of the position.
+        by at most h² / 8 times the greatest third derivative of the position.
         """
         steps = np.diff(self.trajectory.positions, axis=0) / self._step[:, None]
         turns = np.cumsum(bend_pairs(self.arm, steps)[..., 1], axis=1)

@@ -99,8 +99,8 @@ def check_sample_efforts(
     """Check the bend torques and feed forces that the positions and times of the samples alone require.
 
     A check fails only if every motion through the samples, with accelerations within their limits, exceeds an effort
-    limit.
-    The worst value is the effort from difference quotients; the limit includes the possible error of that effort.
+    limit. The worst value is the effort from difference quotients; the limit includes the possible error of that
+    effort.
 
     Args:
         problem: the problem that the motion is to solve.
@@ -402,10 +402,8 @@ class SampleBounds:
         """Bounds on the second derivatives of the unit vectors e of each link's frame, shape (links,) [1/s²].
 
         ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². The rates ω of links follow from the distance that their unit
-        vectors move
-        between samples, up to a step times the bound itself; so the bound is found by iteration, starting from the sum
-        of the
-        joint rates.
+        vectors move between samples, up to a step times the bound itself; so the bound is found by iteration, starting
+        from the sum of the joint rates.
         """
         if self.problem.arm.dimension == 2:
             turned = np.cumsum(bend_pairs(self.problem.arm, self.motion.positions[self._within])[..., 1], axis=1)

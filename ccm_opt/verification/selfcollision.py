@@ -23,8 +23,7 @@ def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
     """Return the distances between N segments ab and N segments cd; a segment may be a single point.
 
     The squared distance is convex in the positions along both segments, so its minimum is either inside both segments
-    or at
-    an end of one of them.
+    or at an end of one of them.
 
     Args:
         a: starts of the first segments, shape (N, 2) or (N, 3) [m].
@@ -177,8 +176,7 @@ def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: Flo
     """Return bounds on the decrease of link distances from their value in the middle of time intervals, shape (P,) [m].
 
     Within a step, motion common to both links does not count. In the frame of link i, each joint k up to link j adds
-    only
-    its own rotation ψ_k to the motion of link j: l Σ (j − k + 1) ψ_k in total.
+    only its own rotation ψ_k to the motion of link j: l Σ (j − k + 1) ψ_k in total.
 
     Args:
         motion: motion of the arm.
@@ -252,10 +250,8 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     """Return a description of two links, near each other along the arm, that cross; empty if none do.
 
     Such links share no joint but are too close along the arm to be checked for distance. If their axes meet, they close
-    a
-    polygon, whose total turning is at least 2 π (Fenchel); all but π of it comes from the bends between them. Where
-    these
-    bends sum to less than π, which is almost always, nothing needs to be proved.
+    a polygon, whose total turning is at least 2 π (Fenchel); all but π of it comes from the bends between them. Where
+    these bends sum to less than π, which is almost always, nothing needs to be proved.
 
     Args:
         motion: motion of the arm.

@@ -175,8 +175,7 @@ def _on_curve(
     """Check that the arm lies on a backbone curve, whichever mapping from curve to joints the planner used.
 
     Any mapping must make the tips coincide and leave no joint farther from the curve than the worst error of the
-    paper's
-    own mapping allows.
+    paper's own mapping allows.
     """
     # The curve is given for the base at zero feed.
     points = chain_points(arm, arm.configuration(bends, 0.0)[None])[0]

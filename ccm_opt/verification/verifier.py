@@ -33,8 +33,7 @@ def verify(
     """Check a timed motion against all requirements of its problem.
 
     Between samples, all coordinates are taken to be linear in time. Walls, self-collision and bend limits are checked
-    for
-    that motion at *all* times, not only at the samples. A gap may fall short by at most the problem's contact
+    for that motion at *all* times, not only at the samples. A gap may fall short by at most the problem's contact
     tolerance.
 
     Args:
@@ -45,8 +44,7 @@ def verify(
 
     Returns:
         One check per requirement, each with its worst value and where that value occurs. If the arrays are malformed,
-        only
-        the checks of their form.
+        only the checks of their form.
 
     Raises:
         ProblemError: an argument has the wrong type.

@@ -359,8 +359,7 @@ class WallProof:
         """Tighten ``low`` and ``travel`` in place for links that slide along their own axis.
 
         Such a link, as in a guide tube, sweeps a longer link and hardly moves sideways, so its gap is that of the
-        longer link,
-        and its travel is the sideways part alone.
+        longer link, and its travel is the sideways part alone.
         """
         stretch, link = pairs.stretch[close], pairs.link[close]
         within = (stretches.high - stretches.low)[stretch] <= 1.0

@@ -4,13 +4,12 @@ Featherstone's algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7): velo
 inward, accelerations outward. About its ball joint an articulated body obeys (n, f) = A (ω̇, a) + P with a symmetric
 (6, 6) matrix A, where a is the classical acceleration of the joint less gravity. With S q̇ the angular velocity of the
 ball joint, J and b the rotor inertia and friction of its drives, x = (Rᵀ ω̇_p + β, Rᵀ a_tip,p), β the velocity product
-of
-the joint, U = A (S, 0) and u = τ − b q̇ − Sᵀ P_n:
+of the joint, U = A (S, 0) and u = τ − b q̇ − Sᵀ P_n:
 
     K = (Sᵀ A_ωω S + J)⁻¹     q̈ = K (u − Uᵀ x)     A ← A − U K Uᵀ,  P ← P + A (β, 0) + U K u
 
-With rotor inertias, K exists even where S is singular. From the tip of the parent to its ball joint,
-X = (1, 0; −l x̂×, 1): A ← I + Xᵀ A X.
+With rotor inertias, K exists even where S is singular. The transfer from the tip of a link to
+its ball joint is A ← I + Xᵀ A X with X = (1, 0; −l x̂×, 1).
 """
 
 from functools import partial

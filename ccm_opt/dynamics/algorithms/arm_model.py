@@ -40,8 +40,7 @@ class ArmModel:
     Attributes:
         structure: properties that determine generated code.
         bodies: mass [kg], axial inertia [kg m²], transverse inertia about the centre [kg m²] and length [m] of every
-            link,
-            shape (links, 4).
+            link, shape (links, 4).
         drives: rotor inertia [kg m²] of the three revolutes of a ball joint, then their friction [N m s/rad], shape
             (links, 6).
         world: gravity in the base frame [m/s²], mass of the payload [kg], and 1 if the base slides, else 0, shape (5,).

@@ -101,8 +101,7 @@ BallJoint: TypeAlias = type[YawBendRoll | YawBendSpin]
 """Class with the algebra of a ball joint of a given order of axes.
 
 From the three sines and then the three cosines of its angles, shape (6,), the class computes R (parent ← child), (3,
-3),
-w = S q̇, the velocity product Ṡ q̇, and the torques Sᵀ n, each (3,).
+3), w = S q̇, the velocity product Ṡ q̇, and the torques Sᵀ n, each (3,).
 """
 BALL_JOINTS: dict[Axes, BallJoint] = {"zyx": YawBendRoll, "zyz": YawBendSpin}
 
@@ -137,8 +136,7 @@ COLUMNS = {
 """Sizes of the arguments of link functions, by argument name; all others are single numbers.
 
 In order: sines and then cosines of the ball joint, rates, accelerations and torques of its revolutes, (ω, β), (F, N),
-the
-intermediate results that the acceleration sweep needs, and body, drives and world as in ``ArmModel``.
+the intermediate results that the acceleration sweep needs, and body, drives and world as in ``ArmModel``.
 """
 
 

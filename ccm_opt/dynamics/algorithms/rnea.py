@@ -11,10 +11,8 @@ gravity:
     f  = F + R' f'                   n = N + R' n' + l x̂ × R' f'          τ = Sᵀ n + J q̈ + b q̇
 
 with J and b the rotor inertia and the friction of the drives; a prime marks the next link. A payload adds its mass
-times
-a_tip to f at the tip. A base that is fed along x̂ of its frame starts the recursion at a = −g + a_feed x̂; f there is
-the
-force that moves the whole arm.
+times a_tip to f at the tip. A base that is fed along x̂ of its frame starts the recursion at a = −g + a_feed x̂; f
+there is the force that moves the whole arm.
 """
 
 from functools import partial

@@ -2,12 +2,9 @@
 
 The planned motion x(s) of all axes, bends and feed, is a function of the fraction s of its duration. Braking follows
 x(s) with a speed ṡ that begins at that of the plan and falls as fast as the limits allow. The limits are those of
-timing,
-rows a s̈ + b ṡ² + d ṡ + c within ±1. Every row allows an interval of s̈, and the least allowed s̈ is applied in every
-step.
-If the plan keeps its limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower speed (the limits
-are
-convex in (ṡ², s̈)), so that the speed never has to rise.
+timing, rows a s̈ + b ṡ² + d ṡ + c within ±1. Every row allows an interval of s̈, and the least allowed s̈ is applied in
+every step. If the plan keeps its limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower speed
+(the limits are convex in (ṡ², s̈)), so that the speed never has to rise.
 """
 
 from collections.abc import Sequence

@@ -12,14 +12,12 @@ inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q
 the viscous friction at q'.
 
 The fraction of an effort limit that a plan may use depends on the configuration alone, through the effort that holds
-the
-arm still (``robot.coordinates.planned_share``). All rows are fractions of this usable limit.
+the arm still (``robot.coordinates.planned_share``). All rows are fractions of this usable limit.
 
 For a point p of the arm, |ṗ|² = |p'|² ṡ² along the path, and p̈ = p' s̈ + p'' ṡ² must lie in a disc, a convex set in
 (s̈, ṡ²). In the rows, a regular polygon around the disc replaces it, with one row per pair of opposite sides; what the
 polygon allows in excess is less than the unused fraction of the limits, and samples are checked against the disc
-itself.
-In space p' and p'' span a plane at every point of the path, and the polygon lies in that plane.
+itself. In space p' and p'' span a plane at every point of the path, and the polygon lies in that plane.
 """
 
 from abc import ABC, abstractmethod

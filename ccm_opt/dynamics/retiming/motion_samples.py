@@ -61,8 +61,7 @@ def second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
     """Return differences of mean rates at T samples, with rest before and after the motion, shape (T, n).
 
     Rest before and after allows pauses and further motions. The motion is mirrored at its ends: a motion that begins
-    with
-    constant acceleration has that acceleration at its first sample.
+    with constant acceleration has that acceleration at its first sample.
 
     Args:
         values: sampled values, shape (T, n).

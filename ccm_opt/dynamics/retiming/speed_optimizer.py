@@ -1,8 +1,7 @@
 """Fastest speed profiles along a path within its limits, smooth where jerk is limited.
 
 Let x and y be the squared speeds at both ends of a grid interval of width Δ. There s̈ = (y − x) / 2Δ, and each limit
-row
-becomes β x + γ y ≤ 1, scaled by a right-hand side that is positive because the arm can be held still. So x = y = 0
+row becomes β x + γ y ≤ 1, scaled by a right-hand side that is positive because the arm can be held still. So x = y = 0
 satisfies all rows strictly, and the controllable squared speeds at each grid point form an interval [0, K], K > 0. K is
 found by Newton's method on the allowed range of y, a concave, piecewise linear function of x, from above; the method
 ends after finitely many steps. (Sweeps: Pham and Pham 2018, section IV.)
@@ -28,14 +27,13 @@ the same path whose s̈ is continuous: with windows w its third derivative is
     s⃛(t) = (ṡ(t) − 2 ṡ(t − w) + ṡ(t − 2 w)) / w²,
 
 linear between the times at which ṡ or one of its copies has a corner, since ṡ is linear between grid points. So the
-motion is a polynomial of degree four in each piece, and lasts 2 w longer. The jerk of an axis is
-q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³; slowing down by λ divides it by λ³, so that any limit can be met. The window with the
-shortest motion is kept.
+motion is a polynomial of degree four in each piece, and lasts 2 w longer. The jerk of an axis is q' s⃛ + 3 q'' ṡ s̈ +
+q''' ṡ³; slowing down by λ divides it by λ³, so that any limit can be met. The window with the shortest motion is kept.
 
 The change of a joint's velocity over a step lies between the values that the accelerations at both ends would give,
 unless the acceleration jumps twice or has an extremum in the step. Paths with a corner at every keyframe do so every
-few
-milliseconds. Such steps are halved until the unexplained change is a small fraction of the total change of velocity.
+few milliseconds. Such steps are halved until the unexplained change is a small fraction of the total change of
+velocity.
 """
 
 import logging
@@ -87,8 +85,7 @@ _LEAST_TANGENT = 0.5
 """Least ratio of the speed at which the tangent of friction is taken to that of the previous round.
 
 Measured: without this bound, 1 in 240 random paths with friction ends at 1.6 times the best duration, with it at most
-at
-1.002 times.
+at 1.002 times.
 """
 _FRICTION_SHARE = 0.7
 """Fraction of the margin between the static part of a row and the limit that the constant part of friction may take.
@@ -100,8 +97,7 @@ _TANGENT_SHARE = 0.5
 
 Late rounds are those in which rows are no longer tightened. Measured: with 1, 1 in 120 random paths with friction
 oscillates between durations of 8.5 and 21.7 s; with 0.5 it converges to 7.5 s, and no other path is timed slower by
-more
-than 0.02 %.
+more than 0.02 %.
 """
 _SPEED_CAP = 1e6
 """Bound on ṡ² where no limit bounds the speed, in units in which a motion takes about 1 s. Taste."""
@@ -375,8 +371,7 @@ class _Bounds:
         """Return bounds without tightening, with ṡ bounded by the velocity limits.
 
         The greatest slowness (least 1/ṡ allowed) in an interval bounds ṡ at both ends. ṡ² is linear in an interval, so
-        the bound
-        also holds inside.
+        the bound also holds inside.
 
         Args:
             dense: rows at equal steps of every interval.

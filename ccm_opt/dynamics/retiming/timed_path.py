@@ -18,8 +18,7 @@ InverseDynamics: TypeAlias = Callable[..., FloatArray]
 """Function from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of this shape [N m].
 
 With a feed axis, the function also takes its accelerations, shape (N,) [m/s²]. It may have a method ``feed_forces``
-with
-the same arguments, which returns the forces on the axis [N].
+with the same arguments, which returns the forces on the axis [N].
 """
 Revolutes: TypeAlias = Callable[[FloatArray], FloatArray]
 """Linear function from bends (N, links) to revolute angles (N, 3 * links), and likewise for their rates."""

@@ -139,8 +139,7 @@ class DynamicsFunction:
 
         Returns:
             Torques or accelerations of the joints, of the shape of the arguments, and force or acceleration of the feed
-            axis,
-            shape () or (N,).
+            axis, shape () or (N,).
 
         Raises:
             ProblemError: the shapes do not match.

@@ -1,9 +1,8 @@
 """Simulation of an arm under its controller, and the verdict on how well the arm followed its plan.
 
 Each step holds the control computed at its start and integrates q̈ = ABA(q, q̇, τ) by the classical Runge–Kutta method;
-a
-feed axis is an additional, last coordinate. A planar motion under gravity in its plane stays exactly planar, since all
-out-of-plane terms are products with zero.
+a feed axis is an additional, last coordinate. A planar motion under gravity in its plane stays exactly planar, since
+all out-of-plane terms are products with zero.
 """
 
 from collections.abc import Iterator

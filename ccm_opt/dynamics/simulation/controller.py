@@ -10,17 +10,15 @@ parts.
 2. *Control*, held over the step. While the brakes hold the arm, u = 0 and nothing moves. Otherwise
 
    - computed torque: a = ẍ_r + Kp e + Kd ė, u = ID(q + ½ h q̇, q̇ + ½ h a, a), the efforts that produce the
-     acceleration
-     a in the middle of the step. Where F exceeds its limit, a_b is changed to what the base can do,
-     a_b + (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joint torques
-     fit the delayed base;
+     acceleration a in the middle of the step. Where F exceeds its limit, a_b is changed to what the base can do, a_b +
+     (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joint torques fit
+     the delayed base;
    - PD: τ = Kp e⁺ + Kd ė⁺ + ID(q, 0, 0), including the gravity torques of the measured pose (Takegaki and Arimoto,
      1981), with the errors at the end of the step, e⁺ = e + h ė and ė⁺ = ė + h (q̈_r − q̈): real drives close their
-     loops
-     many times per step, and errors of its start, held over the step, would destabilise a light link under gains that
-     hold a heavy arm. The resulting q̈ is the forward dynamics FD of the modelled arm with rotor inertias increased by
-     h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0) (stable PD; Tan, Liu and Turk, 2011). The feed axis has
-     F = Kp e + Kd ė + ID(q, 0, 0).
+     loops many times per step, and errors of its start, held over the step, would destabilise a light link under gains
+     that hold a heavy arm. The resulting q̈ is the forward dynamics FD of the modelled arm with rotor inertias
+     increased by h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0) (stable PD; Tan, Liu and Turk, 2011). The feed axis
+     has F = Kp e + Kd ė + ID(q, 0, 0).
 
    Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is the inverse dynamics (``rnea``) of the controller's model,
    which may differ from the plant.
@@ -32,7 +30,7 @@ parts.
 PD gains are derived from the arm. With M(0) the mass matrix of the straight arm and D = diag(Σⱼ |M(0)ᵢⱼ|), Kp = ωn² D
 and Kd = 2 ωn D. No lever is longer than along the straight arm, so that in the plane |M(q)ᵢⱼ| ≤ M(0)ᵢⱼ in every pose,
 and D − M(q) is diagonally dominant: xᵀ D x ≥ xᵀ M(q) x. So every mode of the errors, M ë + Kd ė + Kp e = M q̈_r, is
-damped critically or more, and while the arm moves slowly compared with ωn no joint deviates by more than
+damped critically or more, and while the arm moves slowly compared with ωn the errors of all joints are at most
 max |q̈_r| / ωn², whatever the number and mass of the links.
 """
 
@@ -115,8 +113,7 @@ def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]
     """Return the gains Kp and Kd of the joints for the chosen control law, each of shape (3 * links,).
 
     For computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn², Kd = 2 ωn;
-    for
-    PD on torques [N m/rad, N m s/rad].
+    for PD on torques [N m/rad, N m s/rad].
     """
     joints = np.ones(3 * arm.links)
     bandwidth = options.bandwidth
@@ -220,8 +217,7 @@ class StepReference:
     """Joint reference on a grid of equal time steps.
 
     Angles follow the cubic Hermite polynomial through the samples' angles and velocities, velocities follow its
-    derivative.
-    The acceleration of a step is the mean over the step, since the control is constant over a step.
+    derivative. The acceleration of a step is the mean over the step, since the control is constant over a step.
 
     Attributes:
         angles: cubic Hermite spline of the angles of the joints that move.

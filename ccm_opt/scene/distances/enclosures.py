@@ -45,8 +45,7 @@ def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: flo
         workspace: a workspace in space.
         places: points to test, shape (k, 3) [m].
         entering: radius of an arm that may reach the points from outside [m]; open shells with an opening wide enough
-            for
-            the arm are ignored.
+            for the arm are ignored.
     """
     return max(_enclosures(workspace, places, entering), key=lambda found: found.depth, default=None)
 
@@ -153,13 +152,11 @@ def segment_distances(
     """Return the nearest points of k segments ab and k segments cd, given by their end points, shape (k, d) [m].
 
     The nearest points are those of the two lines if these lie inside both segments; otherwise, one of them is an end of
-    a
-    segment.
+    a segment.
 
     Returns:
         Positions of the points as fractions of the first and second segment, their distances [m], each of shape (k,),
-        and
-        unit vectors from the second segment to the first, shape (k, d).
+        and unit vectors from the second segment to the first, shape (k, d).
     """
     tiny = 1e-300
     u = b - a

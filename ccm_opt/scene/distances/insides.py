@@ -2,11 +2,9 @@
 
 A mesh is tested shell by shell: a point is inside a shell whose generalised winding number about the point exceeds a
 half (A. Jacobson, L. Kavan and O. Sorkine-Hornung, Robust inside-outside segmentation using generalized winding
-numbers,
-2013), whatever the orientation of the shell's triangles in the file. Open shells are tested one by one and all
-together.
-So bodies that overlap or touch do not cancel, whatever their orientations. Only shells that lie wholly inside each
-other, with alternating orientations, are a body and its cavity.
+numbers, 2013), whatever the orientation of the shell's triangles in the file. Open shells are tested one by one and all
+together. So bodies that overlap or touch do not cancel, whatever their orientations. Only shells that lie wholly inside
+each other, with alternating orientations, are a body and its cavity.
 """
 
 from functools import lru_cache
@@ -158,8 +156,7 @@ class _Pieces:
         """Return the winding number of closed shell k about a point.
 
         For a shell that is not orientable, return 1 if most rays from the point cross the shell an odd number of times,
-        and 0
-        otherwise.
+        and 0 otherwise.
         """
         triangles = self._of(k)
         if not self._orientable[k]:

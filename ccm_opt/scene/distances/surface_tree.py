@@ -65,13 +65,10 @@ class SurfaceBoxes:
 
     Attributes:
         nodes: box, largest rounding, longest edge, and number of triangles of each node, shape (nodes,); ``first`` is
-            the
-            first triangle of a leaf, or, for a node without triangles, the first of its two children, which are
-            adjacent. A
-            leaf that only completes a pair has the number −1.
+            the first triangle of a leaf, or, for a node without triangles, the first of its two children, which are
+            adjacent. A leaf that only completes a pair has the number −1.
         corners: triangles in the order of the leaves, with the longest edge from first to second corner, shape (m, 3,
-            3)
-            [m].
+            3) [m].
         rounding: radius by which each triangle is inflated, in leaf order, shape (m,) [m].
         order: index of each triangle in the scene, in leaf order, shape (m,).
     """
@@ -184,16 +181,13 @@ class DistanceSettings:
     Attributes:
         leaf: maximum number of triangles in a box that is not split further. Measured by
             ``tests/benchmarks/bench_surfaces.py``: two to sixteen are within a tenth of each other, and larger leaves
-            take
-            less memory.
+            take less memory.
         most_planes: maximum number of half-spaces around a segment. Taste: anything beyond the nearest fourteen rarely
             matters.
         behind: distance by which a surface may protrude through a plane and still count as behind the plane, as a
-            fraction
-            of the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
+            fraction of the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
         slack: extra distance at which a surface may still be treated as the nearest one in the search for half-spaces,
-            as a
-            fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
+            as a fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
     """
 
     leaf: int = 8
@@ -257,8 +251,7 @@ class SurfaceTree:
             segments: end points, shape (k, 2, 3) [m].
             reach: value at which distances are capped [m].
             slack: largest amount by which reported distances may be too small; they are never too large [m]. Along
-                finely
-                meshed walls a little slack saves most of the time.
+                finely meshed walls a little slack saves most of the time.
 
         Returns:
             Distances, at most the reach, negative inside the radius of an inflated triangle, shape (k,) [m].
@@ -291,16 +284,14 @@ class SurfaceTree:
         """Return half-spaces that bound a convex free region around each of k segments.
 
         Surfaces are taken in order of distance, up to the slack of the settings. The plane through a surface's nearest
-        point,
-        perpendicular to the shortest connection, is added; everything behind an added plane is dropped.
+        point, perpendicular to the shortest connection, is added; everything behind an added plane is dropped.
 
         Args:
             segments: end points, shape (k, 2, 3) [m].
             reach: distance from which on surfaces are ignored [m].
             most: maximum number of planes per segment; that of the settings if None.
             behind: distance by which a surface may protrude through a plane and still count as behind the plane [m];
-                that of
-                the settings if None.
+                that of the settings if None.
         """
         if self.search is None:
             none = np.zeros(0, dtype=np.intp)

@@ -69,10 +69,8 @@ def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
     """Return the models of all geometric errors, by name.
 
     The models cover errors of the joints; of the lengths of the links, each independently; of the base heading; of the
-    base
-    position in any direction; and of the walls, each nearer to the arm by the error. The tolerated error of the walls
-    is the
-    certified least gap.
+    base position in any direction; and of the walls, each nearer to the arm by the error. The tolerated error of the
+    walls is the certified least gap.
     """
     still = np.zeros(arm.links + 1)
     models = (
@@ -280,8 +278,7 @@ class ErrorLevers:
             moved: bounds on the distances of the points from these positions during the time interval, shape (P,) [m].
             normals: directions as unit vectors, shape (P, d).
             outwards: whether the points belong to the last links; if not, the last links are taken to be fixed, and the
-                points
-                belong to the scene or to the first links.
+                points belong to the scene or to the first links.
         """
         arm, model = self.arm, self.model
         pose = poses[chains.stretch]

@@ -2,8 +2,7 @@
 
 The proof is that for gaps (``stretch_proof``), with every gap converted to the largest error that leaves the gap open.
 The error that all pairs of bodies are proved to tolerate at all times is certified. The least tolerated error found at
-a
-known place and time shows that no larger error could be certified with these bounds.
+a known place and time shows that no larger error could be certified with these bounds.
 """
 
 from collections.abc import Callable
