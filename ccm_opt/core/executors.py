@@ -132,7 +132,7 @@ class ClusterExecutor(Executor):
         self._executor = client.get_executor(pure=False)
 
     def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
-        """Submit a task to the cluster and return its future."""
+        """Submit a function call to the cluster as a task, and return its future."""
         future: Future[RESULT] = self._executor.submit(fn, *args, **kwargs)
         return future
 
@@ -151,7 +151,7 @@ class Workers(Protocol):
     """Protocol of objects that provide executors."""
 
     def open(self) -> "Any":
-        """Return a context manager around (executor, number of tasks to keep in flight)."""
+        """Return a context manager that yields an executor and the number of tasks to keep in flight."""
         ...
 
 
@@ -161,7 +161,7 @@ class ThisProcess:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """Open an executor that runs each task in this process, one at a time."""
+        """Open an executor that runs each task in this process, and return it with the number 1 of tasks in flight."""
         yield _Immediate(), 1
 
 

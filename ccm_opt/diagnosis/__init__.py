@@ -1,1 +1,1 @@
-"""Why there is no plan: necessary checks, what is tight, and the least change with which the problem is solved."""
+"""Explanations of why a problem has no plan: necessary conditions, likely causes, and changes that would help."""

@@ -43,7 +43,7 @@ _HALVINGS = 3
 _REACH = 8.0
 """Multiple of the required distance at which distances from surfaces are capped. Taste."""
 _MOST_REMOVED = 8
-"""Number of obstacles that are removed one at a time, nearest to the straight line first. Taste."""
+"""Largest number of obstacles whose removal is tried, nearest to the straight line to the goal first. Taste."""
 _PULLS = 6
 """Number of shortening passes over an axis path. Measured: six come within 2 % of the shortest around one edge."""
 _PLACES = 9
@@ -82,7 +82,7 @@ class AxisWays(Ways):
 
     @cached_property
     def gaps(self) -> SurfaceGaps:
-        """Distances from the obstacles."""
+        """Distances of segments from all obstacles of the scene."""
         return SurfaceGaps(self.problem.workspace)
 
     @property

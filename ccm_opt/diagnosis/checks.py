@@ -42,9 +42,9 @@ Measured with 8 unreachable whole-arm goals among 30 polygons: two links prove 5
 _MOST_CELLS = 4_000_000
 """Number of cells above which the turning check is skipped. Taste: one second, for joints that turn by 90°."""
 _PLACES = 5
-"""Number of points tested along a link. Taste: more hardly prove more."""
+"""Number of points tested for contact along a link. Taste: more hardly prove more."""
 _MOST_REMOVED = 4
-"""Number of obstacles that are removed one at a time, nearest to the base first. Taste."""
+"""Largest number of obstacles whose removal is tried one at a time, nearest to the base first. Taste."""
 _BISECTIONS = 5
 """Number of bisections for the arm radius with which the first links could turn. Taste: 3 %."""
 _ROUNDING = 1e-9
@@ -61,7 +61,7 @@ def two_links_turn(problem: Problem) -> Iterator[Finding]:
 def three_links_turn(problem: Problem) -> Iterator[Finding]:
     """Yield a finding per whole-arm goal to which the first two or three links cannot turn from the start.
 
-    The check with three links, made only if two find nothing, takes tenths of a second.
+    Three links are checked only if two give no finding, since that check takes tenths of a second.
     """
     for links in (2, 3):
         found = tuple(_shut_off(problem, links))
@@ -284,7 +284,7 @@ def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) ->
 
 
 Check: TypeAlias = Callable[..., Iterator[Finding]]
-"""Function from a problem, and for slow checks a deadline, to findings on why no plan exists."""
+"""Function from a problem, and for a slow check a deadline, to findings that prove that no plan exists."""
 AT_ONCE: tuple[Check, ...] = (
     *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, supple_enough),
     *(strong_enough, two_links_turn),
@@ -294,7 +294,7 @@ NECESSARY: tuple[Check, ...] = (
     *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, wide_and_short_enough, supple_enough),
     *(strong_enough, three_links_turn),
 )
-"""All necessary checks, the most elementary first."""
+"""All checks of necessary conditions for a plan, the most elementary first."""
 BUT_WAYS = tuple(check for check in NECESSARY if check is not wide_and_short_enough)
 """All necessary checks except the search for axis paths, which takes long to explain its result."""
 

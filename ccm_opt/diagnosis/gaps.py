@@ -22,7 +22,7 @@ _STEP = 2e-3
 _BESIDE = 1.3
 """Multiple of the nearest obstacle's distance up to which obstacles count as near a position. Taste."""
 _FAR = 1e9
-"""Distance beyond any scene [m]."""
+"""Length that exceeds any distance in a scene [m]."""
 _MOST_BESIDE = 3
 """Largest number of obstacles that are reported as near a position. Taste."""
 
@@ -30,7 +30,7 @@ _FIRST_STEP = 0.1
 """First displacement from a position, as a fraction of the distance that must be kept. Taste."""
 
 WORKSPACE_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
-"""Names of the walls of the room, which cannot be removed."""
+"""Names of the boundaries of the workspace, which cannot be removed like obstacles."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def depth_beyond(gaps: Gaps, place: FloatArray, direction: FloatArray, room: flo
 
 @dataclass(frozen=True)
 class WallGaps:
-    """Distances from the walls of a workspace in the plane.
+    """Distances of segments from the walls of a planar workspace.
 
     Attributes:
         workspace: the walls.
@@ -167,7 +167,7 @@ def _lines(segments: FloatArray) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGaps:
-    """Distances from every obstacle of a workspace in space.
+    """Distances of segments from every obstacle of a workspace in space.
 
     Attributes:
         workspace: the scene.

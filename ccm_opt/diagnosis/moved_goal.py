@@ -260,7 +260,7 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: boo
 
 
 def _in_file(place: FloatArray, unit: LengthUnit) -> str:
-    """Return the text of a position (d,) [m] in the problem file's unit, rounded to a tenth of a millimetre."""
+    """Return text for a position (d,) [m] in the unit of the problem file, to a tenth of a millimetre."""
     decimals = {"m": 4, "mm": 1, "in": 3}[unit]
     return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 

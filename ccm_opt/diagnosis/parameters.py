@@ -17,7 +17,7 @@ from ccm_opt.robot.arm import Arm
 Read = Callable[[Any], float]
 """Function that reads a number from a problem, in the plane or in space."""
 Write = Callable[[Any, float], Any]
-"""Function that returns a problem with a number replaced."""
+"""Function that returns a problem in which a number is replaced by another."""
 
 
 _FIGURES = 4

@@ -28,9 +28,9 @@ from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 _FINENESS = 1e-3
 """Relative accuracy of the largest inflation of obstacles that leaves an axis path open. Taste."""
 _ARC_SIDES = 12
-"""Number of sides per quarter circle; inscribed arcs lose 0.2 % of their radius. Taste."""
+"""Number of polygon sides per quarter circle; inscribed arcs lose 0.2 % of their radius. Taste."""
 _MOST_REMOVED = 16
-"""Number of obstacles that are removed one at a time, nearest to the narrow passage first. Taste."""
+"""Largest number of obstacles whose removal is tried, nearest to the narrow passage first. Taste."""
 _BEYOND = 1.01
 """Inflation of obstacles that closes the narrowest passage, as a multiple of the largest inflation that leaves it open.
 
@@ -243,7 +243,7 @@ class PassageWays(Ways):
 
     @cached_property
     def gaps(self) -> Gaps:
-        """Distances from all walls."""
+        """Distances of segments from all walls."""
         return WallGaps(self.problem.workspace)
 
     @property

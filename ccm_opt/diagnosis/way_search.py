@@ -164,7 +164,7 @@ class WaySearch:
         return start, goal
 
     def _insides_found(self, state: "_State") -> bool:
-        """Test whether reached cubes are inside bodies; return whether any newly tested cube is.
+        """Test whether cubes reached from the base are inside bodies; return whether any newly tested cube is.
 
         Touching cubes that no surface crosses lie on the same side of all surfaces, so testing one of them is enough.
         """

@@ -92,7 +92,7 @@ class Ways(ABC):
     @property
     @abstractmethod
     def gaps(self) -> Gaps:
-        """Distances from all obstacles."""
+        """Distances of segments from all obstacles."""
 
     @property
     @abstractmethod

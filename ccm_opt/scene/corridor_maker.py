@@ -252,7 +252,7 @@ def _trial_places(taut: TautString, first: float, last: float, trials: int) -> l
 
 
 def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
-    """Return one chord per overlap, in order along the string, with the greatest product of scores.
+    """Return one chord per overlap of regions, in order along a taut string, with the greatest product of scores.
 
     The choice is made by dynamic programming.
     """

@@ -153,7 +153,7 @@ def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -
 
 
 def _joined(chains: list[Chain]) -> tuple[int, ...]:
-    """Return the triangles of consecutive chains as one sequence."""
+    """Return the triangles of consecutive chains of triangles as one sequence."""
     return (*chains[0].triangles, *(t for chain in chains[1:] for t in chain.triangles[1:]))
 
 

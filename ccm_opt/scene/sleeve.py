@@ -280,7 +280,7 @@ def _turn(a: Point, b: Point, c: Point) -> float:
 
 @dataclass(frozen=True)
 class TautString:
-    """The shortest path of a homotopy class, and the triangle edges that it crosses.
+    """The shortest path of a homotopy class (a taut string), and the triangle edges that the path crosses.
 
     Attributes:
         path: vertices, shape (k, 2) [m].
@@ -298,7 +298,7 @@ class TautString:
     def through(
         cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
     ) -> "TautString":
-        """Return the shortest path with vertices ``path`` (k, 2) that crosses given triangle edges (n, 2, 2) [m]."""
+        """Build a taut string with vertices ``path`` (k, 2) that crosses given triangle edges (n, 2, 2) [m]."""
         return cls(path, edges, _crossings(edges, path), settings)
 
     @cached_property
@@ -319,7 +319,7 @@ class TautString:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Positions of the samples, shape (s, 2) [m]."""
+        """Positions of the samples along the path, shape (s, 2) [m]."""
         return points_at(self.path, self.knots, self.stations)
 
     def at(self, place: float) -> FloatArray:

@@ -1,1 +1,1 @@
-"""Independent checks of a plan, continuous in time (``verifier``); shares no code with the planners."""
+"""Independent checks of plans at all times, not only at samples; shares no code with the planners."""

@@ -47,7 +47,7 @@ class HatMeans:
 
     @property
     def steps(self) -> tuple[FloatArray, FloatArray]:
-        """Time steps before and after the inner samples, each of shape (T − 2,) [s]."""
+        """Durations of the time steps before and after each inner sample, each of shape (T − 2,) [s]."""
         step = np.diff(self.time)
         return step[:-1], step[1:]
 
@@ -273,12 +273,12 @@ class Factors:
 
     @property
     def error(self) -> float:
-        """Bound on the difference between the mean of the products and the product of the means."""
+        """Bound on the difference between the mean of all products and the product of the means, as a weighted sum."""
         return float(self.shares @ (self.spread * self.unsteady + self.bows * self.mean))
 
     @property
     def own_spread(self) -> float:
-        """Bound on the root mean square deviation of the sum of the products from its mean."""
+        """Bound on the root mean square deviation of the sum of all products from its mean."""
         return float(self.shares @ (self.longest * self.unsteady + self.spread * self.mean))
 
 
@@ -472,5 +472,5 @@ def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def _body_bounds(of_links: FloatArray) -> FloatArray:
-    """Return bounds for link midpoints and the tip, shape (links + 1,), as sums of bounds per link from the base."""
+    """Return the sums of values per link from the base up to each link's midpoint and the tip, (links + 1,)."""
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))

@@ -51,7 +51,7 @@ class Pairs:
         return cls(stretch, np.tile(link, stretches), np.tile(other, stretches))
 
     def where(self, chosen: BoolArray | IntArray) -> "Pairs":
-        """Return the pairs selected by a mask of shape (P,) or by indices."""
+        """Return the pairs of bodies selected by a mask of shape (P,) or by indices."""
         return Pairs(self.stretch[chosen], self.link[chosen], self.other[chosen])
 
     def and_also(self, others: "Pairs", shift: int = 0) -> "Pairs":

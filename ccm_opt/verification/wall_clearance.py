@@ -91,7 +91,7 @@ class CheckedSurfaces:
         return float(np.max(np.abs(self.parts)))
 
     def name_of(self, node: int) -> str:
-        """Return the name of the obstacle to which the part in a box of the last level belongs."""
+        """Return the name of the obstacle whose edge or triangle is in a box of the last level."""
         return str(self.names[self.owner[node - self.offsets[-2]]])
 
     def is_single(self, node: IntArray) -> BoolArray:
@@ -148,7 +148,7 @@ class CheckedSurfaces:
 
     @cached_property
     def diagonals(self) -> FloatArray:
-        """Diagonals of all boxes, shape (nodes,) [m]."""
+        """Lengths of the diagonals of all bounding boxes, shape (nodes,) [m]."""
         return lengths_of(self.high - self.low)
 
 
@@ -198,7 +198,7 @@ def check_walls(
     workspace: Workspace,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
-    """Check that the arm beyond its mount keeps the clearance from every wall at all times."""
+    """Check that the arm beyond its mount keeps the required clearance from every wall at all times."""
     found = nearest_wall(motion, workspace, settings)
     if found is None:
         mount = np.all(exposed_starts(motion.arm) == 1.0)

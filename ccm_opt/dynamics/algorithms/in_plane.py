@@ -24,9 +24,9 @@ WORLD: Known = (None, 0.0, None, None, None)
 AT_REST: Known = (0.0, 0.0, 0.0)
 """Known angular velocity of the base: zero."""
 NEUTRAL_BEFORE = {ca.OP_ADD: 0.0, ca.OP_MUL: 1.0}
-"""Left operands that leave the right one unchanged, by operation."""
+"""Left operands that leave the right operand unchanged, by CasADi operation."""
 NEUTRAL_AFTER = {**NEUTRAL_BEFORE, ca.OP_SUB: 0.0, ca.OP_DIV: 1.0}
-"""Right operands that leave the left one unchanged, by operation."""
+"""Right operands that leave the left operand unchanged, by CasADi operation."""
 
 
 def free(count: int) -> Known:
@@ -120,5 +120,5 @@ def _applied(operation: int, values: Sequence[Value]) -> Value:
 
 
 def _is(value: Value, number: float) -> bool:
-    """Return whether a value is known and equal to a given number."""
+    """Return whether a value in an expression is known and equal to a given number."""
     return isinstance(value, float) and value == number

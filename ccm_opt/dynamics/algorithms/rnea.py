@@ -84,7 +84,7 @@ def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: A
 
 
 def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
-    """Return the force F and the moment N about the ball that a link's own motion requires, shape (6,)."""
+    """Return the force F and the moment N about its ball joint that a link's own motion requires, shape (6,)."""
     mass, axial, transverse, length = ca.vertsplit(body)
     force = mass * acceleration
     inertia = ca.vertcat(axial, transverse, transverse)

@@ -93,7 +93,7 @@ class Legs:
 
     @property
     def duration(self) -> float:
-        """Duration from rest to rest [s]."""
+        """Duration of the motion from rest to rest [s]."""
         return float(self.passed[-1] + self.halves[-1])
 
     @cached_property

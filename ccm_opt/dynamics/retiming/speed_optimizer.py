@@ -295,7 +295,7 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
     bound = np.stack((np.zeros(len(cap)), cap), axis=1)
 
     class InterpolatedRows(toppra.constraint.LinearConstraint):  # type: ignore[misc]
-        """Rows of limits, discretised by interpolation: each row holds at both ends of an interval."""
+        """Limit rows for TOPP-RA, discretised by interpolation: each row holds at both ends of an interval."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -424,7 +424,7 @@ class SmoothProfile:
 
     @property
     def duration(self) -> float:
-        """Duration from rest to rest [s]."""
+        """Duration of the motion from rest to rest [s]."""
         return float(self.position.x[-1]) * self.factor
 
     @property

@@ -94,5 +94,5 @@ class TimedPath:
 
     @property
     def smooth(self) -> bool:
-        """Whether the limits include jerk."""
+        """Whether the jerk of any coordinate is limited."""
         return bool(np.any(np.isfinite(self.bounds.jerk)))

@@ -145,7 +145,7 @@ def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSam
 
 
 def with_jumps(time: FloatArray, jumps: FloatArray, apart: float) -> FloatArray:
-    """Return sample times with times of jumps inserted, except jumps very close to a sample.
+    """Return sample times with the times of acceleration jumps inserted, except jumps very close to a sample.
 
     Args:
         time: sample times, strictly increasing, shape (T,) [s].
@@ -213,7 +213,7 @@ def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordin
 
 
 def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
-    """Return times with every step divided into a given number of equal pieces."""
+    """Return sample times with every step divided into a given number of equal pieces."""
     places = np.concatenate(([0], np.cumsum(pieces)))
     return np.interp(np.arange(places[-1] + 1), places, time)
 

@@ -18,9 +18,9 @@ from ccm_opt.robot.arm import Axes
 
 C_FILES = ("sines.c", "recursion.c", "simulation.c")
 SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate", "work_per_link", "loop_rows")
-"""Functions that a source exports.
+"""Names of the C functions that every source of the dynamics exports.
 
-In the library, their names end in two underscores and the variant of the arm's structure.
+In the library, two underscores and the variant of the arm's structure follow the name.
 """
 # The functions of one link are called by the recursions only.
 PRIVATE = "#define CASADI_SYMBOL_EXPORT static ALWAYS_INLINE\n"

@@ -88,7 +88,10 @@ class CompiledFunction:
     def many(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate the dynamics at N states, given by three arrays of shape (N, 3 * links) and a feed (N,)."""
+        """Evaluate the dynamics in N states, given by three arrays of shape (N, 3 * links) and a feed (N,).
+
+        The arrays are those of ``DynamicsFunction.with_feed``, and so are the results.
+        """
         out = np.empty(first.shape)
         out_feed = np.empty(len(feed))
         self._many.set(count=len(feed), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed)

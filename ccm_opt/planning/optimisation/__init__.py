@@ -1,1 +1,1 @@
-"""Optimise a certified motion: shorter, smoother and with more clearance, all keyframes at once."""
+"""Optimisation of a certified motion over all keyframes at once: shorter, smoother and with more clearance."""

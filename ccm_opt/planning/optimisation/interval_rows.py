@@ -1,12 +1,13 @@
-"""Linearised contact constraints (rows) over the intervals of a motion, in the plane and in space.
+"""Linearised contact constraints (rows) over the intervals between keyframes of a motion, in the plane and in space.
 
 A row bounds the distance of a point P_a of the arm from a wall, or from a point P_b of another link, at one time of
 interval k, along a fixed direction n:
 
     n·(P_a − P_b) + deviation + c ≤ 0.
 
-For a wall, P_b is a fixed point. The deviation, given by the motion, bounds how far the points may leave the straight
-line between their positions at both ends of the interval; it is 0 where there are rows at times in between too.
+For a wall, P_b is a fixed point. The deviation, computed from the motion, bounds the distance by which the points may
+leave the straight line between their positions at both ends of the interval; it is 0 where there are rows at times in
+between, too.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -20,14 +21,14 @@ from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 STILL = -1
-"""Index of the fixed point among the points of a motion, the last of all."""
+"""Index that stands for a fixed point among the points of a motion, the last of them."""
 _SECTORS = 12
-"""Number of directions in the plane that count as different when rows are thinned. Taste."""
+"""Number of sectors of directions in the plane when redundant rows are removed, one kept per sector. Taste."""
 
 
 @dataclass(frozen=True)
 class RowCurvature:
-    """Convex part of the second derivatives of a weighted sum of rows with respect to the unknowns of the keyframes.
+    """Convex part of the second derivatives of a weighted sum of rows with respect to the p unknowns of each keyframe.
 
     Attributes:
         diagonal: blocks of each keyframe, shape (K + 1, p, p).
@@ -40,7 +41,7 @@ class RowCurvature:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Motion whose p unknowns are linear between K + 1 keyframes, for an arm of n links in d dimensions.
+    """Motion with p unknowns per keyframe, linear over the K intervals, of an arm of n links in d dimensions.
 
     Attributes:
         space: map from the unknowns to configurations.
@@ -51,7 +52,7 @@ class Sweep:
     unknowns: FloatArray
 
     parts: ClassVar[int] = 4
-    """Number m of equal parts of an interval: rows belong to the ends of the parts, and each part has its own slack."""
+    """Number m of equal parts of an interval; rows belong to the ends of the parts, and each part has a slack."""
 
     @property
     def intervals(self) -> int:
@@ -60,7 +61,7 @@ class Sweep:
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
-        """Poses at the keyframes, with their derivatives."""
+        """Poses at the keyframes, with their derivatives with respect to the unknowns."""
         return self.space.poses(self.unknowns)
 
     @cached_property
@@ -75,7 +76,7 @@ class Sweep:
 
     @cached_property
     def turn_metrics(self) -> FloatArray:
-        """Matrix JᵀJ at each keyframe, with the Jacobian J of the link turns by the unknowns, shape (K + 1, p, p)."""
+        """Matrices JᵀJ, with the Jacobian J of the link rotations in the unknowns, shape (K + 1, p, p)."""
         turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.unknowns.shape[1])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
 
@@ -86,7 +87,7 @@ class Sweep:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Positions of joints, tip, end of the mount and a fixed point at the keyframes, (K + 1, n + 3, d) [m].
+        """Positions of joints, tip, end of the mount and a fixed point at the keyframes, shape (K + 1, n + 3, d) [m].
 
         The fixed point, last, is the origin.
         """
@@ -98,7 +99,7 @@ class Sweep:
         return self._with_marks(np.stack([pose.moving for pose in self.poses]))
 
     def unknowns_at(self, share: float) -> FloatArray:
-        """Return the unknowns at a fraction ``share`` of each interval, shape (K, p)."""
+        """Return the unknowns at a given fraction of each interval between keyframes, shape (K, p)."""
         return np.asarray((1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:])
 
     @cached_property
@@ -110,11 +111,11 @@ class Sweep:
     # ------------------------------------------------------------ at the times of rows
     @property
     def _between(self) -> FloatArray:
-        """Unknowns at the ends of the parts inside the intervals, shape (K, m − 1, p)."""
+        """Unknowns at the ends of the parts that lie inside the intervals, shape (K, m − 1, p)."""
         return np.stack([self.unknowns_at(part / self.parts) for part in range(1, self.parts)], axis=1)
 
     def _interleaved(self, at_keyframes: FloatArray, between: FloatArray) -> FloatArray:
-        """Return values at all times of rows, (K m + 1, ...), in order.
+        """Return values at keyframes and at the times between them as one array in order of time, shape (K m + 1, ...).
 
         Args:
             at_keyframes: values at the keyframes, shape (K + 1, ...).
@@ -126,7 +127,7 @@ class Sweep:
 
     @cached_property
     def timed_joints(self) -> FloatArray:
-        """Positions of joints and tip at all times of rows, shape (K m + 1, n + 1, d) [m]."""
+        """Positions of joints and tip at all times at which rows may be imposed, shape (K m + 1, n + 1, d) [m]."""
         if self.parts == 1:
             return self.joints
         between = self._between.reshape(-1, self.unknowns.shape[1])
@@ -134,7 +135,7 @@ class Sweep:
 
     @cached_property
     def timed_points(self) -> FloatArray:
-        """Positions of joints, tip, end of the mount and fixed point at all times of rows, (K m + 1, n + 3, d) [m]."""
+        """Positions of joints, tip, end of the mount and fixed point at all row times, (K m + 1, n + 3, d) [m]."""
         return self.points if self.parts == 1 else self._with_marks(self.timed_joints)
 
     @cached_property
@@ -157,17 +158,17 @@ class Sweep:
         return np.asarray(self.half_way - 0.5 * (self.points[:-1] + self.points[1:]))
 
     def _with_marks(self, joints: FloatArray) -> FloatArray:
-        """Return values at joints and tip, (..., n + 1, ...), extended by those at the mount's end and fixed point.
+        """Return values at joints and tip, (..., n + 1, ...), extended by those at the mount's end and a fixed point.
 
         The joints are along the second axis. The value at the end of the mount is interpolated between the joints of
-        its link, that of the fixed point is 0.
+        its link, that at the fixed point is 0.
         """
         link, share = self.space.arm.mount_end
         at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
         return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return bounds on how far the points of m rows leave the straight line over the interval, shape (m,) [m].
+        """Return bounds on the deviation of the points of m rows from straight lines over an interval, (m,) [m].
 
         The bound is 0 if the rows account for the deviation themselves.
         """
@@ -175,12 +176,12 @@ class Sweep:
         return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return the derivatives of ``deviation`` by the change of the unknowns over the interval, (m, p) [m]."""
+        """Return the derivatives of ``deviation`` in the change of unknowns over the interval, (m, p) [m]."""
         del rows
         return 0.0
 
     def lost(self, rows: "IntervalRows") -> FloatArray:
-        """Return by how much n·(P_a − P_b) of rows half-way exceeds the mean of its values at the ends, (m,) [m].
+        """Return the excess of n·(P_a − P_b) half-way over the mean of its values at the ends, for m rows, (m,) [m].
 
         The excess is at least 0; it is 0 if the bound on the deviation covers it.
         """
@@ -188,12 +189,12 @@ class Sweep:
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
 
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
-        """Return the convex second derivatives of Σ λ g + pull·tip over the rows g, or None if they are not computed.
+        """Return the convex second derivatives of Σ λ g + pull · tip over rows g; None if they are not computed.
 
         They are not computed in space, where they couple all links to each other.
 
         Args:
-            rows: the rows.
+            rows: m rows.
             multipliers: multipliers λ of the rows, shape (m,).
             pull: multipliers of the tip's position at the goal, shape (d,).
         """
@@ -203,7 +204,7 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class IntervalRows:
-    """Linearised contact constraints (rows) g = n·(P_a − P_b) + deviation + c ≤ 0 over a motion, m of them.
+    """The m linearised contact constraints (rows) g = n·(P_a − P_b) + deviation + c ≤ 0 over a motion.
 
     Attributes:
         interval: index k of the interval of each row, shape (m,).
@@ -233,7 +234,7 @@ class IntervalRows:
         return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def part(self, sweep: Sweep) -> IntArray:
-        """Return the index of the part of the motion to which each row belongs, which ends at the row's time, (m,).
+        """Return the index of the part of the motion that ends at the time of each row, shape (m,).
 
         A row at the start of an interval belongs to the part that begins there.
         """
@@ -245,19 +246,19 @@ class IntervalRows:
         return np.asarray(self.minus == STILL)
 
     def values(self, sweep: Sweep) -> FloatArray:
-        """Return the values g of the rows in a motion, shape (m,) [m]; positive if violated."""
+        """Return the values g of all rows in a motion, shape (m,) [m]; positive if violated."""
         time = self._time(sweep)
         apart = sweep.timed_points[time, self.plus] - sweep.timed_points[time, self.minus]
         return np.asarray(np.einsum("md,md->m", self.normal, apart) + sweep.deviation(self) + self.constant)
 
     def _time(self, sweep: Sweep) -> IntArray:
-        """Return the index of the time of each row among all times of rows of a motion, shape (m,)."""
+        """Return the index of the time of each row among all row times of a motion, shape (m,)."""
         return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the rows by the unknowns at the start and at the end of their interval, (m, p)."""
-        # A change at either keyframe moves the points by a fraction of it, and alters the change over the interval, and
-        # so the deviation, with opposite signs.
+        """Return the derivatives of m rows in the unknowns at the start and at the end of an interval, each (m, p)."""
+        # A change at either keyframe moves the points by a fraction of that change. It also alters the change over the
+        # interval, and so the deviation, with opposite signs at start and end.
         time = self._time(sweep)
         apart = sweep.timed_moving[time, self.plus]
         pairs = np.flatnonzero(self.minus != STILL)
@@ -269,14 +270,14 @@ class IntervalRows:
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """Return several sets of rows concatenated to one."""
+    """Return several sets of rows as one."""
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )
 
 
 def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
-    """Return the rows that keep pairs of distant links of an arm apart over the intervals of a motion.
+    """Return rows that keep pairs of links, far apart along the arm, apart in space over the intervals of a motion.
 
     The direction of a row is that between the closest points half-way through the interval.
 
@@ -316,10 +317,10 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
 
 
 def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
-    """Return the indices of the tightest rows, one per interval, time, group of neighbouring joints and direction.
+    """Return the indices of the tightest rows, one per interval, time, group of joints and sector of directions.
 
     Args:
-        rows: the rows, m of them.
+        rows: m rows.
         values: values of the rows, shape (m,).
         group: number of neighbouring joints in a group.
     """
@@ -340,7 +341,7 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntAr
 
 
 def _directions(normal: FloatArray) -> IntArray:
-    """Return the index of the sector of directions to which each normal (m, d) belongs, shape (m,)."""
+    """Return the index of the sector of directions to which each of m normals (m, d) belongs, shape (m,)."""
     if normal.shape[1] == 2:
         sector = np.floor(np.arctan2(normal[:, 1], normal[:, 0]) * _SECTORS / (2.0 * np.pi)).astype(np.intp)
         return np.asarray(sector % _SECTORS)

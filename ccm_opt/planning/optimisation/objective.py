@@ -1,11 +1,11 @@
-"""Objective of trajectory optimisation over keyframes: a quadratic part, and closeness to walls.
+"""Objective of trajectory optimisation over keyframes: a quadratic part, and a cost of closeness to walls.
 
-With K intervals of equal parameter length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|², whose
-minimum has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings: the
-joints' speed and acceleration limits determine the duration.
+With K intervals of equal parameter length the squared length of a joint path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|²,
+whose minimum has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². The q are bends, not
+headings: the joints' speed and acceleration limits determine the duration.
 
 For closeness to walls, every wall row g ≤ 0 of the motion (``interval_rows``) with −g < D adds (1 + g/D)² to a mean
-over intervals and links; the Hessian of this mean is approximated by the convex one of Gauss and Newton.
+over intervals and links; the Hessian of this mean is replaced by its convex Gauss-Newton approximation.
 """
 
 from collections.abc import Callable
@@ -22,29 +22,31 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RIDGE = 1e-8
-"""Weight on changes of all unknowns, so that the metric is definite. Taste."""
+"""Weight on changes of all unknowns, so that the weight matrix is positive definite. Taste."""
 
 _SHAPE_CHANGE = 0.1
 """Weight on changes of the curvature from keyframe to keyframe, as a fraction of ``_SHAPE``. Taste."""
 _SECOND_HEADING = 0.1
-"""Weight of the turns of the links in ``∫|q''|²``. Taste."""
+"""Weight of the rotations of the links in ``∫|q''|²``. Taste."""
 _HEADING = 1e-3
-"""Weight of the turns of the links relative to the turns of the joints. Taste."""
+"""Weight of the rotations of the links relative to those of the joints. Taste."""
 _UNEVENNESS = 4e-3
-"""Weight of ``∫|q''|²``; its root is the fraction of the motion over which corners are rounded. Taste."""
+"""Weight of ``∫|q''|²``, whose square root is the fraction of the motion over which corners are rounded. Taste."""
 _SHAPE = 1e-3
-"""Weight of the curve's curvature and of its differences, in nominal links. Taste."""
+"""Weight of the backbone curve's curvature and of its differences, in units of nominal links. Taste."""
 _BLEND = 1e-3
 """Weight on changes of the unknown that blends the curve's pose into a goal for the whole arm. Taste."""
 _FOLLOWING = 25.0
-"""Weight of changes of the curve on which a fed arm lies, as bends of a nominal link; an arm whose curve does not
-change follows its tip. Measured on jobs with disturbances: it costs a hundredth of their duration and halves the
-greatest deviation from the tip's path."""
+"""Weight on changes of the backbone curve of an arm with a feed axis, as bends of a nominal link.
+
+An arm whose curve in space does not change follows its tip. Measured on jobs with disturbances: this weight costs a
+hundredth of their duration and halves the greatest deviation from the tip path.
+"""
 
 
 @dataclass(frozen=True)
 class JointSlowness:
-    """Factors by which joints are slower than the average joint, for a cost that represents the duration.
+    """Factors by which joints are slower than the mean joint, for a cost that represents the duration.
 
     Attributes:
         speed: ratio of the mean speed limit to that of each joint, shape (links,).
@@ -60,7 +62,7 @@ class JointSlowness:
         return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
 
     def resampled(self, links: int) -> "JointSlowness":
-        """Return the slowness interpolated along an arm of another number of links."""
+        """Return the factors interpolated along an arm with another number of links."""
         middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
         wanted = (np.arange(links) + 0.5) / links
         return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
@@ -70,11 +72,12 @@ class JointSlowness:
 class Objective:
     """Quadratic objective of a motion: length, smoothness and duration of the joint path, and bending of the curve.
 
-    The objective is quadratic in coordinates and unknowns of the keyframes, and convex with coordinates linearised.
+    The objective is quadratic in the coordinates and unknowns of the keyframes, and convex if coordinates are
+    linearised.
 
     Attributes:
         curve: map from p unknowns to c coordinates.
-        intervals: number K of intervals.
+        intervals: number K of intervals between keyframes.
         weights: weights of the parts.
         slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
         scale: factor of each coordinate, shape (c,); None if all count alike.
@@ -124,7 +127,7 @@ class Objective:
 
     @property
     def _share(self) -> float:
-        # Sums over links become independent of how many there are.
+        # Makes sums over links independent of the number of links.
         return NOMINAL_LINKS / self.curve.arm.links
 
     @property
@@ -153,7 +156,7 @@ class Objective:
         return np.asarray(self._share * (way + time) * (1.0 if self.scale is None else self.scale**2))
 
     def _turns(self, weights: FloatArray) -> FloatArray:
-        """Return the weight matrix of the unknowns, (p, p), for weights of the squared coordinates, (c,) or ()."""
+        """Return the weight matrix of the unknowns, (p, p), from weights of the squared coordinates, (c,) or ()."""
         rows = self.curve.drive_rows
         return np.asarray(rows.T @ (np.broadcast_to(weights, len(rows))[:, None] * rows))
 
@@ -164,7 +167,7 @@ class Objective:
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the curvature at the knots, and of its differences, by the unknowns, per nominal link."""
+        """Derivatives in the unknowns of the curvature at the knots and of its differences, per nominal link."""
         return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
     # ------------------------------------------------------------ of a motion
@@ -177,7 +180,7 @@ class Objective:
         return value
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Return the objective of a motion after a change of the unknowns (K + 1, p), with coordinates linearised."""
+        """Return the objective after a change of the unknowns (K + 1, p), predicted with linearised coordinates."""
         value = self._of_unknowns(sweep.unknowns + change)
         if not self.curve.affine:
             moved = sweep.configurations + np.einsum("kcp,kp->kc", sweep.slopes, change)
@@ -192,7 +195,7 @@ class Objective:
         return gradient
 
     def blocks(self, sweep: Sweep, k: IntArray, m: IntArray) -> FloatArray:
-        """Return blocks of the convex Hessian of the objective with respect to the unknowns, shape (b, p, p).
+        """Return b blocks of the convex Hessian of the objective with respect to the unknowns, shape (b, p, p).
 
         Args:
             sweep: the motion.
@@ -221,11 +224,11 @@ class Objective:
 
     @property
     def _coordinate_weights(self) -> tuple[tuple[int, FloatArray], ...]:
-        """Pairs of an order of differences between keyframes, 1 or 2, and the weights of the coordinates, (c,)."""
+        """Pairs of an order of differences between keyframes, 1 or 2, and the coordinate weights, shape (c,)."""
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the gradient of the part that depends on coordinates, from configurations, both (K + 1, c)."""
+        """Return the gradient, (K + 1, c), of the part that depends on coordinates, at configurations (K + 1, c)."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -236,7 +239,7 @@ class Objective:
 def normalised(weights: Weights) -> Weights:
     """Return weights scaled so that the largest of path length, smoothness and duration is 1.
 
-    Prices and damping of the optimisation are tuned for this scale.
+    The slack prices and the damping of the optimisation are tuned for this scale.
     """
     largest = max(weights.path_length, weights.smoothness, weights.duration)
     scale = largest if largest > 0.0 else 1.0
@@ -245,7 +248,7 @@ def normalised(weights: Weights) -> Weights:
 
 @lru_cache(maxsize=8)
 def _differences(intervals: int, order: int) -> FloatArray:
-    """Return the matrix of differences of an order between the keyframes of K intervals, (K + 1 − order, K + 1)."""
+    """Return the matrix of differences of a given order between K + 1 keyframes, (K + 1 − order, K + 1)."""
     return np.diff(np.eye(intervals + 1), order, axis=0)
 
 
@@ -256,19 +259,19 @@ def _normal(intervals: int, order: int) -> FloatArray:
 
 
 Failures = Callable[[FloatArray], IntArray]
-"""Function from keyframes (K, p) of a piecewise-linear motion to its uncertified intervals."""
+"""Function from keyframes (K, p) of a piecewise-linear motion to the indices of its uncertified intervals."""
 Restored = Callable[[FloatArray], FloatArray]
-"""Function that moves keyframes (K, p) so that they satisfy the limits; both ends are unchanged."""
+"""Function that moves keyframes (K, p) so that they keep the limits, without moving the first and the last."""
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
-    """Return a subset of the keyframes of a certified motion with certified intervals in between.
+    """Return a subset of the keyframes of a certified motion between which all intervals are certified.
 
     Every n-th keyframe is kept at first; then intervals that are not certified are halved.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
-        failures: function that returns the intervals that are not certified.
+        failures: function that returns the indices of intervals that are not certified.
         first_stride: initial stride n.
 
     Returns:
@@ -278,8 +281,8 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
     kept = np.unique(np.append(np.arange(0, last, first_stride), last))
     while True:
         legs = failures(coordinates[kept])
-        # A leg between neighbours of the certified motion cannot be split, but is certified with more bisections than
-        # are allowed here.
+        # An interval between consecutive keyframes of the certified motion cannot be split; its certificate needs more
+        # bisections than are allowed here.
         splittable = legs[np.diff(kept)[legs] > 1]
         if len(splittable) == 0:
             thinned: FloatArray = coordinates[kept]
@@ -288,7 +291,7 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """Return a path with more keyframes, whose intervals are divided evenly such that the longest part is shortest.
+    """Return a path whose intervals are divided evenly, such that the longest part is as short as possible.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
@@ -297,8 +300,8 @@ def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> Fl
     """
     parts = np.ones(len(sizes), dtype=np.intp)
     while parts.sum() < intervals:
-        # Greedy is optimal here: the longest part can only be shortened by cutting its own leg (the apportionment of
-        # seats has the same form).
+        # Greedy is optimal here: the longest part can only be shortened by dividing its own interval (as in the
+        # apportionment of seats).
         parts[np.argmax(sizes / parts)] += 1
     pieces = [
         a + np.arange(count)[:, None] / count * (b - a)
@@ -313,10 +316,10 @@ def resampled(
     """Return keyframes of a path at nearly even path parameters, moved onto the limits, with certified intervals.
 
     Args:
-        coordinates: coordinates at the keyframes of the path, shape (K, p).
+        coordinates: coordinates at the K keyframes of the path, shape (K, p).
         u: path parameters of these keyframes, increasing from 0 to 1, shape (K,).
         intervals: initial number of intervals; those that are not certified are halved.
-        failures: function that returns the intervals that are not certified.
+        failures: function that returns the indices of intervals that are not certified.
         restored: function that moves keyframes onto the limits.
         rounds: maximum number of halvings.
 
@@ -335,12 +338,12 @@ def resampled(
 
 @dataclass(frozen=True)
 class WallNearness:
-    """Cost of a motion's closeness to walls, a weighted mean of max(0, 1 + g/D)² over wall rows g ≤ 0.
+    """Cost of closeness to walls, a weighted mean of max(0, 1 + g/D)² over the wall rows g ≤ 0 of a motion.
 
     Attributes:
         rows: wall rows of one motion, fixed while a step is computed.
         weight: weight of the cost.
-        distance: distance D from walls below which rows cost [m].
+        distance: distance D from walls below which rows contribute to the cost [m].
         nominal_share: number of nominal links per link of the arm.
     """
 
@@ -350,18 +353,18 @@ class WallNearness:
     nominal_share: float
 
     def value(self, sweep: Sweep) -> float:
-        """Return the cost of a motion's closeness to walls."""
+        """Return the cost of closeness to walls for a motion."""
         return self._cost(self.rows.values(sweep), sweep)
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Return the cost of a motion after a change of the unknowns, shape (K + 1, p), with linearised wall rows."""
+        """Return the cost after a change of the unknowns (K + 1, p), predicted with linearised wall rows."""
         start, end = self.rows.slopes(sweep)
         k = self.rows.interval
         moved = np.einsum("mp,mp->m", start, change[k]) + np.einsum("mp,mp->m", end, change[k + 1])
         return self._cost(self.rows.values(sweep) + moved, sweep)
 
     def model(self, sweep: Sweep) -> Quadratic:
-        """Return the quadratic model of the cost at a motion: gradient and Gauss–Newton Hessian."""
+        """Return the quadratic model of the cost at a motion: gradient and Gauss-Newton Hessian."""
         intervals = sweep.intervals
         p = sweep.unknowns.shape[1]
         k = self.rows.interval
@@ -387,7 +390,7 @@ class WallNearness:
         return self.share(sweep.intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
 
     def share(self, intervals: int) -> float:
-        """Return the factor of the sum of squares in the cost of a motion with a number of intervals."""
-        # A mean over intervals, and over links as if there were the nominal number of them, so that the weight has the
-        # same meaning for any arm.
+        """Return the factor of the sum of squares in the cost of a motion with a given number of intervals."""
+        # A mean over intervals, and over links scaled to the nominal number of links, so that the weight has an equal
+        # effect for any arm.
         return self.weight * self.nominal_share / intervals

@@ -1,10 +1,10 @@
-"""Optimisation of a found motion: fewer keyframes, a shorter joint path, then more clearance.
+"""Optimisation of a certified motion: fewer keyframes, a shorter joint path, then more clearance.
 
 A step that the certificate refuses is shortened, then damped, and slack in intervals with violations becomes more
 costly; so the motion stays in its homotopy class, and every iterate is a usable motion.
 
-A row keeps both ends of a link, over a whole interval, in one half-space. The farther the link moves in the interval,
-the more of the available clearance is lost; keyframes closer together leave more.
+A row keeps both ends of a link in one half-space over a whole interval. The farther the link moves in the interval, the
+more of the available clearance is lost; more closely spaced keyframes lose less.
 """
 
 from dataclasses import replace
@@ -25,30 +25,39 @@ _CLEARANCE_SAMPLES = 5
 """Number of samples per interval at which the clearance of a smooth path is measured. Taste."""
 
 _GATE_INTERVALS = (40, 60, 90, 135)
-"""Numbers of intervals that are tried for motions through narrow gates. Taste: a clearance of a hundredth of a radius
-needs about sixty."""
+"""Numbers of intervals that are tried for motions through narrow gates, in order.
+
+Taste: a clearance of a hundredth of a radius needs about sixty.
+"""
 _GATE_HALVINGS = 3
 """Maximum number of times that uncertified intervals in gates are halved. Taste."""
 _WORTH_MANY = 0.05
-"""Fraction of its length by which steps with many keyframes have to shorten a motion for further such steps. Taste."""
+"""Relative shortening of a motion, by steps with many keyframes, below which no further such steps are made. Taste."""
 _COUNTED_ROUNDS = 2
-"""Number of rounds as which a series of steps with many keyframes counts. Measured: with 5, six crooked motions among
-clutter lasted 2 % longer in the median."""
+"""Number of rounds as which a series of steps with many keyframes counts.
+
+Measured: with 5, six strongly curved motions among clutter lasted 2 % longer in the median.
+"""
 _KEPT_SHARE = 0.8
-"""Fraction of its gap that a motion keeps when keyframes are removed. Taste."""
+"""Fraction of its gap that a motion must keep when keyframes are removed. Taste."""
 _FINER_LACK = 0.1
 """Lack of clearance, as a fraction of the preferred gap, above which a motion is optimised again with more keyframes.
-Measured in pipes and wing boxes with few links: seven in ten of those reach all the clearance available."""
+
+Measured in pipes and wing boxes with few links: seven in ten of those reach all the clearance available.
+"""
 _FINER_PRICE = 400.0
-"""Initial price of slack in the optimisation with more keyframes."""
+"""Initial price of slack in a repeated optimisation with more keyframes."""
 _MANY = 1.5
-"""Number of intervals that counts as many, as a multiple of the desired number. Taste."""
+"""Number of intervals above which a motion has many keyframes, as a multiple of the desired number. Taste."""
 _FINER = 2.2
-"""Factor of the number of intervals where a motion lacks clearance. Measured: of 18 motions among clutter that
-lacked clearance, few gained much with factor 1, several with 1.5, most with this factor."""
+"""Factor by which the number of intervals is increased where no step moves a motion.
+
+Measured: of 18 motions among clutter that lacked clearance, few gained much with factor 1, several with 1.5, most with
+this factor.
+"""
 
 _MOVED_ROUNDS = 24
-"""Maximum number of steps where keyframes have to be moved onto limits. Taste."""
+"""Maximum number of steps for motions under user limits, onto which keyframes have to be moved. Taste."""
 _MOST_INTERVALS = 60
 """Number of intervals above which a motion that no step moves is not subdivided further. Taste."""
 
@@ -61,19 +70,19 @@ def optimise(
     Args:
         motion: certified motion, piecewise linear in its unknowns, whose keyframes satisfy all equations.
         task: arm, workspace, goal, limits, weights and deadline.
-        margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+        margin: gap beyond contact that constraint rows demand, as a fraction of the arm's length; the default if None.
         rounds: maximum number of steps; that of the settings if None.
 
     Returns:
-        The certified motion of the last step, with the start of the given motion and a shorter joint path (or better by
-        the task's weights); the given motion if none was found.
+        The certified motion of the last step, with the start of the given motion and a shorter joint path (or a lower
+        objective by the task's weights); the given motion if no such motion was found.
     """
     if task.optimiser == "none" or len(motion.unknowns) < 2 or task.deadline.passed():
         return motion
     whole = task.program(motion, margin)
     optimised = (_optimised_on_limits if task.user_limits else _optimised)(motion, task, whole, rounds)
     if not motion.curve.affine:
-        # The bends of a fed arm are not linear between keyframes: further configurations may have come in between.
+        # The bends of an arm with a feed axis may be nonlinear between keyframes, so configurations are inserted.
         if len(whole.failures(optimised.unknowns)) > 0:
             return motion
         in_between = motion.curve.configurations(motion.curve.in_pieces(optimised.unknowns))
@@ -87,7 +96,7 @@ def optimise(
 def _optimised_on_limits(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
 ) -> CurveMotion[Any]:
-    """Return a motion optimised under the user's limits, through keyframes that have been moved onto the limits.
+    """Return a motion optimised under user-defined limits, after its keyframes have been moved onto the limits.
 
     Args:
         motion: certified motion.
@@ -100,7 +109,7 @@ def _optimised_on_limits(
     """
     settings = task.settings.optimisation
     taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
-    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may suffice.
+    # Between keyframes a motion violates equations by the square of the step: if few keyframes fail, more may suffice.
     for intervals in settings.moved_intervals:
         keyframes, u = thinned(motion, task, intervals)
         program = replace(whole, u=u)
@@ -117,8 +126,8 @@ def _optimised(
 ) -> CurveMotion[Any]:
     """Return a motion optimised with as few keyframes as can be certified.
 
-    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after several rounds
-    keyframes are removed again, if possible.
+    A strongly curved motion needs many keyframes to be certified, and fewer once it has been straightened, so keyframes
+    are removed again after several rounds, if possible.
 
     Args:
         motion: certified motion.
@@ -143,8 +152,8 @@ def _optimised(
         keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.configurations))
         if len(keyframes) - 1 <= _MANY * settings.intervals:
             continue
-        # Among many walls the half-planes of long intervals let nothing move, while those of shorter ones do: a motion
-        # that cannot have few keyframes keeps them, or is subdivided where no step moves it.
+        # Among many walls the half-planes of long intervals block all motion, while those of shorter ones do not: a
+        # motion that needs many keyframes keeps them, and is subdivided if no step moves it.
         slow = motion.travel > (1.0 - _WORTH_MANY) * length
         if slow and len(before) > (_MOST_INTERVALS if stuck else 0):
             break
@@ -153,11 +162,11 @@ def _optimised(
 
 
 def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> tuple[FloatArray, FloatArray]:
-    """Return the unknowns (K + 1, p) and path parameters (K + 1,) of a motion with more, nearly even intervals.
+    """Return unknowns (K + 1, p) and path parameters (K + 1,) of a motion divided into more, nearly even intervals.
 
     Args:
         motion: the motion.
-        whole: optimisation problem, which measures the lengths of intervals.
+        whole: optimisation problem, which defines the lengths of intervals.
         times: factor of the number of intervals.
     """
     ways = whole.ways(motion.unknowns)
@@ -169,9 +178,9 @@ def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> 
 def _few_keyframes(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], gap: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return few certified keyframes of a motion, unknowns (K + 1, p) and path parameters (K + 1,).
+    """Return few keyframes of a motion with certified intervals: unknowns (K + 1, p), path parameters (K + 1,).
 
-    They are the motion's own if these are few.
+    The motion's own keyframes are returned if they are few.
 
     Args:
         motion: certified motion.
@@ -188,10 +197,11 @@ def _few_keyframes(
 
 
 def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[FloatArray, FloatArray]:
-    """Return few certified keyframes of a motion through narrow gates, unknowns and path parameters.
+    """Return few keyframes of a motion through narrow gates: unknowns (K + 1, p) and path parameters (K + 1,).
 
-    The motion's own keyframes are returned if fewer cannot be certified. Intervals between poses in a gate deviate from
-    the middle of the gate by the square of their turn, so keyframes are moved back to the middle.
+    The intervals between them are certified; the motion's own keyframes are returned if fewer cannot be certified.
+    Intervals between poses in a gate deviate from the middle of the gate by the square of their rotation, so keyframes
+    are moved back to the middle.
     """
     u = motion.path_parameters
     restored = replace(whole, u=u).restored
@@ -203,14 +213,14 @@ def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[
 
 
 def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
-    """Return whether the keyframes of a motion satisfy the user's limits and the motion in between is certified."""
+    """Return whether a motion keeps user-defined limits at its keyframes, and certified intervals in between."""
     if not task.user_limits:
         return True  # every motion in planning is certified
     return _certified(replace(task.program(motion), u=motion.path_parameters), motion.unknowns)
 
 
 def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
-    """Return whether keyframes, shape (K + 1, p), and the motion between them satisfy every limit of a problem."""
+    """Return whether keyframes (K + 1, p) and the motion between them keep all limits of an optimisation problem."""
     sweep = program.sweep(unknowns)
     return program.feasible(sweep, sweep) and len(program.failures(unknowns)) == 0
 
@@ -218,13 +228,13 @@ def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
 def thinned(
     motion: CurveMotion[Any], task: SearchTask, intervals: int | None = None, gap: float = -np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """Return few keyframes of a motion with certified intervals in between.
+    """Return few keyframes of a certified motion between which all intervals are certified.
 
     Args:
         motion: certified motion.
         task: task of the motion, which may require certain keyframes.
         intervals: minimum number of intervals; that of the settings if None.
-        gap: gap beyond contact that intervals have to keep, if larger than the default [m].
+        gap: gap beyond contact that intervals have to keep, if above the default [m].
 
     Returns:
         Unknowns at the keyframes, shape (K + 1, p), and their path parameters, shape (K + 1,).
@@ -238,7 +248,7 @@ def thinned(
     ends = np.unique((0, *np.searchsorted(along, task.marks(motion)), len(along) - 1))
 
     def failing(some: FloatArray) -> IntArray:
-        # A shallow certificate: a leg that needs many bisections leaves the rows no clearance.
+        # A certificate with few bisections: an interval that needs many leaves the rows no clearance.
         return task.failures(motion.curve, some[:, :-1], settings.leg_depth, gap)
 
     def fewer(stride: int) -> FloatArray:
@@ -249,8 +259,8 @@ def thinned(
     whole = task.program(motion)
     keyframes = subdivided(few, whole.ways(few[:, :-1]), intervals)
     if not motion.curve.affine and len(whole.failures(keyframes[:, :-1])) > 0:
-        # The bends of a fed arm are not linear along an edge: a subdivided leg may exceed a limit, while the motion's
-        # own keyframes do not.
+        # The bends of an arm with a feed axis may be nonlinear over an interval: a subdivided interval may exceed a
+        # limit, while the motion's own keyframes do not.
         keyframes = fewer(max(1, len(labelled) // intervals))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
@@ -258,7 +268,7 @@ def thinned(
 def with_more_room(
     motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
 ) -> CurveMotion[Any]:
-    """Return a motion with more clearance where an optimised motion falls short of the preferred gap.
+    """Return a motion with more clearance if an optimised motion falls short of the preferred gap.
 
     A second motion is optimised with more keyframes and a higher price of missing clearance; the one of the two that
     lacks less clearance is returned.
@@ -267,9 +277,9 @@ def with_more_room(
         motion: optimised, certified motion.
         begun: certified motion from which the second motion is optimised.
         task: task of the motions.
-        margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+        margin: gap beyond contact that constraint rows demand, as a fraction of the arm's length; the default if None.
     """
-    # In the middle of a gate with hardly any play, no more clearance is possible.
+    # In the middle of a gate hardly wider than the arm, no more clearance is possible.
     if task.wanted_gap == 0.0 or task.optimiser == "none" or motion.u is not None or task.program(motion).yielding:
         return motion
     lacking = _lacking(motion, task)
@@ -284,7 +294,10 @@ def with_more_room(
 
 
 def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
-    """Return the largest shortfall of a motion's smooth path from the preferred gap, less that at its ends [m]."""
+    """Return the largest shortfall from the preferred gap along the smooth path through a motion's keyframes [m].
+
+    The shortfall at the start or goal, whichever is larger, is subtracted.
+    """
     control = at_least_four(motion.unknowns)
     unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
     lacking = task.room_lacking(motion.curve.configurations(unknowns))

@@ -1,8 +1,8 @@
-"""Quadratic program of one step of trajectory optimisation, block-banded and sparse over all keyframes, solved by PIQP.
+"""Quadratic program of one step of trajectory optimisation, sparse and block-banded over all keyframes, solved by PIQP.
 
-Variables are the changes of the unknowns of keyframes 1..K, and one slack for each part of an interval. Constraint rows
-are linearised; the convex part of their second derivatives, weighted by the multipliers of the previous step, is in the
-Hessian where the motion provides it.
+Variables are the changes of the unknowns of keyframes 1..K, and one slack per part of an interval. Constraint rows are
+linearised; the convex part of their second derivatives, weighted by the multipliers of the previous step, enters the
+Hessian if the motion provides it.
 """
 
 from dataclasses import dataclass
@@ -19,26 +19,32 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvatu
 from ccm_opt.planning.optimisation.objective import Objective
 
 _DAMPING_RIDGE = 1e-3
-"""Damping of the unknowns relative to that of the link turns, added to it. Taste."""
+"""Additional damping of the unknowns, relative to that of the link rotations. Taste."""
 _SLACK_CURVATURE = 1e-6
-"""Curvature of slack, so that the Hessian is definite. Taste."""
+"""Curvature of slack, so that the Hessian is positive definite. Taste."""
 
 _QP_TOLERANCE = 1e-5
-"""Tolerance of the QP's solution. Taste."""
+"""Absolute and relative tolerance of the QP solution. Taste."""
 _QP_GAP = 1e-3
-"""Absolute duality gap of the QP's solution; the relative gap is a tenth. Taste."""
+"""Absolute duality gap of the QP solution; the relative gap is a tenth. Taste."""
 _QP_ITERATIONS = 60
 """Maximum number of iterations of the QP solver. Taste."""
 _MANY_ROWS = 2000
-"""Number of rows above which the QP is solved with the tightest rows first. Taste: with as many rows, solving takes as
-long as building the matrices."""
+"""Number of rows above which the QP is solved with the tightest rows first.
+
+Taste: with as many rows, solving takes as long as building the matrices.
+"""
 _TIGHTEST = 30
-"""Number of rows of each interval, and of each keyframe, that enter the QP at a time if there are many. Measured in
-pipes: of 10,000 rows 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000 rows take a quarter of the
-time of one QP with all rows."""
+"""Number of rows per interval, and per keyframe, that enter the QP at a time if there are many.
+
+Measured in pipes: of 10,000 rows 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000 rows take a
+quarter of the time of one QP with all rows.
+"""
 _VIOLATED = 1e-3
-"""Violation above which a row that was left out enters the QP [nominal links, rad]. Taste: a hundredth of the usual
-gap."""
+"""Violation above which a row that was left out enters the QP [nominal links, rad].
+
+Taste: a hundredth of the usual gap.
+"""
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,7 @@ class QuadraticStep:
     """Solution of the QP of one optimisation step.
 
     Attributes:
-        change: change of the unknowns of all keyframes, shape (K + 1, p); 0 for the first.
+        change: change of the unknowns of all K + 1 keyframes, shape (K + 1, p); 0 for the first.
         slack: slack of every part of every interval, in nominal links, shape (parts,).
         multipliers: multipliers of the interval rows in the QP, at least 0, shape (rows,) [1/m].
         pull: multipliers of the tip's position at the goal, shape (d,) [1/m]; 0 if the last keyframe is fixed.
@@ -64,10 +70,10 @@ class LinearMotion:
 
     Attributes:
         sweep: the motion.
-        objective: quadratic objective.
+        objective: quadratic part of the objective.
         costs: further costs of the motion.
         rows: all linearised constraints over intervals.
-        active: the rows over intervals that the step may reach.
+        active: those constraints over intervals that the step may reach.
         keyframe_rows: inequalities on single keyframes, without slack.
         equations: equations on single keyframes.
         end_rows: rows that hold the last keyframe, or the tip at its goal with the position first, shape (r, p).
@@ -87,16 +93,16 @@ class LinearMotion:
     unit: float
 
     def cost(self, sweep: Sweep) -> float:
-        """Return the objective plus all further costs of a motion."""
+        """Return the whole objective of a motion: the quadratic part plus all further costs."""
         return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
 
     def foreseen_cost(self, change: FloatArray) -> float:
-        """Return the cost that the QP's model predicts after a change of the unknowns, shape (K + 1, p)."""
+        """Return the whole objective that the model predicts after a change of the unknowns, shape (K + 1, p)."""
         value = self.objective.foreseen(self.sweep, change)
         return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
-        """Return the largest violation of rows, at least 0, in every part of a motion's intervals, (parts,) [m]."""
+        """Return the largest violation of rows, at least 0, in every part of the intervals, shape (parts,) [m]."""
         # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
         worst = np.zeros(sweep.intervals * sweep.parts)
         np.maximum.at(worst, self.rows.part(sweep), self.rows.values(sweep))
@@ -104,7 +110,7 @@ class LinearMotion:
 
     @cached_property
     def cost_models(self) -> tuple[Quadratic, ...]:
-        """Quadratic models of the further costs at the motion."""
+        """Quadratic models, at the motion, of all costs beyond the quadratic objective."""
         return tuple(cost.model(self.sweep) for cost in self.costs)
 
 
@@ -115,8 +121,8 @@ class KeyframeProgram:
     Attributes:
         motion: linearised motion from which the step starts.
         prices: price of one nominal link of slack in each part of each interval, shape (parts,).
-        curvature: second derivatives of the weighted rows; None if they are not known.
-        damping: weight on the squared turns of the links in the step.
+        curvature: second derivatives of the weighted rows; None if not known.
+        damping: weight on the squared rotations of the links in the step.
     """
 
     motion: LinearMotion
@@ -130,7 +136,7 @@ class KeyframeProgram:
 
     @property
     def width(self) -> int:
-        """Number of QP variables per stage: the unknowns of a keyframe and the slack of the interval before it."""
+        """Number of QP variables per stage, for the unknowns of a keyframe and the slacks of the interval before."""
         return int(self.motion.sweep.unknowns.shape[1]) + self.motion.sweep.parts
 
     def solve(self) -> QuadraticStep | None:
@@ -140,7 +146,7 @@ class KeyframeProgram:
         result, multipliers = self._solved()
         if result is None:
             return None
-        # Rows were divided by a nominal length; so are their multipliers, to belong to rows in metres.
+        # Rows were divided by a nominal length, so multipliers are divided, too, to belong to rows in metres.
         x = np.asarray(result.x).reshape(self._intervals, self.width)
         d = motion.rows.normal.shape[1]
         pull = np.zeros(d) if motion.end_fixed else np.asarray(result.y)[:d] / motion.unit
@@ -148,7 +154,7 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the result of PIQP, or None if it fails, and the multipliers of the upper bounds of all rows.
+        """Return the result of PIQP, or None if the solver fails, and the multipliers of the upper bounds of all rows.
 
         If there are many rows, the tightest enter the QP first, then rows that the solution violates, until no row is
         violated.
@@ -202,7 +208,7 @@ class KeyframeProgram:
 
     def _diagonal(self) -> FloatArray:
         """Return the diagonal Hessian blocks of damping, rows and further costs, shape (K + 1, p, p)."""
-        # Levenberg–Marquardt damping, measured in turns of the links: it damps motion of the arm, not large unknowns.
+        # Levenberg–Marquardt damping in terms of link rotations: it damps motion of the arm, not large unknowns.
         diagonal = self.damping * (
             self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - self.motion.sweep.parts)
         )
@@ -222,19 +228,19 @@ class KeyframeProgram:
         return np.column_stack((gradient[1:], self.prices.reshape(self._intervals, -1))).ravel()
 
     def lower_bounds(self) -> FloatArray:
-        """Return the lower bounds of the QP's variables, 0 for slack and none for the unknowns, shape (K width,)."""
+        """Return the lower bounds of the QP variables, 0 for slack and none for the unknowns, shape (K width,)."""
         bounds = np.full((self._intervals, self.width), -UNBOUNDED)
         bounds[:, -self.motion.sweep.parts :] = 0.0
         return bounds.ravel()
 
     def equations(self) -> Any:
-        """Return the matrix of the QP's equations: the end of the motion, and equations of single keyframes."""
+        """Return the matrix of the QP equations, for the end of the motion and for single keyframes."""
         # Right-hand sides are 0: the last keyframe is already on the goal, and a step only has to keep it there to
         # first order.
         end = self.motion.end_rows
         parts = [self._at_keyframes(np.full(len(end), self._intervals), end)]
         for equations in self.motion.equations:
-            # A fixed end meets them already; duplicate rows would make the equations dependent.
+            # A fixed end satisfies these already; duplicate rows would make the equations dependent.
             moves = (equations.keyframe < self._intervals) | (not self.motion.end_fixed)
             parts.append(self._at_keyframes(equations.keyframe[moves], equations.slopes[moves]))
         return sp.vstack(parts).tocsc()
@@ -252,10 +258,7 @@ class KeyframeProgram:
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Return the matrix, lower bounds and upper bounds of the QP's inequalities, interval rows before others.
-
-        Interval rows include their slack.
-        """
+        """Return matrix, lower and upper bounds of the QP inequalities: interval rows with slack, then other rows."""
         active = self.motion.active
         data, row, column = self._row_entries()
         m = len(active)
@@ -296,7 +299,7 @@ class KeyframeProgram:
 
 @lru_cache(maxsize=8)
 def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Return the block rows and columns, counted from 1, of the nonzero Hessian blocks for a number of intervals.
+    """Return the block rows and columns, counted from 1, of the nonzero Hessian blocks for a given number of intervals.
 
     Second differences couple keyframes up to two apart.
     """
@@ -330,7 +333,7 @@ def _solve(
 ) -> Any:
     """Return PIQP's result for min ½ xᵀHx + gᵀx with equal x = 0, lower ≤ matrix x ≤ upper and x ≥ least.
 
-    The result is None if the solver raises an error.
+    The result is None if the solver raises an exception.
     """
     try:
         solver = piqp.SparseSolver()
@@ -344,7 +347,7 @@ def _solve(
 
 
 def _set(settings: Any) -> None:
-    """Set the tolerances and options of this module in the settings of a PIQP solver."""
+    """Set the QP tolerances and options of this module in the settings of a PIQP solver."""
     settings.verbose = False
     # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage

@@ -1,8 +1,8 @@
-"""Trajectory optimisation over all keyframes by sequential convex programming, with free regions renewed at every step.
+"""Trajectory optimisation over all keyframes by sequential convex programming.
 
-Constraints are linearised rows. Every iterate is certified: a step that the certificate refuses is shortened, then
-damped, and slack in intervals with violations becomes more costly. So the motion stays in its homotopy class, and every
-result is a usable motion.
+Constraints are linearised anew (as rows) for every step. Every iterate is certified: a step that the certificate
+refuses is shortened, then damped, and slack in intervals with violations becomes more costly. So the motion stays in
+its homotopy class, and every result is a usable motion.
 """
 
 from collections.abc import Callable
@@ -26,16 +26,16 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 SweepType = TypeVar("SweepType", bound=Sweep)
-"""Type of a program's motion."""
+"""Type of the motion of an optimisation problem."""
 
 _LACK = 0.03
-"""Fraction of the preferred gap that an interval may lack without its slack becoming more costly. Taste."""
+"""Fraction of the preferred gap that an interval may lack before its slack becomes more costly. Taste."""
 _LACK_RISE = 2.0
 """Factor of the price of slack per step where an interval lacks clearance. Taste."""
 _PRICE_RISE = 4.0
-"""Factor of the price of slack where the certificate fails. Taste."""
+"""Factor of the price of slack in intervals for which the certificate fails. Taste."""
 _FIRST_DAMPING = 0.3
-"""Weight on the squared turns of the first step. Taste."""
+"""Weight on the squared rotations of the links in the first step. Taste."""
 _REFUSED_GROWTH = 6.0
 """Factor of the damping after a refused step. Taste."""
 _SHORTENED_GROWTH = 2.0
@@ -47,24 +47,29 @@ _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
 _SUFFICIENT = 0.1
 """Fraction of the predicted gain above which a step is accepted. Taste."""
 _WORTH_AFRESH = 0.1
-"""Fraction of the objective that has to be gained before prices and damping that let nothing move are reset. Taste."""
+"""Relative decrease of the objective after which prices and damping are reset if they block all motion. Taste."""
 
 _SEEN_AT_MANY = 0.5
-"""Factor, with many keyframes, of the distance from their bound within which rows enter the QP. Measured: among 300
-and 1000 polygons equal motions in three quarters of the time."""
+"""Factor, for motions with many keyframes, of the distance from their bound within which rows enter the QP.
+
+Measured: among 300 and 1000 polygons equal motions in three quarters of the time.
+"""
 _WALL_DISTANCE = 0.03
-"""Distance beyond the planning margin above which walls cost nothing where clearance is weighted, as a fraction of the
-arm's length. Taste."""
+"""Distance beyond the planning margin above which walls cause no cost, as a fraction of the arm's length. Taste.
+
+The cost applies only if the clearance has a weight.
+"""
 _YIELDINGS = 6
-"""Maximum number of times that, in gates, keyframes near uncertified intervals reduce their fraction of a step.
-Taste."""
+"""Maximum number of reductions of the step of keyframes near uncertified intervals in narrow gates. Taste."""
 _YIELDING_REACH = 4.0
-"""Number of keyframes on either side of an uncertified interval that reduce their fraction too, by less with the
-distance. Taste."""
+"""Number of keyframes on either side of an uncertified interval that take a smaller part of a step. Taste.
+
+The reduction decreases with the distance from the interval.
+"""
 _YIELDING_SHARE = 0.4
-"""Factor of the fraction of a step at a keyframe next to an uncertified interval, each time. Taste."""
+"""Factor by which a keyframe next to an uncertified interval reduces its part of a step, each time. Taste."""
 _RAISED_DAMPING = 0.05
-"""Damping from which growth after a refused or shortened step starts at least. Taste."""
+"""Least damping from which growth after a refused or shortened step starts. Taste."""
 _GOOD_SHRINKAGE = 3.0
 """Divisor of the damping after a good step. Taste."""
 _LEAST_DAMPING = 1e-4
@@ -81,23 +86,23 @@ class MotionProgram(Generic[SweepType]):
         curve: map from p unknowns of a curve to configurations.
         sweep: function that builds the motion through keyframes, shape (K + 1, p).
         limits: all limits that the motion has to satisfy.
-        failures: function that returns the uncertified intervals of a motion from its keyframes, shape (K + 1, p).
-        goal: goal of the tip; None where the last keyframe is fixed.
+        failures: function from keyframes, shape (K + 1, p), to the indices of uncertified intervals.
+        goal: goal of the tip; None if the last keyframe is fixed.
         end_fixed: whether the last keyframe is fixed.
         u: path parameters of the keyframes, shape (K + 1,).
         deadline: time at which the optimisation stops.
         weights: weights of the parts of the objective.
-        wanted_gap: preferred gap, which rows demand where possible [m].
+        wanted_gap: preferred gap, which constraint rows demand where possible [m].
         seen: distance from their bound below which rows enter the QP [m].
-        groups: number of links above which rows are for groups of neighbouring joints.
+        groups: number of groups of neighbouring joints, above which number of links rows are thinned to one per group.
         steps: settings of the steps.
         slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
         scale: factor of each coordinate in lengths of paths, shape (c,); None if all count alike.
-        many: number of intervals above which rows enter the QP within half the distance only.
-        lack: function that returns the clearance that a motion lacks over all its intervals, in nominal links, as a
-            part of the merit.
-        yielding: whether keyframes may take a reduced fraction of a step where the motion would not be certified, while
-            the others take the full step.
+        many: number of intervals above which rows enter the QP within half the distance ``seen`` only.
+        lack: function that returns the clearance that a motion lacks over all its intervals, in nominal links; a term
+            of the merit function.
+        yielding: whether keyframes may take a smaller part of a step where the motion would not be certified, while the
+            others take the full step.
     """
 
     curve: CurveUnknowns
@@ -121,7 +126,7 @@ class MotionProgram(Generic[SweepType]):
 
     @property
     def arm(self) -> Arm:
-        """Arm that moves."""
+        """Arm that performs the motion."""
         return self.curve.arm
 
     @property
@@ -130,25 +135,25 @@ class MotionProgram(Generic[SweepType]):
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
-        """Return the lengths of intervals in the space of the drives, shape (K,), for unknowns of shape (K + 1, p)."""
+        """Return the lengths of the K intervals in the space of the drives, shape (K,), for unknowns (K + 1, p)."""
         drives = self.curve.drives(self.curve.configurations(unknowns))
         steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
         return np.asarray(np.linalg.norm(steps, axis=1))
 
     # ------------------------------------------------------------ a motion
     def objective(self, intervals: int) -> Objective:
-        """Return the quadratic part of the objective for a motion with a number of intervals."""
+        """Return the quadratic part of the objective for a motion with a given number of intervals."""
         return Objective(self.curve, intervals, self.weights, self.slowness, self.scale)
 
     def rows(self, sweep: SweepType) -> IntervalRows:
-        """Return all rows over the intervals of a motion."""
+        """Return all linearised constraints (rows) over the intervals of a motion."""
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
     def end_rows(self, sweep: SweepType) -> FloatArray:
-        """Return the rows that hold the last keyframe, or only its tip at the goal, to first order, shape (r, p).
+        """Return equations, to first order, that hold the last keyframe, or only its tip at the goal, shape (r, p).
 
-        The rows are derivatives with respect to the unknowns of the last keyframe. For a goal of the tip, those of the
-        tip's position, in nominal links, come first.
+        The rows are derivatives with respect to the unknowns of the last keyframe. For a tip goal, those of the tip's
+        position, in nominal links, come first.
         """
         if self.end_fixed or self.goal is None:
             return np.eye(sweep.unknowns.shape[1])
@@ -156,14 +161,14 @@ class MotionProgram(Generic[SweepType]):
 
     # ------------------------------------------------------------ what may become of it
     def restored(self, unknowns: FloatArray) -> FloatArray:
-        """Return keyframes moved so that they satisfy the limits, both of shape (K + 1, p).
+        """Return keyframes moved so that they keep the limits, both of shape (K + 1, p).
 
-        The given array is returned if no limit has to move a keyframe.
+        The given array itself is returned if no limit has to move a keyframe.
         """
         return restored_keyframes(self.limits, self.curve, unknowns, self.u)
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return keyframes (K + 1, p) moved so that they satisfy the limits and end on the goal; None if that fails."""
+        """Return keyframes (K + 1, p) moved so that they keep the limits and end at the goal; None if that fails."""
         unknowns = self.restored(unknowns)
         if self.end_fixed or self.goal is None:
             return unknowns
@@ -174,12 +179,12 @@ class MotionProgram(Generic[SweepType]):
         return unknowns if self.goal.met(last) else None
 
     def feasible(self, sweep: SweepType, before: SweepType) -> bool:
-        """Return whether the keyframes of a motion satisfy all limits, or violate none more than ``before``."""
+        """Return whether the keyframes of a motion keep all limits, or violate none more than those of ``before``."""
         return all(limit.holds(sweep, before, self.u) for limit in self.limits)
 
     # ------------------------------------------------------------ put together
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
-        """Return the cost of closeness to walls from the tightest of a motion's wall rows; none if it has no weight."""
+        """Return the cost of closeness to walls, from the tightest wall rows of a motion; () if it has no weight."""
         if self.weights.clearance == 0.0:
             return ()
         distance = _WALL_DISTANCE * self.arm.length
@@ -223,7 +228,7 @@ class MotionProgram(Generic[SweepType]):
 
 @dataclass(frozen=True, eq=False)
 class _Certified(Generic[SweepType]):
-    """Certified motion of an optimisation problem, with quantities that are computed once.
+    """Certified motion of an optimisation problem, with derived quantities that are computed once.
 
     Attributes:
         program: the optimisation problem.
@@ -240,20 +245,20 @@ class _Certified(Generic[SweepType]):
 
     @cached_property
     def lack(self) -> float:
-        """Clearance that the motion lacks, as a part of the merit, in nominal links."""
+        """Clearance that the motion lacks, a term of the merit function, in nominal links."""
         return self.program.lack(self.sweep)
 
 
 @dataclass(frozen=True, eq=False)
 class _Iterate(Generic[SweepType]):
-    """State of the sequential convex programming after a step.
+    """State of sequential convex programming after a step.
 
     Attributes:
         motion: motion from which the next step begins.
         prices: price of slack in each of the m parts of the K intervals, shape (K m,).
-        damping: weight on the squared turns of the links in the next step.
+        damping: weight on the squared rotations of the links in the next step.
         curvature: second derivatives of the rows weighted by the last multipliers; None before the first step.
-        gained: decrease of the merit in the last step.
+        gained: decrease of the merit function in the last step.
     """
 
     motion: _Certified[SweepType]
@@ -263,7 +268,7 @@ class _Iterate(Generic[SweepType]):
     gained: float = 0.0
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
-        """Return the iterate after a refused step: unchanged motion, damping larger than ``damping``, new prices."""
+        """Return the state after a refused step: unchanged motion, damping raised above ``damping``, given prices."""
         raised = _REFUSED_GROWTH * max(damping, _RAISED_DAMPING)
         return replace(self, damping=raised, prices=prices)
 
@@ -274,13 +279,14 @@ def sequential_convex(
     rounds: int,
     enough: Callable[[SweepType], bool] | None = None,
 ) -> FloatArray:
-    """Return the keyframes of a motion after optimisation by sequential convex programming, with all limits certified.
+    """Optimise a certified motion by sequential convex programming; return the keyframes of the certified result.
 
     Args:
         program: limits and objective of the motion.
         unknowns: unknowns at the keyframes of a certified motion, shape (K + 1, p).
         rounds: maximum number of steps.
-        enough: function that returns whether a motion is good enough to stop; if None, steps end once they gain little.
+        enough: function that returns whether a motion is good enough to stop; if None, the steps end when they gain
+            little.
 
     Returns:
         Unknowns at the keyframes, shape (K + 1, p).
@@ -297,8 +303,8 @@ def sequential_convex(
         before = objective.value(motion.sweep) + settings.price * motion.lack
         following = _round(iterate)
         if following is None:
-            # Prices and damping have risen so far that nothing moves; where the motion has changed much since they were
-            # low, they are reset.
+            # Prices and damping have risen so far that nothing moves. They are reset if the motion has improved much
+            # since they were low.
             if before > worth_afresh:
                 break
             worth_afresh = (1.0 - _WORTH_AFRESH) * before
@@ -317,7 +323,7 @@ def sequential_convex(
 
 
 def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
-    """Return the iterate after one accepted step, or None if no step is accepted.
+    """Return the state after one accepted step, or None if no step is accepted.
 
     Rows are linearised once; after a refused step the QP is solved again with more damping and higher prices.
     """
@@ -332,21 +338,21 @@ def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
         if program.deadline.passed():
             return None
 
-        # A price for each interval: one for all would either leave a bottleneck uncertified or freeze the rest of the
-        # motion.
+        # Prices differ between intervals: a common price would either leave a bottleneck uncertified or freeze the rest
+        # of the motion.
         iterate = iterate.refused(iterate.damping, _raised(iterate.prices, failing, iterate.motion.sweep))
     return None
 
 
 _NONE = np.zeros(0, dtype=np.intp)
-"""Empty set of indices of intervals."""
+"""Empty array of interval indices."""
 
 
 def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Iterate[SweepType] | None, IntArray]:
-    """Return the iterate after the longest acceptable fraction of a step, and the intervals where a longer one failed.
+    """Return the state after the longest acceptable fraction of a step, and intervals where a longer one failed.
 
-    A fraction is acceptable if it lowers the merit by enough of the predicted gain, as in a trust-region method, and
-    the result is certified. The iterate is None if no fraction is acceptable.
+    A fraction is acceptable if the merit function falls by enough of the predicted gain, as in a trust-region method,
+    and the result is certified. The state is None if no fraction is acceptable.
 
     Args:
         iterate: state before the step.
@@ -386,7 +392,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
             # Together with the multipliers of the tip's goal, the Hessian is that of the Lagrangian; without them,
             # steps gain a small part of what they predict.
             curvature = sweep.curvature(motion.active, step.multipliers, step.pull)
-            # Where longer steps failed, slack was too cheap, even though this shorter one passes.
+            # Where longer steps failed, slack was too cheap, even though this shorter step passes.
             prices = _raised(iterate.prices, failed, sweep)
             lacking = worst > _LACK * program.wanted_gap
             if program.wanted_gap > 0.0:
@@ -400,7 +406,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
 
 
 def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
-    """Return prices of slack, shape (K m,), raised in given intervals of a motion.
+    """Return the prices of slack in the m parts of K intervals, raised in given intervals, shape (K m,).
 
     Args:
         prices: prices before, shape (K m,).
@@ -429,7 +435,7 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
         failing = _NONE if taken is None else program.failures(taken)
         if len(failing) == 0:
             break
-        # Neighbouring keyframes reduce their fraction too, to avoid a kink.
+        # Neighbouring keyframes reduce their fraction, too, to avoid a kink.
         apart = np.min(np.abs(keyframes[:, None] - (failing + 0.5)), axis=1) - 0.5
         shares *= np.minimum(1.0, _YIELDING_SHARE + (1.0 - _YIELDING_SHARE) * apart / _YIELDING_REACH)
     return shares[:, None]

@@ -54,7 +54,7 @@ class ErrorModel:
 
     @property
     def moves_base(self) -> float:
-        """Largest displacement of the base [m per unit]."""
+        """Bound on the displacement of the base per unit of the error [m per unit]."""
         return self.shift + self.feed
 
 
@@ -222,7 +222,7 @@ class ErrorLevers:
 
     @property
     def _turns(self) -> FloatArray:
-        """Bounds on the rotations of the joints, shape (links,) [rad per unit]."""
+        """Bounds on the rotations of the joints per unit of the error, shape (links,) [rad per unit]."""
         return _TURNS[self.arm.coordinates.bends_a_joint] * self.model.turns[1:]
 
     def _parts(self, poses: int, pairs: Pairs) -> list[tuple[slice, IntArray]]:
@@ -316,7 +316,7 @@ class ErrorLevers:
 
 
 def _off(vectors: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the lengths of the parts of vectors (P, …, d) perpendicular to directions (P, d), shape (P, …)."""
+    """Return the lengths of vectors (P, …, d) after projection onto the planes normal to directions (P, d), (P, …)."""
     along = normals.reshape(len(normals), *(1 for _ in vectors.shape[1:-1]), normals.shape[-1])
     heights = np.sum(vectors * along, axis=-1, keepdims=True)
     return lengths_of(vectors - heights * along)

@@ -300,7 +300,7 @@ def _survived_between(
 def _proofs(
     motion: ChainMotion, workspace: Workspace, levers: ErrorLevers
 ) -> list[_SurfacesWithErrors | _LinksWithErrors]:
-    """Return the necessary proofs: that the arm stays clear of the scene and, if required, of itself."""
+    """Return the proofs that are needed: that the arm stays clear of the scene and, if required, of itself."""
     arm = motion.arm
     proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
     if not is_empty(workspace) and np.any(exposed_starts(arm) < 1.0):
