@@ -161,7 +161,7 @@ class ThisProcess:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """Open an executor that runs each task in this process, and return it with the number 1 of tasks in flight."""
+        """Open an executor that runs each task in this process, with 1 as the number of tasks in flight."""
         yield _Immediate(), 1
 
 

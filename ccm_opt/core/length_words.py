@@ -24,7 +24,7 @@ _DIGITS = 15
 
 
 def in_unit(metres: float, unit: LengthUnit) -> float:
-    """Convert a length to a unit such that it converts back to exactly the given metres where possible.
+    """Convert a length from metres to a unit so that converting back gives exactly the same number if possible.
 
     Args:
         metres: the length [m].

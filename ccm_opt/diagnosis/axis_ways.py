@@ -60,7 +60,7 @@ _PULL_STEPS = 5
 
 
 def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
-    """Yield an ``AxisWays`` per tip goal: the axis paths to it from the base, or from all fed base positions."""
+    """Yield an ``AxisWays`` per tip goal, for axis paths from the base or from all fed base positions."""
     for place in tip_places(problem):
         # CPU time makes the result independent of other load on the machine.
         own = time.process_time() + _SECONDS
@@ -225,7 +225,7 @@ class AxisWays(Ways):
         return tuple(sorted(opened, key=lambda name: sizes[name]))
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return the point deepest inside an obstacle on the axis path that exists without it, shape (3,) [m].
+        """Return the point deepest inside an obstacle on an axis path that ignores the obstacle, shape (3,) [m].
 
         Args:
             name: name of the obstacle.

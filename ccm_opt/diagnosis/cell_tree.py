@@ -23,7 +23,7 @@ _PARTS = np.array([(a, b) for a in range(8) for b in range(a)])
 
 @dataclass(frozen=True, eq=False)
 class CellTree:
-    """Cubes of different sizes that fill a box; splitting a cube replaces it by its eight parts.
+    """Cubes of different sizes that fill a box; a cube can be split into eight parts.
 
     Attributes:
         tree: surfaces of the scene.

@@ -1,4 +1,4 @@
-"""Checks of the start and goal poses: contacts, and torques needed to hold them."""
+"""Checks of start and goal poses: contacts, and torques needed to hold the arm."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -65,7 +65,7 @@ def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator
 
 
 def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
-    """Yield a finding per obstacle that the tip touches wherever in the goal's tolerances it is.
+    """Yield a finding per obstacle that the tip touches wherever it is within the tolerances of its goal.
 
     If the goal has a direction, the whole last link is checked.
     """
@@ -90,7 +90,7 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
 
 
 def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
-    """Return the finding of one contact, with the radius and the clearance with which there would just be no contact.
+    """Return the finding of one contact, with the radius and the clearance that would just avoid the contact.
 
     Args:
         problem: the problem.

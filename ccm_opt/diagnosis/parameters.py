@@ -75,7 +75,7 @@ class Parameter:
         return float(count / 10.0**digits / self.scale(problem))
 
     def requirement(self, problem: Problem, value: float) -> str:
-        """Return text saying that the value must be at least, or at most, a given value."""
+        """Return text saying that the parameter must be at least, or at most, a given value."""
         return self.words(problem, value).replace("?", "≥" if self.easier > 0 else "≤", 1)
 
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
@@ -108,7 +108,7 @@ def _with_radius(problem: Problem, radius: float) -> Problem:
 
 
 def _as_cylinders(old: Arm, new: Arm) -> Arm:
-    """Return the new arm, with inertias of solid cylinders if those of the old arm are such."""
+    """Return a new arm, with inertias of solid cylinders if the inertias of the old arm are of this kind."""
     given = (old.inertia_axial, old.inertia_transverse)
     if new.radius <= 0.0 or not all(map(np.allclose, given, _cylinder_inertia(old))):
         return new
@@ -139,7 +139,7 @@ def _with_mass(problem: Problem, share: float) -> Problem:
 
 
 def _uniform(values: FloatArray | None) -> float:
-    """Return the common value of an array; 1 if values differ or there are none, so that factors are reported."""
+    """Return the common value of an array; 1 if values differ or are missing, so that factors are reported."""
     return 1.0 if values is None or np.ptp(values) else float(values[0])
 
 

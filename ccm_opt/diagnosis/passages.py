@@ -183,7 +183,7 @@ def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
 
 
 def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
-    """Yield a ``PassageWays`` per tip goal: the axis paths to it from the base, or from the hole of the guide tube."""
+    """Yield a ``PassageWays`` per tip goal, for axis paths from the base or from the hole of the guide tube."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is not None:

@@ -282,7 +282,7 @@ class SphereBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Radius of the ball, by which it extends beyond its centre [m]."""
+        """Radius of the ball [m], by which the ball extends beyond its centre."""
         return self.radius
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
@@ -321,7 +321,7 @@ class CapsuleBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Radius of the capsule, by which it extends beyond its axis [m]."""
+        """Radius of the capsule [m], by which the capsule extends beyond its axis."""
         return self.radius
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:

@@ -110,7 +110,7 @@ class ContactFinder(ABC):
         """
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether a link of a pose crosses an obstacle or a link far along the arm although no gap shows it.
+        """Return whether a link crosses an obstacle, or a link far along the arm, without a gap that shows this.
 
         This is False by default: in space the distance from a crossed triangle is 0, so the gaps show it.
 

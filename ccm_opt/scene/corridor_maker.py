@@ -282,7 +282,7 @@ def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArra
 
 
 def _thickness(overlap: FloatArray) -> float:
-    """Return a polygon's mean thickness if it is long, twice its area over its perimeter [m]; 0 for a point."""
+    """Return the mean thickness of a long polygon (m, 2), twice its area over its perimeter [m]; 0 for a point."""
     perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
     return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0
 

@@ -283,7 +283,7 @@ def sleeve_route(
 _CIRCLE_QUAD_SEGS = 3
 """Polygon sides per quarter circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices. Taste."""
 _CORNER_SLACK = 0.9
-"""Distance by which a taut string may leave a corridor where it bends around a corner, as a fraction of the inflation.
+"""Distance by which a shortest path may leave its corridor at corners, as a fraction of the inflation.
 
 Derived: less than 1, so that no obstacle fits in between.
 """

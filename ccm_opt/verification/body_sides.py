@@ -139,7 +139,7 @@ For a closed mesh the fraction is 0 or 1, except for rays that graze an edge.
 _WHOLE = 1e-3
 """Largest difference of a closed mesh's winding number from an integer, small cracks included."""
 _PROBES = 200
-"""Approximate number of points of an inner surface that must lie inside the outer one for it to bound a cavity."""
+"""Approximate number of points of a surface that are tested for being inside another surface."""
 
 
 def depth_enclosed(triangles: FloatArray, point: FloatArray) -> float:

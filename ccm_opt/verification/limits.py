@@ -62,7 +62,7 @@ def check_limits(
 
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
-    """Check all bends against the joint limits at the samples; they are linear between samples, so samples suffice."""
+    """Check all bends against the joint limits at the samples, which suffices as bends are linear in between."""
     # The joint at the base has its own limit.
     limit = np.full(arm.coordinates.joints, arm.joint_limit)
     limit[: bends_a_ball(arm.coordinates)] = arm.base_limit

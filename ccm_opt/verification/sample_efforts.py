@@ -69,7 +69,7 @@ class HatMeans:
         return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
 
     def at(self, sample: int) -> "HatMeans":
-        """Return the weighted means around one inner sample, whose index counts from 0."""
+        """Return an object for the weighted means around a single inner sample, whose index counts from 0."""
         return HatMeans(self.time[sample : sample + 3])
 
     def variance(self, values: FloatArray) -> FloatArray:

@@ -199,7 +199,7 @@ def _on_curve(
 def check_pauses(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
-    """Return one check per stop with a pause; the worst value is the time that the arm stands still there [s].
+    """Return one check per stop with a pause, whose worst value is the time for which the arm stands still [s].
 
     Coordinates are linear between samples, so an arm in the same pose at two consecutive samples stands still between
     them.

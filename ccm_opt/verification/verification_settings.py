@@ -1,4 +1,4 @@
-"""Tolerances of the verifier, and limits on the work it spends on proofs."""
+"""Tolerances of the verifier, and limits on its computing effort."""
 
 from dataclasses import dataclass, replace
 

@@ -156,7 +156,8 @@ def retime_paul(
 
     Args:
         path: path whose keyframes are the via points; the spline between them is not used.
-        limits: limits of every revolute (ball i bends by revolute 3 i + 1), of the feed axis, and of points of the arm.
+        limits: limits of every revolute (ball joint i bends by revolute 3 i + 1), of the feed axis, and of points of
+            the arm.
         inverse_dynamics: map from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of
             that shape [N m].
         revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.

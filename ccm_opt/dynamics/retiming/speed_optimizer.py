@@ -60,7 +60,7 @@ from ccm_opt.dynamics.retiming.timing_settings import (
 from ccm_opt.robot.coordinates import DriveLimits
 
 _TIGHTENINGS = 3
-"""Number of rounds that tighten rows where a limit is exceeded between grid points; later rounds bound the speed there.
+"""Number of rounds that tighten rows where limits are exceeded between grid points; later ones bound the speed.
 
 Measured on the random paths of ``tests/test_retiming.py``: a few in a hundred need more.
 """
@@ -392,7 +392,7 @@ class _Bounds:
         return replace(self, tightening=self.tightening + _to_ends(np.maximum(check.excess, 0.0), 0.0))
 
     def capped_by(self, check: DenseCheck, profile: SpeedProfile) -> "_Bounds":
-        """Return the bounds with ṡ reduced at both ends of violating intervals, as if they alone were slowed down."""
+        """Return the bounds with ṡ reduced at both ends of intervals in which limits are exceeded."""
         slowing = _to_ends(np.maximum(check.stretches, 1.0), 1.0)
         slower = np.minimum(self.cap, profile.squared / slowing**2)
         return replace(self, cap=np.where(slowing > 1.0, slower, self.cap))

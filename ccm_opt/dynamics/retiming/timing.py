@@ -364,7 +364,8 @@ def retime(
 
     Args:
         path: spline of the bends, and of the feed if there is a feed axis, as a function of u in [0, 1].
-        limits: limits of every revolute (ball i bends by revolute 3 i + 1), of the feed axis, and of points of the arm.
+        limits: limits of every revolute (ball joint i bends by revolute 3 i + 1), of the feed axis, and of points of
+            the arm.
         inverse_dynamics: map from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of
             that shape [N m]. With a feed axis, the map also takes feed accelerations, shape (N,), and has the method
             ``feed_forces``.

@@ -131,7 +131,7 @@ class MotionProgram(Generic[SweepType]):
 
     @property
     def unit(self) -> float:
-        """Length of a nominal link, by which rows are scaled independently of the curve of the motion [m]."""
+        """Length of a nominal link, a fixed fraction of the arm, by which rows are scaled [m]."""
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
@@ -184,7 +184,7 @@ class MotionProgram(Generic[SweepType]):
 
     # ------------------------------------------------------------ put together
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
-        """Return the cost of closeness to walls, from the tightest wall rows of a motion; () if it has no weight."""
+        """Return the cost of closeness to the nearest walls of a motion; () if clearance has no weight."""
         if self.weights.clearance == 0.0:
             return ()
         distance = _WALL_DISTANCE * self.arm.length
