@@ -186,7 +186,7 @@ def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
     play = pose.link_play(arm)
     weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
     carried = np.cumsum(weights[::-1])[::-1][: arm.links]
-    # Every weight beyond a joint may come nearer to it by its own play plus that of the joint.
+    # Tolerances may move every weight beyond a joint towards the joint by the displacements of both.
     moved = np.append(play, play[-1])
     nearer = np.cumsum((weights * moved)[::-1])[::-1][: arm.links] + carried * play
     # In space, bends also tilt the joint's axes, which changes the load of a moment M by at most M times the angle.

@@ -222,7 +222,7 @@ def _may_be_due_to_direction(finding: Finding) -> bool:
     return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
 
 
-# ------------------------------------------------------------ places
+# ------------------------------------------------------------ positions
 def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: bool) -> Parameter:
     """Return a parameter, a distance by which the goal is moved towards a position.
 

@@ -55,7 +55,7 @@ def shortest_way(
     Returns:
         The length; None if more than ``most_corners`` corners may lie on a path.
     """
-    # Free space is slightly widened, so that rounding may open ways but never closes one.
+    # Free space is slightly widened, so that rounding may open paths but never closes one.
     wide = mitred(space, ROUNDING)
     ends = shapely.MultiPoint([start, goal])
     pieces = [part for part in shapely.get_parts(wide) if shapely.distance(part, ends) == 0.0]

@@ -211,7 +211,7 @@ def candidates(
         yield room
     removable = _removable(proved, findings)
     in_the_way = [without_obstacle(name) for name in removable[:most_omitted]]
-    # If no parameter helps, removing the obstacle that closes the way is more relevant than moving the goal.
+    # If no parameter helps, removing the obstacle that blocks all paths is more relevant than moving the goal.
     if not fitting:
         yield from in_the_way
     yield from moved_goals(problem, proved, until)

@@ -83,7 +83,7 @@ class WaySearch:
     def __post_init__(self) -> None:
         self.sides = np.zeros(len(self.cells), dtype=np.intp)
 
-    # ------------------------------------------------------------ what is asked
+    # ------------------------------------------------------------ queries
     def answer(self, room: float, length: float, more: int | None = None) -> Answer:
         """Return whether there is a path that keeps a distance from all surfaces and is no longer than a length.
 
@@ -130,7 +130,7 @@ class WaySearch:
         least = int(np.argmin(np.where(at_mount, np.inf, self.cells.gap[chain])))
         return np.asarray(self.cells.middles[chain[least]])
 
-    # ------------------------------------------------------------ how it is found
+    # ------------------------------------------------------------ search
     def _state(self, room: float, length: float) -> "_State":
         """Return the open and free cubes for a required distance and a path length, both in metres.
 
@@ -189,7 +189,7 @@ class WaySearch:
 
     def _split(self, chosen: BoolArray) -> None:
         self.cells, origins = self.cells.split(chosen)
-        # Cubes that no surface crosses stay on their side; for the others the side is still unknown.
+        # Parts of a cube that no surface crosses are on the same side as the cube; for other parts it is unknown.
         self.sides = self.sides[origins]
 
     def _best_chain(self, room: FloatArray, length: float) -> tuple[float, IntArray]:
@@ -247,7 +247,7 @@ class _State:
 
     @cached_property
     def reached(self) -> BoolArray:
-        """Mask of the open cubes that a chain from the base reaches, shape (n,)."""
+        """Mask of the open cubes that are connected to the base by a chain of open cubes, shape (n,)."""
         group = groups(self.pairs, len(self.open))
         from_start = np.zeros(len(self.open), dtype=bool)
         from_start[group[self.start]] = True

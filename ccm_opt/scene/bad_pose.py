@@ -81,7 +81,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
     workspace = workspace.near(shapely.LineString(points), farthest)
     finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     contacts = finder.find(points)
-    # For an axis without width, touching a wall cannot be told from crossing it.
+    # For an axis without width, touching a wall cannot be distinguished from crossing it.
     may_touch = allowed_contact(arm, workspace) > 0.0
     least = -DEFAULT_CERTIFICATE.rounding if may_touch else DEFAULT_CERTIFICATE.touch
     crossing = finder.crosses(points)

@@ -259,7 +259,7 @@ class Certificate:
         for level in range(depth + 1):
             links, touching_links = self._wall_proofs.unproved(spans, links)
             pairs, touching_pairs = self._unproved_pairs(spans, pairs)
-            # What touches half-way has failed; what is merely unproved fails after the last bisection.
+            # Tests with contact half-way have failed; tests that are merely unproved fail after the last bisection.
             last = level == depth
             bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
             failed.append(np.unique(spans.owner[bad.astype(int)]))
@@ -277,7 +277,7 @@ class Certificate:
         links = (links[0][keep_link], links[1][keep_link])
         pairs = (pairs[0][keep_pair], pairs[1][keep_pair], pairs[2][keep_pair])
 
-        # Only stretches with open tests are halved; ``place`` maps a test to its stretch.
+        # Only motion parts with open tests are halved; ``place`` maps a test to its part.
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
         start = spans.start[kept]
         end = spans.end[kept]

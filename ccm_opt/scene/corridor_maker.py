@@ -42,7 +42,7 @@ _PORTAL_WIDTH = 0.5
 _PORTAL_TRIALS = 6
 """Largest number of edge crossings of a taut string at which a portal is tried. Taste."""
 _OVERLAP_THICKNESS = 0.2
-"""Least thickness of an overlap, as a fraction of the width that its portal should have. Taste."""
+"""Least thickness of the overlap of two regions, as a fraction of the wanted width of its portal. Taste."""
 
 UNUSABLE = -1.0
 """Quality of two regions that overlap away from the taut string; such pairs are used as a last resort."""
@@ -319,7 +319,7 @@ def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
 
 
 def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
-    """Return the part of a convex region, around a cell, that remains after excluding walls, nearest first."""
+    """Return the part of a convex region, around a convex cell, that remains after excluding walls, nearest first."""
     gaps, on_cell, on_wall = nearest_points(cell, walls)
     inside = np.ones(len(walls), dtype=bool)
     for wall in np.argsort(gaps, kind="stable"):

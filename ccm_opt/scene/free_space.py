@@ -215,7 +215,7 @@ def _remaining(
     last = [index for index, chain in enumerate(chains) if chain.head == goal]
     final = (samples * np.array(last, dtype=np.intp)[:, None] + sample).ravel()
     to_goal = [np.linalg.norm(metric.points[goal, chains[index].entry] - point, axis=1) + TINY for index in last]
-    # One extra node stands for the goal. All steps run backwards, so that a single search from it finds all lengths.
+    # An extra node represents the goal. All steps are reversed, so that one search from the goal finds all lengths.
     backwards = scipy.sparse.coo_array(
         (
             np.concatenate((weight[finite], *to_goal)),

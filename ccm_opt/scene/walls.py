@@ -126,7 +126,7 @@ class Walls:
 
     @cached_property
     def edge_tree(self) -> BoxTree:
-        """Bounding-box tree over the edges."""
+        """Bounding-box tree over the edges of all walls."""
         return BoxTree.over(self.edges.min(axis=1), self.edges.max(axis=1))
 
     @cached_property
@@ -136,7 +136,7 @@ class Walls:
 
     @cached_property
     def vertex_tree(self) -> BoxTree:
-        """Bounding-box tree over the vertices."""
+        """Bounding-box tree over the vertices of all walls."""
         return BoxTree.over(self.vertices, self.vertices)
 
 
@@ -184,7 +184,7 @@ class WallSegments:
 
     @cached_property
     def tree(self) -> shapely.STRtree:
-        """Spatial index of the segments."""
+        """Spatial index of the segments of all walls."""
         # A line of zero length is not a valid geometry, so such segments enter the tree as points.
         lone = np.all(self.ends[:, 0] == self.ends[:, 1], axis=1)
         lines: Any = shapely.linestrings(self.ends)
@@ -193,7 +193,7 @@ class WallSegments:
 
     @cached_property
     def boxes(self) -> BoxTree:
-        """Bounding-box tree over the segments, as flat arrays for C."""
+        """Bounding-box tree over the segments of all walls, as flat arrays for C."""
         return BoxTree.over(self.ends.min(axis=1), self.ends.max(axis=1))
 
     @cached_property

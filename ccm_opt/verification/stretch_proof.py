@@ -209,7 +209,7 @@ def _divided(stretches: TimeStretches, pairs: Pairs, travel: FloatArray, opened:
     """Return refined intervals and pairs: large boxes replaced by their children, all other intervals halved."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
-    # Stretches without pairs are dropped, so the remaining stretches are renumbered.
+    # Time intervals without pairs are dropped, so the remaining ones are renumbered.
     kept, renumbered = np.unique(parts.stretch, return_inverse=True)
     cut, numbers = np.unique(whole.stretch, return_inverse=True)
     first = replace(whole, stretch=numbers)

@@ -80,7 +80,7 @@ class MotionLimit(ABC):
 
     @abstractmethod
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on the duration that bring T samples and the steps after them within the limit, (T,).
+        """Return, for T samples, the factor on the duration that brings sample and next step within the limit, (T,).
 
         A factor is at most 1 where the limit is already satisfied.
         """

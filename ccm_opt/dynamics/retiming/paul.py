@@ -296,7 +296,7 @@ def _leg_time_factors(legs: Legs, limits: Sequence[MotionLimit], step: float) ->
     samples = _sampled(legs, step)
     need = np.max([limit.stretches(samples) for limit in limits], axis=0)
 
-    # A sample in a turn is due to the legs on both sides of it.
+    # A sample in a transition depends on the legs on both sides.
     via, turning = legs.piece(samples.time)
     last = len(stretch) - 1
     np.maximum.at(stretch, np.minimum(via, last), need)
@@ -307,7 +307,7 @@ def _leg_time_factors(legs: Legs, limits: Sequence[MotionLimit], step: float) ->
 def _sampled(legs: Legs, step: float) -> MotionSamples:
     time = np.linspace(0.0, legs.duration, max(1, int(np.ceil(legs.duration / step - 1e-9))) + 1)
     q, qd, qdd = legs.at(time)
-    # Both ends are free of rounding: the motion starts and ends exactly where it was asked to, at rest.
+    # Both ends are free of rounding: the motion starts and ends exactly at the given points, at rest.
     q[[0, -1]] = legs.vias[[0, -1]]
     qd[[0, -1]] = 0.0
     qdd[[0, -1]] = 0.0
@@ -320,7 +320,7 @@ def _distinct(keyframes: FloatArray) -> FloatArray:
     for row in keyframes[1:]:
         if np.max(np.abs(row - kept[-1])) > _NO_LEG:
             kept.append(row)
-    # The last one kept may be a hair beside the goal, but the motion must end at the goal itself.
+    # The last keyframe kept may differ slightly from the goal, but the motion must end at the goal itself.
     if len(kept) > 1:
         kept[-1] = keyframes[-1]
     return np.array(kept)

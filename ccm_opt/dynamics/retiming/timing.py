@@ -65,7 +65,7 @@ class Chords:
 
     Attributes:
         link_length: length of a link [m].
-        sag: maximum deviation of any point of the arm [m].
+        sag: maximum deviation of any point of the arm from the path [m].
     """
 
     link_length: float

@@ -117,7 +117,7 @@ class SimulationRecord:
         """Return the whole simulated motion with a given verdict, after all steps have been added."""
         drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
         if self._last is not None:
-            # An arm whose run was stopped is taken as standing still from there on.
+            # If the run was stopped, the arm is assumed to stand still from then on.
             self.positions[self.places > self.end + ROUNDING] = self._last
         return SimulatedMotion(
             angles=self.positions[:, : coordinates.revolutes].copy(),
@@ -141,7 +141,7 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
         ProblemError: the options are unsuitable; the message names the setting and a remedy.
     """
     straight = np.zeros((1, 3 * arm.links))
-    # An arm with two bends per joint leaves any plane; one with a single bend stays in its own.
+    # An arm with two bends per joint may leave any plane; one with a single bend per joint does not leave its own.
     planar = arm.coordinates.bends_a_joint == 1 and falls_in_plane(arm, options.gravity)
     plant = disturbed_arm(arm, options.disturbances)
     try:

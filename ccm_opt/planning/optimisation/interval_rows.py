@@ -108,7 +108,7 @@ class Sweep:
         # From the mean bends, not the mean of the positions: links keep their length during the motion.
         return self.space.arm.joint_positions_at(self.space.configurations(self.unknowns_at(0.5)))
 
-    # ------------------------------------------------------------ at the times of rows
+    # ------------------------------------------------------------ values at the times of rows
     @property
     def _between(self) -> FloatArray:
         """Unknowns at the ends of the parts that lie inside the intervals, shape (K, m − 1, p)."""

@@ -170,7 +170,7 @@ class Objective:
         """Derivatives in the unknowns of the curvature at the knots and of its differences, per nominal link."""
         return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
-    # ------------------------------------------------------------ of a motion
+    # ------------------------------------------------------------ value and derivatives for a motion
     def value(self, sweep: Sweep) -> float:
         """Return the value of the quadratic objective for a motion."""
         value = self._of_unknowns(sweep.unknowns)

@@ -140,7 +140,7 @@ class MotionProgram(Generic[SweepType]):
         steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
         return np.asarray(np.linalg.norm(steps, axis=1))
 
-    # ------------------------------------------------------------ a motion
+    # ------------------------------------------------------------ rows and objective
     def objective(self, intervals: int) -> Objective:
         """Return the quadratic part of the objective for a motion with a given number of intervals."""
         return Objective(self.curve, intervals, self.weights, self.slowness, self.scale)
@@ -159,7 +159,7 @@ class MotionProgram(Generic[SweepType]):
             return np.eye(sweep.unknowns.shape[1])
         return self.goal.rows(self.curve.pose(sweep.unknowns[-1]), self.unit)
 
-    # ------------------------------------------------------------ what may become of it
+    # ------------------------------------------------------------ moving keyframes onto limits
     def restored(self, unknowns: FloatArray) -> FloatArray:
         """Return keyframes moved so that they keep the limits, both of shape (K + 1, p).
 
@@ -182,7 +182,7 @@ class MotionProgram(Generic[SweepType]):
         """Return whether the keyframes of a motion keep all limits, or violate none more than those of ``before``."""
         return all(limit.holds(sweep, before, self.u) for limit in self.limits)
 
-    # ------------------------------------------------------------ put together
+    # ------------------------------------------------------------ linearised motion
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
         """Return the cost of closeness to the nearest walls of a motion; () if clearance has no weight."""
         if self.weights.clearance == 0.0:

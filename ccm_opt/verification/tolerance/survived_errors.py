@@ -124,7 +124,7 @@ class _SurfacesWithErrors(WallProof):
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the errors tolerated along shortest lines, throughout intervals and at mid-interval, each (P,)."""
+        """Return the errors tolerated along shortest lines to surfaces, throughout and at mid-interval, each (P,)."""
         del travel
         k, link = pairs.stretch, pairs.link
         ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
@@ -186,7 +186,7 @@ class _LinksWithErrors(LinkProof):
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the errors tolerated along shortest lines, throughout intervals and at mid-interval, each (P,).
+        """Return the errors that links tolerate along shortest lines, throughout intervals and at mid-interval, (P,).
 
         `travel` is the loss of gap by the motion of the links, shape (P,) [m].
         """
