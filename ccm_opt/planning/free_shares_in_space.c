@@ -13,12 +13,19 @@
 #define STRIDE 0.5        /* share of what is kept by which a link may move unseen */
 #define FASTER 1.1        /* by which a link may become faster while no link turns by more than this: */
 #define TURN 0.2          /* [rad] */
+#define BLOCK 4           /* places along a side of a block; measured: with 2 or 3 it takes a third longer */
+#define MOST_NEAR 31      /* triangles known for a block */
 
-/* Distances at the places of a grid, (nx, ny, nz), up to the reach; 0 where nobody has asked yet. */
+/* Distances at the places of a grid, (nx, ny, nz), up to the reach; 0 where nobody has asked yet. For each block of
+   places the triangles that may be nearest to one of them, the nearest to its middle first: a walk through the tree
+   for each place would cost several times as much. */
 typedef struct {
-    int64_t counts[3];
+    int64_t counts[3], blocks[3];
     double low[3], cell, reach;
     float *values;
+    int8_t *known;  /* (blocks,): number of triangles and one more; 0 where nobody has asked yet */
+    int32_t *faces; /* (blocks, MOST_NEAR) */
+    float *gaps;    /* likewise, of the faces from the middle of the block */
 } Grid;
 
 typedef struct {
@@ -35,17 +42,79 @@ typedef struct {
     double *share;             /* (motions,) */
 } Motions;
 
+/* Put a triangle among those that are known; returns their number, one more than there is space for at most. */
+static int8_t put_among(int32_t *faces, float *gaps, int8_t known, float gap, int32_t face)
+{
+    if (known >= MOST_NEAR) return MOST_NEAR + 1;
+    int8_t k = known;
+    for (; k > 0 && gaps[k - 1] > gap; k--) {
+        gaps[k] = gaps[k - 1];
+        faces[k] = faces[k - 1];
+    }
+    gaps[k] = gap;
+    faces[k] = face;
+    return (int8_t)(known + 1);
+}
+
+/* Find the triangles that may be nearest to a place of a block; returns their number likewise. */
+static int8_t look_about(const Motions *m, const Grid *grid, const double *place, int32_t *faces, float *gaps)
+{
+    Segment middle = {{place[0], place[1], place[2]}, {0.0, 0.0, 0.0}, 0.0};
+    double radius = 0.5 * sqrt(3.0) * (BLOCK - 1) * grid->cell, limit = grid->reach + radius;
+    Probe probe = probe_of(&middle);
+    int8_t known = 0;
+    Walk walk;
+    walk.top = 0;
+    walk.least = limit;
+    step_to(&walk, 0, least_gap(&probe, m->surfaces.nodes, limit));
+    while (known <= MOST_NEAR && next_node(&walk, limit)) {
+        const Node *node = m->surfaces.nodes + walk.node;
+        for (int32_t face = node->first; known <= MOST_NEAR && face < node->first + node->count; face++) {
+            Found found = {limit, {0.0, 0.0, {0.0, 0.0, 0.0}}, -1};
+            look_at(&m->surfaces, &middle, face, &found);
+            if (found.face < 0) continue;
+            limit = smaller(limit, found.gap + 2.0 * radius);
+            while (known > 0 && gaps[known - 1] > (float)limit) known--;
+            known = put_among(faces, gaps, known, (float)found.gap, face);
+        }
+        if (node->count == 0) step_down(&walk, &m->surfaces, &probe, node, limit);
+    }
+    return known;
+}
+
+/* Distance at a place of a grid, up to the reach. */
+static double place_gap(const Motions *m, const Grid *grid, const int64_t *index)
+{
+    Segment point = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 0.0};
+    double middle[3], apart[3], least;
+    int64_t block = 0;
+    for (int d = 0; d < 3; d++) {
+        int64_t at = index[d] / BLOCK;
+        block = block * grid->blocks[d] + at;
+        point.start[d] = grid->low[d] + (double)index[d] * grid->cell;
+        middle[d] = grid->low[d] + ((double)(at * BLOCK) + 0.5 * (BLOCK - 1)) * grid->cell;
+    }
+    int32_t *faces = grid->faces + MOST_NEAR * block;
+    float *gaps = grid->gaps + MOST_NEAR * block;
+    if (grid->known[block] == 0) grid->known[block] = (int8_t)(look_about(m, grid, middle, faces, gaps) + 1);
+    int8_t known = (int8_t)(grid->known[block] - 1);
+    if (known > MOST_NEAR) {
+        nearest_face(&m->surfaces, &point, grid->reach, SLACK * grid->cell, &least);
+        return least;
+    }
+    minus(point.start, middle, apart);
+    double off = sqrt(dot(apart, apart));
+    Found found = {grid->reach, {0.0, 0.0, {0.0, 0.0, 0.0}}, -1};
+    for (int8_t k = 0; k < known && (double)gaps[k] - off < found.gap; k++)
+        look_at(&m->surfaces, &point, faces[k], &found);
+    return found.gap;
+}
+
 static double grid_value(const Motions *m, const Grid *grid, int64_t at, const int64_t *index)
 {
     float known = grid->values[at];
     if (known != 0.0f) return (double)known;
-    double least = grid->reach;
-    if (m->surfaces.nodes != NULL) {
-        Segment point = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 0.0};
-        for (int d = 0; d < 3; d++) point.start[d] = grid->low[d] + (double)index[d] * grid->cell;
-        nearest_face(&m->surfaces, &point, grid->reach, SLACK * grid->cell, &least);
-    }
-    known = (float)least;
+    known = (float)(m->surfaces.nodes == NULL ? grid->reach : place_gap(m, grid, index));
     grid->values[at] = known != 0.0f ? known : 1e-30f;
     return (double)grid->values[at];
 }

@@ -173,9 +173,9 @@ class ConnectSearch:
         while self.found is None and self.extensions < last and not self.over():
             if self.rounds % _GOAL_ROUNDS == 0:
                 self._new_goals()
-            side = self.rounds % 2
-            # While there is no pose at the goal, only the start's tree can grow.
-            self._extend(side if len(self.trees[1]) else 0)
+            if self.found is None:
+                # While there is no pose at the goal, only the start's tree can grow.
+                self._extend(self.rounds % 2 if len(self.trees[1]) else 0)
             self.rounds += 1
         return self.found
 

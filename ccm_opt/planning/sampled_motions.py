@@ -3,12 +3,14 @@
 A motion that passes is not proved to be free; that is left to the certificate.
 """
 
+import mmap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall
@@ -27,6 +29,8 @@ _WIDE = 3.0
 random poses are checked, one grid of 1 twice as long."""
 _TOLD = 0.07
 """Range of distances that the wide grid resolves beyond the gap that is kept [arm lengths]. Taste."""
+_BLOCK, _MOST_NEAR = 4, 31
+"""Places along a side of a block of a grid, and most triangles that are known for a block, as in C."""
 _BEYOND = 0.02
 """Distance that the grid extends beyond the arm's reach [arm lengths]; places outside count as its border."""
 _SPARED = 1e-4
@@ -64,6 +68,7 @@ class SampledMotions:
         cell = max(float((np.prod(size) / _CELLS) ** (1.0 / 3.0)), _FINE * self.kept)
         grids = {"fine": (cell, self.kept + _NEAR * cell), "wide": (_WIDE * cell, reach)}
         counts = {name: np.ceil(size / each).astype(np.intp) + 1 for name, (each, _) in grids.items()}
+        blocks = {name: -(-count // _BLOCK) for name, count in counts.items()}
         link, share = arm.mount_end
         spared = _SPARED * arm.length
         return {
@@ -74,7 +79,10 @@ class SampledMotions:
             "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,
             **{
                 name: {"counts": counts[name].tolist(), "low": low, "cell": each, "reach": far,
-                       "values": np.zeros(counts[name], dtype=np.float32)}
+                       "values": _untouched(counts[name], np.float32), "blocks": blocks[name].tolist(),
+                       "known": _untouched(blocks[name], np.int8),
+                       "faces": _untouched((*blocks[name], _MOST_NEAR), np.int32),
+                       "gaps": _untouched((*blocks[name], _MOST_NEAR), np.float32)}
                 for name, (each, far) in grids.items()
             },
             **({} if self.tree.search is None else {"surfaces": self.tree.search.for_c}),
@@ -109,3 +117,13 @@ class SampledMotions:
             growth=growth, motions=self.for_c, offset=offset, slopes=slopes,
             ends=np.empty((2, len(offset))),
         )  # fmt: skip
+
+
+def _untouched(shape: npt.ArrayLike, element: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return an array of zeros that takes memory page by page as it is used.
+
+    NumPy asks for huge pages, all of which a grid would soon touch and have cleared, which takes longer than a search.
+    """
+    size = np.asarray(shape, dtype=np.intp)
+    memory = mmap.mmap(-1, int(np.prod(size)) * np.dtype(element).itemsize)
+    return np.frombuffer(memory, dtype=element).reshape(size)

@@ -13,7 +13,7 @@ from scipy.sparse import csgraph
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import place
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.scene.distances.insides import depth_inside, encloses
+from ccm_opt.scene.distances.insides import depth_inside, depths_in_rounded, encloses
 from ccm_opt.scene.surfaces import box_about
 from ccm_opt.scene.workspace import Workspace
 
@@ -103,19 +103,24 @@ def open_words(body: MeshBody) -> str:
 
 
 def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math.inf) -> Iterator[Enclosure]:
+    rounded = [obstacle for obstacle in workspace.obstacles if obstacle.body.rounding]
+    if rounded:
+        depths = depths_in_rounded([obstacle.body for obstacle in rounded], places)
+        for number, k in np.argwhere(depths > 0.0):
+            yield Enclosure(rounded[k].name, int(number), places[number], float(depths[number, k]))
     for obstacle in workspace.obstacles:
         body = obstacle.body
-        if not body.solid:
+        if body.rounding or not body.solid:
             continue
         low, high = box_about(body.triangles)
-        within = (places >= low - body.rounding) & (places <= high + body.rounding)
+        within = (places >= low) & (places <= high)
         numbers = np.flatnonzero(np.all(within, axis=1))
         # Openings matter only to an arm that may enter, and take long to measure.
         may_enter = len(numbers) > 0 and entering < math.inf and body.kind == "mesh"
         closed_only = may_enter and opening_width(body) > 2.0 * entering
         for number in numbers:
-            # The depth takes longer to find than whether a point is inside; with rounding the depth alone answers both.
-            if body.rounding or encloses(body, places[number], closed_only=closed_only):
+            # The depth takes longer to find than whether a point is inside.
+            if encloses(body, places[number], closed_only=closed_only):
                 depth = depth_inside(body, places[number], closed_only=closed_only)
                 if depth > 0.0:
                     yield Enclosure(obstacle.name, int(number), places[number], depth)

@@ -7,6 +7,7 @@ together. So bodies that overlap or touch do not cancel, whatever their orientat
 each other, with alternating orientations, are a body and its cavity.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -84,8 +85,26 @@ def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) ->
     """
     if body.kind == "cylinder":
         return _depth_in_cylinder(body, point)
+    if body.rounding:
+        return float(depths_in_rounded([body], point[None])[0, 0])
     distance = distance_from_triangles(point, body.triangles)
-    return body.rounding + (distance if encloses(body, point, closed_only=closed_only) else -distance)
+    return distance if encloses(body, point, closed_only=closed_only) else -distance
+
+
+def depths_in_rounded(bodies: Sequence[Body], places: FloatArray) -> FloatArray:
+    """Return the depths of points, shape (k, 3), inside balls and capsules, shape (k, m) [m]; negative outside.
+
+    Args:
+        bodies: balls and capsules, one or more.
+        places: positions of the points, shape (k, 3) [m].
+    """
+    start, end = np.stack([body.triangles[0, :2] for body in bodies], axis=1)
+    axis = end - start
+    square = np.einsum("md,md->m", axis, axis)
+    apart = places[:, None] - start
+    share = np.clip(np.einsum("kmd,md->km", apart, axis) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    distance = np.linalg.norm(apart - share[..., None] * axis, axis=2)
+    return np.asarray(np.array([body.rounding for body in bodies]) - distance)
 
 
 def encloses(body: Body, point: FloatArray, *, closed_only: bool = False) -> bool:

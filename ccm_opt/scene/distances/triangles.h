@@ -149,10 +149,39 @@ static inline int is_plane_beyond(const Segment *segment, const double *corners,
            & (least * least > BEYOND * square * size);
 }
 
+/* As segment_to_triangle for a segment that is a point, without roots; only the edges that the point lies beyond are
+   looked at. Returns whether the triangle is none of the slivers, of which this says nothing. */
+static inline int point_to_triangle(const Segment *segment, const double *corners, Pair *best)
+{
+    double edge[3], side[3], normal[3], from[3], at[3], out[3], inside = 1.0;
+    minus(corners + 3, corners, edge);
+    minus(corners + 6, corners, side);
+    cross(edge, side, normal);
+    minus(segment->start, corners, from);
+    double size = dot(normal, normal), height = dot(from, normal);
+    if (!(size > SLIVER * dot(edge, edge) * dot(side, side))) return 0;
+    if (height * height > BEYOND * best->square * size) return 1;
+    for (int k = 0; k < 3; k++) {
+        const double *begins = corners + 3 * k, *ends = corners + 3 * ((k + 1) % 3);
+        minus(ends, begins, edge);
+        minus(segment->start, begins, at);
+        cross(normal, edge, out);
+        if (dot(out, at) >= 0.0) continue;
+        segment_to_edge(segment, begins, ends, best);
+        inside = 0.0;
+    }
+    if (inside != 0.0) {
+        along(segment->start, -height / size, normal, at);
+        offer(best, segment, 0.0, at);
+    }
+    return 1;
+}
+
 /* The nearest pair, where it is nearer than the best that is known. */
 static inline void segment_to_triangle(const Segment *segment, const double *corners, Pair *best)
 {
     Plane plane;
+    if (segment->square == 0.0 && point_to_triangle(segment, corners, best)) return;
     if (is_plane_beyond(segment, corners, best->square)) return;
     if (plane_of(corners, &plane) && !segment_to_inside(segment, &plane, best)) return;
     segment_to_edge(segment, corners, corners + 3, best);
