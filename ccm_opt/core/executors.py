@@ -148,7 +148,7 @@ TASK = TypeVar("TASK")
 
 
 class Workers(Protocol):
-    """Protocol of objects that provide executors."""
+    """Protocol of objects that provide executors on which tasks run."""
 
     def open(self) -> "Any":
         """Return a context manager that yields an executor and the number of tasks to keep in flight."""

@@ -173,7 +173,7 @@ class NativeCall:
         _fill(self.fields, self._layout, values, self._kept)
 
     def __call__(self) -> None:
-        """Call the C function on the struct."""
+        """Call the bound C function on its struct."""
         self.function(self.address)
 
 

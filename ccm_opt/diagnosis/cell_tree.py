@@ -72,17 +72,17 @@ class CellTree:
 
     @property
     def sides(self) -> FloatArray:
-        """Edge lengths of the cubes, shape (n,) [m]."""
+        """Edge lengths of the n cubes that fill the box, shape (n,) [m]."""
         return np.asarray(self.size * (self.first / _UNITS))
 
     @property
     def half_diagonals(self) -> FloatArray:
-        """Half of each cube's space diagonal, shape (n,) [m]."""
+        """Half space diagonals of the n cubes that fill the box, shape (n,) [m]."""
         return np.asarray(0.5 * np.sqrt(3.0) * self.sides)
 
     @property
     def middles(self) -> FloatArray:
-        """Centres of the cubes, shape (n, 3) [m]."""
+        """Centres of the n cubes that fill the box, shape (n, 3) [m]."""
         return np.asarray(self.origin + (self.low + 0.5 * self.size[:, None]) * (self.first / _UNITS))
 
     @property

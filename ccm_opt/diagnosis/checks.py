@@ -132,7 +132,7 @@ class FirstLinkCells:
 
     @property
     def widths(self) -> FloatArray:
-        """Widths of a cell along each bend, shape (links,) [rad]."""
+        """Widths of a cell of configuration space along each bend, shape (links,) [rad]."""
         return np.asarray(2.0 * self.arm.bend_limits[: self.links] / np.array(self.counts))
 
     def joined(self, start: WholePose, goal: WholePose, turns: float = 0.0) -> bool:

@@ -53,7 +53,7 @@ class ObstacleGap:
 
 
 class Gaps(Protocol):
-    """Distances of segments from all obstacles of a workspace."""
+    """Protocol for distances of segments from all obstacles of a workspace."""
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
         """Return the distances of segments (k, 2, d) from the nearest obstacle, capped at `reach`, shape (k,) [m]."""

@@ -93,7 +93,7 @@ class Trials:
 
     @property
     def spent(self) -> float:
-        """CPU time used since the trials began [s]."""
+        """CPU time used since the search for causes and changes began [s]."""
         return time.process_time() - self.begun
 
     def succeeds(

@@ -82,7 +82,7 @@ DEFAULT_CERTIFICATE = CertificateSettings()
 _PLANES = 14
 """Largest number of contacts (free half-spaces) per link in space."""
 _RUN = 8
-"""Number of links per group, equal to ``RUN`` of near_pairs.c."""
+"""Number of links per group in the search for near pairs, equal to ``RUN`` of near_pairs.c."""
 
 
 class ContactFinder(ABC):

@@ -145,7 +145,7 @@ class TimeStretches:
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
     def take(self, index: IntArray) -> "TimeStretches":
-        """Return the time intervals with given indices."""
+        """Return those of the time intervals that have given indices."""
         return TimeStretches(self.low[index], self.high[index])
 
     def halves(self) -> "TimeStretches":

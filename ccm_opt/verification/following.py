@@ -20,7 +20,7 @@ From half the allowed deviation on, the distance to the nearest point exceeds th
 of the allowed deviation.
 """
 _CHUNK = 200
-"""Number of poses evaluated per batch."""
+"""Number of poses whose distances from the tip path are computed per batch."""
 
 
 def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTrajectory) -> list[Check]:

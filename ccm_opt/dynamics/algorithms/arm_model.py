@@ -24,7 +24,7 @@ class Structure:
 
     @property
     def variant(self) -> str:
-        """Name of the generated code for the structure."""
+        """Name of the variant of the generated code for the structure, such as "zyx_planar"."""
         return f"{self.axes}{'_planar' if self.planar else ''}"
 
     @property

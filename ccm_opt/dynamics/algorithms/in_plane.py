@@ -30,7 +30,7 @@ NEUTRAL_AFTER = {**NEUTRAL_BEFORE, ca.OP_SUB: 0.0, ca.OP_DIV: 1.0}
 
 
 def free(count: int) -> Known:
-    """Return a column of `count` unknown numbers."""
+    """Return a column of `count` numbers of which none is known."""
     return (None,) * count
 
 

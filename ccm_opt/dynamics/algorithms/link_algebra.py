@@ -22,7 +22,7 @@ class YawBendRoll:
 
     @staticmethod
     def rotation(trig: Any) -> Any:
-        """Return the rotation matrix R = Rz(a) Ry(b) Rx(c)."""
+        """Return the rotation matrix R = Rz(a) Ry(b) Rx(c) from the child link to its parent, shape (3, 3)."""
         sa, c_a, sb, cb, sc, cc = _sines(trig)
         yaw_bend = c_a * sb
         sine_bend = sa * sb
@@ -62,7 +62,7 @@ class YawBendSpin:
 
     @staticmethod
     def rotation(trig: Any) -> Any:
-        """Return the rotation matrix R = Rz(a) Ry(b) Rz(c)."""
+        """Return the rotation matrix R = Rz(a) Ry(b) Rz(c) from the child link to its parent, shape (3, 3)."""
         sa, c_a, sb, cb, sc, cc = _sines(trig)
         yaw_bend = c_a * cb
         sine_bend = sa * cb

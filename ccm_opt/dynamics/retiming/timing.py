@@ -81,7 +81,7 @@ class Chords:
 
 
 Profile: TypeAlias = SpeedProfile | SmoothProfile
-"""A motion along the path parameter s, as a function of time."""
+"""Type of a motion along a path: the path parameter s as a function of time."""
 
 
 def sample_motion(

@@ -41,7 +41,7 @@ class SimulatedSteps:
 
     @property
     def count(self) -> int:
-        """Number of steps, N."""
+        """Number N of simulated steps."""
         return len(self.efforts)
 
     @cached_property

@@ -230,7 +230,7 @@ class IntervalRows:
         return len(self.interval)
 
     def take(self, chosen: BoolArray | IntArray) -> "IntervalRows":
-        """Return the rows selected by a mask or by indices."""
+        """Return the constraint rows selected by a mask or by indices."""
         return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def part(self, sweep: Sweep) -> IntArray:
@@ -242,7 +242,7 @@ class IntervalRows:
 
     @property
     def against_walls(self) -> BoolArray:
-        """Mask of the rows against walls, shape (m,)."""
+        """Mask of the constraint rows against walls rather than between links, shape (m,)."""
         return np.asarray(self.minus == STILL)
 
     def values(self, sweep: Sweep) -> FloatArray:
@@ -270,7 +270,7 @@ class IntervalRows:
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """Return several sets of rows as one."""
+    """Return several sets of constraint rows as one set."""
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )

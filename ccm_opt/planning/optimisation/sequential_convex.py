@@ -31,21 +31,21 @@ SweepType = TypeVar("SweepType", bound=Sweep)
 _LACK = 0.03
 """Fraction of the preferred gap that an interval may lack before its slack becomes more costly. Taste."""
 _LACK_RISE = 2.0
-"""Factor of the price of slack per step where an interval lacks clearance. Taste."""
+"""Factor by which the price of slack rises per step in intervals that lack clearance. Taste."""
 _PRICE_RISE = 4.0
 """Factor of the price of slack in intervals for which the certificate fails. Taste."""
 _FIRST_DAMPING = 0.3
 """Weight on the squared rotations of the links in the first step. Taste."""
 _REFUSED_GROWTH = 6.0
-"""Factor of the damping after a refused step. Taste."""
+"""Factor by which the damping grows after a refused optimisation step. Taste."""
 _SHORTENED_GROWTH = 2.0
-"""Factor of the damping after a shortened step. Taste."""
+"""Factor by which the damping grows after a shortened optimisation step. Taste."""
 _TRIES = 6
-"""Maximum number of QPs that are solved for one accepted step. Taste."""
+"""Maximum number of QPs that are solved for one accepted optimisation step. Taste."""
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
-"""Fractions of a step that are tried until one is certified. Taste."""
+"""Fractions of an optimisation step that are tried until the result is certified. Taste."""
 _SUFFICIENT = 0.1
-"""Fraction of the predicted gain above which a step is accepted. Taste."""
+"""Fraction of the predicted gain that a step must achieve to be accepted. Taste."""
 _WORTH_AFRESH = 0.1
 """Relative decrease of the objective after which prices and damping are reset if they block all motion. Taste."""
 
@@ -71,11 +71,11 @@ _YIELDING_SHARE = 0.4
 _RAISED_DAMPING = 0.05
 """Least damping from which growth after a refused or shortened step starts. Taste."""
 _GOOD_SHRINKAGE = 3.0
-"""Divisor of the damping after a good step. Taste."""
+"""Divisor by which the damping is reduced after a good optimisation step. Taste."""
 _LEAST_DAMPING = 1e-4
-"""Lower bound of the damping. Taste."""
+"""Lower bound of the damping of optimisation steps. Taste."""
 _GOOD = 0.6
-"""Fraction of the predicted gain above which a step counts as good. Taste."""
+"""Fraction of the predicted gain from which on a step counts as good. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
