@@ -1,20 +1,21 @@
-"""The command line: ``main`` is the entry point, ``commands`` has every command and option.
+"""The command line of ccm_opt: ``main`` is the entry point, ``commands`` defines every command and option.
 
-Before ``main`` handles Ctrl-C, only modules that Python has loaded already are imported.
+Only modules that Python has already loaded are imported before ``main`` starts to handle Ctrl-C.
 """
 
 import os
 import sys
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables read by the linear algebra libraries when they are loaded; small matrices run faster on one thread."""
+"""Environment variables for the number of threads of linear algebra libraries, which read them on import; small
+matrices are faster on one thread."""
 
 OBJECTS_BETWEEN_COLLECTIONS = 20_000
-"""New objects that trigger a garbage collection: at Python's own 700, collections cost more time than they save."""
+"""Number of new objects that triggers a garbage collection; at Python's default of 700, collecting costs more time."""
 
 
 def main() -> None:
-    """Run ``ccm-opt``; Ctrl-C ends it with exit code 130 even while modules are loaded."""
+    """Run the program ``ccm-opt``; Ctrl-C ends it with exit code 130, even while modules are being imported."""
     try:
         _run()
     except KeyboardInterrupt:
@@ -41,7 +42,7 @@ def main() -> None:
 
 
 def _exit_out_of_memory(message: str) -> None:
-    """Print the error in one line and exit at once, since Python's own shutdown may also need memory."""
+    """Print an error message in one line and exit at once, since a regular shutdown of Python may need memory too."""
     sys.stderr.write(f"error: {message}\n")
     sys.stderr.flush()
     os._exit(1)

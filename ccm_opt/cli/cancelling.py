@@ -1,6 +1,6 @@
-"""Handling of Ctrl-C: the command stops, writes ``error: cancelled`` to stderr, and ends with exit code 130.
+"""Handling of Ctrl-C: a command stops, writes ``error: cancelled`` to stderr, and ends with exit code 130.
 
-What the command is doing at Ctrl-C decides which code handles it and what remains on disk:
+The current activity of the command determines which code handles Ctrl-C, and what remains on disk:
 
 ===================================  ===============================  =================================================
 while                                handled in                       what remains
@@ -23,12 +23,12 @@ IPOPT runs in CasADi                 ``core/ipopt_call.py``         it is kept a
 ``check``, ``simulate``, ``export``  ``outcome``                      nothing is written
 ===================================  ===============================  =================================================
 
-A folder with an earlier result is kept, and an incomplete result is written next to it.
+A folder with an earlier result is kept; an incomplete new result is written next to it.
 
-An interrupt may be lost: C code that calls Python, such as CasADi's wrappers, drops exceptions raised there. So the
-interrupt has a type of its own and is watched by a timer until it is handled; if it is gone and was not handled, it is
-raised again. While modules are loaded none is raised at all: there it could surface as another error, with a module
-half loaded.
+An interrupt may get lost, since C code that calls Python, such as CasADi's wrappers, drops exceptions. Interrupts
+therefore have a separate exception type and are watched by a timer; an interrupt that no longer exists but was not
+handled is raised again. While modules are being imported no interrupt is raised, since it could appear as another
+error and leave a module half imported.
 """
 
 import os
@@ -43,25 +43,24 @@ from types import FrameType
 from typing import NoReturn
 
 CANCELLED = 130
-"""Exit code after Ctrl-C: 128 plus the number of the signal, by the convention of shells."""
+"""Exit code after Ctrl-C: 128 plus the signal number, by the convention of shells."""
 LOOK_AGAIN = 0.25
-"""Time between two checks whether an interrupt was lost [s]; a fraction of the second within which a command should
-end."""
+"""Interval between checks for a lost interrupt, a fraction of the second within which a command should end [s]."""
 LOOK_FOR_LOADED = 0.02
-"""Time between two checks whether modules are still being loaded [s]; an interrupt is raised once they are not."""
+"""Interval between checks whether modules are still being imported, after which an interrupt is raised [s]."""
 _LOADER = "<frozen importlib._bootstrap>"
-"""File name in the stack frames of Python's module loader."""
+"""File name of Python's module loader in stack frames."""
 
 
 @dataclass
 class _Notes:
-    """State of Ctrl-C.
+    """State of the handling of Ctrl-C.
 
     Attributes:
-        noted: whether Ctrl-C was pressed while presses were only noted.
+        noted: whether Ctrl-C was pressed while a press was only recorded.
         met: whether the last press was handled; true before the first press.
-        struck: whether an interrupt was ever raised.
-        raised: returns the interrupt raised last, or None once it no longer exists.
+        struck: whether any interrupt was raised.
+        raised: weak reference to the interrupt raised last; returns None once that object no longer exists.
     """
 
     noted: bool = False
@@ -74,35 +73,35 @@ _NOTES = _Notes()
 
 
 class Interrupted(KeyboardInterrupt):
-    """Interrupt by Ctrl-C, a separate type so that an interrupt that Python lost can be detected."""
+    """Exception raised by Ctrl-C, of a separate type so that a lost interrupt can be detected."""
 
 
 def interrupts_end_at_once() -> None:
-    """Make Ctrl-C end the process at once with exit code 130; to be called before anything needs cleaning up."""
+    """Make Ctrl-C end the process at once with exit code 130, for use while nothing needs to be cleaned up."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, lambda _signal, _frame: leave_at_once(report_cancelled()))
 
 
 def interrupts_insist() -> None:
-    """Install a handler that raises a lost Ctrl-C again until ``interrupt_met`` is called."""
+    """Install the signal handler that raises a lost interrupt again until ``interrupt_met`` is called."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _ignore_unraisable
 
 
 def _ignore_unraisable(lost: "sys.UnraisableHookArgs") -> None:
-    """Ignore an interrupt that Python cannot raise in place, such as in a finaliser; the timer raises it again.
+    """Suppress the message about an interrupt in code that cannot raise, such as a finaliser; a timer raises it again.
 
-    After the first interrupt, ignore errors in finalisers of half-made objects too.
+    After the first interrupt, errors in finalisers of half-made objects are suppressed too.
     """
     if not _NOTES.struck and not issubclass(lost.exc_type, Interrupted):
         sys.__unraisablehook__(lost)
 
 
 def interrupt_met() -> None:
-    """Note that Ctrl-C is handled, and stop the timer.
+    """Record that the last Ctrl-C was handled, and stop the timer that would raise it again.
 
-    Python drops its signal handlers when it shuts down, and an alarm after that would end the process.
+    Python removes its signal handlers at shutdown, after which the alarm of the timer would end the process.
     """
     _NOTES.met = True
     if hasattr(signal, "setitimer"):
@@ -110,7 +109,7 @@ def interrupt_met() -> None:
 
 
 def interrupt_unmet() -> bool:
-    """Return whether Ctrl-C was pressed and not yet handled, so that other errors are likely its consequence."""
+    """Return whether Ctrl-C was pressed and not yet handled, so that another error is probably a consequence."""
     return not _NOTES.met
 
 
@@ -129,7 +128,7 @@ def _interrupt(_signal: int, frame: FrameType | None) -> None:
 
 
 def _is_loading(frame: FrameType | None) -> bool:
-    """Return whether a module is being loaded."""
+    """Return whether a stack frame, or any of its callers, belongs to Python's module loader."""
     while frame is not None:
         if frame.f_code.co_filename == _LOADER:
             return True
@@ -143,7 +142,7 @@ def _watched(interrupt: Interrupted) -> Interrupted:
 
 
 def _look(number: int, frame: FrameType | None) -> None:
-    """Raise the interrupt again if it was not handled and no longer exists."""
+    """Raise the interrupt again if it was not handled and no longer exists (handler of the timer's signal)."""
     if _NOTES.met:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     elif _NOTES.raised() is None:
@@ -151,9 +150,9 @@ def _look(number: int, frame: FrameType | None) -> None:
 
 
 def last_steps_uninterrupted() -> None:
-    """Only note the next Ctrl-C, without an interrupt, until the block of ``interrupts_as_usual`` ends.
+    """Only record the next Ctrl-C, without interrupting, until the current ``interrupts_as_usual`` block ends.
 
-    The work on a file is then almost finished. A second Ctrl-C interrupts as usual, in case the last steps hang.
+    For the last steps of the work on a file. A second Ctrl-C interrupts as usual, in case these steps hang.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _note)
@@ -161,7 +160,7 @@ def last_steps_uninterrupted() -> None:
 
 @contextmanager
 def interrupts_as_usual() -> Iterator[None]:
-    """Restore the handling of Ctrl-C at the end of the block, whatever the block changes."""
+    """Restore the present handling of Ctrl-C at the end of a ``with`` block, whatever the block changes."""
     _NOTES.noted = False
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -174,7 +173,7 @@ def interrupts_as_usual() -> Iterator[None]:
 
 
 def cancelled_meanwhile() -> bool:
-    """Return whether Ctrl-C was noted in the last block of ``interrupts_as_usual``."""
+    """Return whether Ctrl-C was recorded, without interrupting, in the last ``interrupts_as_usual`` block."""
     return _NOTES.noted
 
 
@@ -184,17 +183,17 @@ def _note(_signal: int, _frame: FrameType | None) -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore Ctrl-C from here on."""
+    """Ignore Ctrl-C until the process ends."""
     interrupt_met()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def leave_at_once(code: int = CANCELLED) -> NoReturn:
-    """End the process at once with an exit code.
+    """Flush the output streams and end the process at once with an exit code, without Python's shutdown.
 
-    When Python shuts down, a Ctrl-C that struck while text was executed as code, as dataclasses do while modules are
-    loaded, would count as unhandled even if it was handled, and the process would end by the signal itself.
+    During a regular shutdown, Python would treat a handled Ctrl-C as unhandled, and end by the signal itself, if it
+    occurred while text was executed as code, which dataclasses do during import.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed or missing
@@ -203,10 +202,10 @@ def leave_at_once(code: int = CANCELLED) -> NoReturn:
 
 
 def report_cancelled() -> int:
-    """Report on stderr that the command was cancelled, in plain text since Rich may not be loaded yet.
+    """Print on stderr that the command was cancelled, and return the exit code.
 
     Returns:
-        The exit code.
+        The exit code 130.
     """
     interrupt_met()
     with suppress(OSError, ValueError, AttributeError):  # stderr is closed or missing

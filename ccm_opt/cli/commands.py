@@ -1,6 +1,7 @@
-"""Every command and option of ``ccm-opt``: one function per command, which calls the module that implements it.
+"""Definition of every command and option of ``ccm-opt``: one function per command, which calls its implementation.
 
-Each returns its exit code, see ``outcome``; Ctrl-C is described in ``cancelling``.
+Each function returns an exit code, see ``outcome``. The docstrings of commands are their help texts. The handling of
+Ctrl-C is described in ``cancelling``.
 """
 
 import inspect
@@ -30,10 +31,10 @@ from ccm_opt.cli.surroundings import no_search_for_cycles
 
 
 class CommandGroup(TyperGroup):
-    """Group of all commands; Ctrl-C while a command loads its modules gives exit code 130 instead of Typer's 1."""
+    """Group of all commands; Ctrl-C during the import of a command gives exit code 130 instead of Typer's 1."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that was asked for."""
+        """Run the requested command and return its result."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as interrupt:
@@ -69,22 +70,22 @@ _AS_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document 
 _QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors and warnings only.")]
 _VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Print every stage and every check.")]
 _PRINTING = {"as_json": _AS_JSON, "quiet": _QUIET, "verbose": _VERBOSE}
-"""Options of every command that control its output."""
+"""Options that control output, common to all commands."""
 _ALLOW_OUTSIDE = Annotated[
     bool, typer.Option("--allow-outside", help="Read drawings and meshes from outside the problem file's folder.")
 ]
-"""Option of the commands that read problem files."""
+"""Option of all commands that read problem files."""
 
 
 def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Make a function a command, with the options that control its output.
+    """Return a decorator that registers a function as a command, with the options that control output.
 
     Args:
         name: name of the command.
-        examples: example command lines, shown below its help.
+        examples: example command lines, shown below the help text.
 
     Returns:
-        A decorator for a function that returns the command's exit code.
+        A decorator for functions that return the exit code of the command.
     """
 
     def decorated(function: Callable[..., int]) -> Callable[..., int]:
@@ -118,7 +119,7 @@ def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., 
 
 
 def listed_or_given(places: list[Path] | None) -> list[Path] | None:
-    """Replace names that ``ccm-opt problems`` lists by the files of those problems."""
+    """Return file paths in which names listed by ``ccm-opt problems`` are replaced by the files of those problems."""
     if places is None or all(place.suffix or os.path.exists(place) or str(place) == "-" for place in places):  # noqa: PTH110 - see below
         return places
     from ccm_opt.cli.starting import listed_problems  # noqa: PLC0415 - loads numpy

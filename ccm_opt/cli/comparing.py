@@ -1,6 +1,6 @@
-"""The command ``compare``, and its tables.
+"""The command ``compare``, which runs planners on many problems, and its tables.
 
-With two methods the tables fit into eighty columns: figures are rows, methods are columns.
+Figures are rows and methods are columns, so that the tables of two methods fit into eighty columns.
 """
 
 import itertools
@@ -44,10 +44,10 @@ from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
 
 _MOST_PROBLEMS = 40
-"""Most problems for which the table of all runs is printed; with more, it is in the file only."""
+"""Maximum number of problems for which the table of all runs is printed; larger tables are only written to a file."""
 
 OF_A_RUN = ("least_wall_clearance_m", "duration_s", "planning_cpu_s")
-"""Figures in the table of runs, which has a row for each run; the others are in the file."""
+"""Keys of the figures in the printed table of runs; the file contains all figures."""
 
 
 def print_comparison(comparison: Comparison, folder: Path) -> None:
@@ -132,24 +132,24 @@ def compare_methods(
     page: bool = True,
     problems: bool = False,
 ) -> int:
-    """Run a comparison.
+    """Run planners on the same problems, print and write the comparison, and return the exit code.
 
     Args:
         files: problem files.
-        out: folder for the journal, tables and page.
-        suites: names of suites; the shared suite if there are no files either.
-        count: number of problems of each suite; None for the default.
+        out: output folder for journal, tables and report.
+        suites: names of problem suites; without suites and files, the suite of shared example problems is used.
+        count: number of problems from each suite; None for the default.
         seed: first seed of random suites.
         methods: names of methods; the default ones when empty.
         planners: external planners, as ``module:attribute``.
         workers: number of processes on this machine.
         dask: address of a Dask scheduler, or None.
-        time_limit: CPU time of every planner [s], or None.
-        page: whether to write the page.
-        problems: whether to write the problems as files, too.
+        time_limit: CPU time limit of every planner [s]; None for that of each problem.
+        page: whether to write the HTML report.
+        problems: whether to write the problems as files too.
 
     Returns:
-        The exit code: 0 when every run ended in a result, even without a plan; 1 when one crashed.
+        The exit code: 0 if every run gave a result, with or without a plan; 1 if a run crashed.
     """
 
     def compared(folder: Path) -> int:
@@ -181,7 +181,15 @@ def compare_methods(
 def _run(
     cases: Sequence[Case], methods: Sequence[str], workers: Workers, place: Path, time_limit: float | None
 ) -> Comparison:
-    """Make the runs of a comparison that are not yet in the journal."""
+    """Return the comparison of methods on problems, after making the runs that are not yet in the journal.
+
+    Args:
+        cases: the problems.
+        methods: names of the methods.
+        workers: processes that make the runs.
+        place: path of the journal.
+        time_limit: CPU time limit of every planner [s]; None for that of each problem.
+    """
     with open_journal(place) as journal:
         for method, count in outdated(journal, cases, methods).items():
             runs = "1 run" if count == 1 else f"{count} runs"
@@ -192,7 +200,7 @@ def _run(
 
 
 def _run_reporter(count: int) -> Callable[[Run], None]:
-    """Return a function that prints a numbered line for each run on stderr."""
+    """Return a function that prints a numbered line about each finished run on stderr."""
     numbers = itertools.count(1)
 
     def tell(run: Run) -> None:

@@ -1,4 +1,4 @@
-"""The commands ``draw`` and ``view``, pictures of a plan and its view in the browser; and the pictures of ``solve``."""
+"""The commands ``draw``, pictures of a plan, and ``view``, a plan in the browser; and the pictures of ``solve``."""
 
 import sys
 import webbrowser
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from ccm_opt.viz.page_sections import PlanPages
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
-"""Figures drawn by default."""
+"""Figures that ``draw`` makes by default: all but the films."""
 
 
 def plan_pictures(
     solution: Solution, kind: FigureKind = "png", plans: "PlanPages | None" = None
 ) -> Mapping[str, bytes]:
-    """Return the pictures of a new plan, by file name.
+    """Return the pictures, film and HTML report of a new plan, as file contents by file name.
 
     Args:
         solution: the plan.
         kind: file format of still pictures.
-        plans: all plans of the problem if there are several.
+        plans: all plans of the problem, if there are several.
     """
     with no_search_for_cycles():
         from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
@@ -56,7 +56,10 @@ def plan_pictures(
 
 
 def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
-    """Return the pictures of several plans: the recommended plan's, each plan's picture and page, and the trade-off."""
+    """Return the pictures and reports of a set of Pareto-optimal plans, as file contents by file name.
+
+    These are the recommended plan's, those of each plan in its subfolder, and the chart of the trade-off.
+    """
     from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.page_sections import PlanPages  # noqa: PLC0415
@@ -82,13 +85,13 @@ def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str
 def draw_folders(
     folders: Sequence[Path], figures: Sequence[FigureName] = (), kind: FigureKind = "png", out: Path | None = None
 ) -> int:
-    """Draw the plan in every folder; a failure does not stop the others.
+    """Draw the plan in every output folder and return the exit code; after a failure the other folders are still drawn.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
         figures: figures to draw; all still figures when empty.
         kind: file format of still figures.
-        out: folder for the pictures; when None, the folder of each plan.
+        out: parent folder for the pictures; None for the folder of each plan.
 
     Returns:
         The exit code.
@@ -108,7 +111,7 @@ def draw_folders(
 
 
 def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
-    """Return the pictures of a plan in a folder, by file name.
+    """Return pictures of the plan in an output folder, as file contents by file name.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
@@ -116,7 +119,7 @@ def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind =
         kind: file format of still figures.
 
     Raises:
-        ProblemError: the folder is not readable, a figure exists in the plane only, or ffmpeg is missing for a video.
+        ProblemError: the folder is not readable, a figure exists for planar arms only, or ffmpeg is missing.
         VerificationError: the folder holds no plan.
     """
     plan = drawn(load(folder))
@@ -146,12 +149,12 @@ def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind =
 
 
 def view_item(item: Path, port: int, *, browser: bool) -> int:
-    """Show a plan in the browser until Ctrl-C.
+    """Show a plan in the browser until Ctrl-C, and return the exit code.
 
     Args:
         item: a problem file, or an output folder of ``ccm-opt solve``.
-        port: port of the page, on this machine only.
-        browser: whether to open the page.
+        port: port on which the page is served, to this machine only.
+        browser: whether to open the page in a browser.
 
     Returns:
         The exit code.
@@ -175,10 +178,10 @@ def _view(item: Path, port: int, *, browser: bool) -> int:
 
 
 def plan_viewer(item: Path, port: int) -> "ViewerApp":
-    """Return the viewer of a plan, not yet running.
+    """Return the viewer of a plan, with its server started but the playback loop not yet running.
 
     Raises:
-        ProblemError: there is no such plan or problem, the port is in use, or the viewer is not installed.
+        ProblemError: the plan or problem does not exist, the port is in use, or the viewer is not installed.
         NoPlanFound: the problem has no plan.
     """
     try:
@@ -198,7 +201,7 @@ def plan_viewer(item: Path, port: int) -> "ViewerApp":
 
 
 def _serve_viewer(door: socket, item: Path, problem: Problem) -> "ViewerApp":
-    """Return the viewer on an open socket, showing the motion in a folder, or a new plan of a problem."""
+    """Return the viewer on an open socket, showing the motion in an output folder, or a new plan for a problem file."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
     from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
     from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi

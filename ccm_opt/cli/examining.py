@@ -1,4 +1,4 @@
-"""The commands ``describe``, ``simulate`` and ``tolerance``: an arm, a simulated plan, and the errors it survives."""
+"""The commands ``describe``, ``simulate`` and ``tolerance``: data of an arm, simulation of a plan, tolerated errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -31,15 +31,15 @@ from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.clearance_section import survived_in_words
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
-"""Column headings for a revolute's drive."""
+"""Column headings of the drive of a revolute joint."""
 
 
 def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
-    """Describe the arm of every file; a failure does not stop the others.
+    """Print the arm of every problem file and return the exit code; after a failure the other files are still tried.
 
     Args:
         files: problem files.
-        changes: values that replace those of the problem files, each ``key.path=value``.
+        changes: overrides of keys of the problem files, each ``key.path=value``.
 
     Returns:
         The exit code.
@@ -65,9 +65,9 @@ def _describe(problem: Problem) -> int:
 
 
 def _data(problem: Problem) -> dict[str, object]:
-    """Return the arm in the layout of a problem file, and its link parameters in SI units, for JSON output.
+    """Return arm and limits in the layout of a problem file, and link parameters, for JSON output.
 
-    Angles of the link parameters are in radians.
+    Lengths are in metres. Link parameters are Denavit–Hartenberg parameters with angles in radians.
     """
     whole = problem_data(replace(problem, length_unit="m"))
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
@@ -78,7 +78,7 @@ def _data(problem: Problem) -> dict[str, object]:
 
 
 def arm_lines(problem: Problem) -> list[str]:
-    """Return a summary of the arm in a few lines."""
+    """Return a few lines of text about the arm of a problem: links, base, masses, gravity, feed axis."""
     arm = problem.arm
     gravity = problem.simulation.gravity
     unit = problem.length_unit
@@ -104,7 +104,7 @@ def arm_lines(problem: Problem) -> list[str]:
 
 
 def _pointing(problem: Problem) -> str:
-    """Return text for the orientation of the base."""
+    """Return the orientation of the arm's base in words."""
     if problem.dimension == 3:
         return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
     return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
@@ -116,9 +116,9 @@ def _components(vector: FloatArray) -> str:
 
 
 def parameter_table(problem: Problem) -> Table:
-    """Return the standard Denavit–Hartenberg parameters of every revolute, and its drive.
+    """Return a table of the standard Denavit–Hartenberg parameters and the drive of every revolute joint.
 
-    A = Rz(θ + offset) Tz(d) Tx(a) Rx(α).
+    The transform from one frame to the next is A = Rz(θ + offset) Tz(d) Tx(a) Rx(α).
     """
     arm = problem.arm
     limits = problem.limits
@@ -138,7 +138,7 @@ def parameter_table(problem: Problem) -> Table:
 
 
 def link_table(arm: Arm) -> Table:
-    """Return mass and moments of inertia of every link; the two massless frames of each joint are left out."""
+    """Return a table of mass, moments of inertia and joint limit of every link, without massless frames."""
     table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
     # In space a joint has two bends, within the same limit.
     limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1)[:, 0])
@@ -149,28 +149,28 @@ def link_table(arm: Arm) -> Table:
 
 
 PICTURE = "simulation.png"
-"""Name of the picture in the plan's folder."""
+"""File name of the picture of a simulation in the plan's folder."""
 
 
 def simulate_folders(
     folders: Sequence[Path], options: Mapping[str, Any], disturbances: Mapping[str, Any], *, pictures: bool
 ) -> int:
-    """Simulate the plan in every folder; a failure does not stop the others.
+    """Simulate the plan in every output folder and return the exit code; after a failure the others are still tried.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        options: values of ``SimulationOptions`` by name; None keeps the plan's own.
-        disturbances: values of ``Disturbances`` by name; None keeps the plan's own.
+        options: values of ``SimulationOptions`` by name; None keeps the value of the problem.
+        disturbances: values of ``Disturbances`` by name; None keeps the value of the problem.
         pictures: whether to draw ``simulation.png`` into the folder.
 
     Returns:
-        The exit code: 4 when the simulated arm does not follow a plan.
+        The exit code: 4 if the simulated arm does not follow a plan.
     """
     return run_all(folders, lambda folder: _simulate(folder, options, disturbances, pictures=pictures))
 
 
 def _with_settings(problem: Problem, options: Mapping[str, Any], disturbances: Mapping[str, Any]) -> Problem:
-    """Return the problem with other simulation settings; None keeps the problem's own.
+    """Return a problem with other simulation settings; None keeps the value of the problem.
 
     Raises:
         ProblemError: a setting is invalid; the message names the setting.
@@ -236,7 +236,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
 
 
 def _describe_gains(problem: Problem) -> tuple[str, str, str]:
-    """Return table cells for the gains of the PD controller: value, an empty limit, and origin."""
+    """Return table cells about the gains of the PD controller: value, empty limit, and origin."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
     options = problem.simulation
@@ -249,15 +249,15 @@ def _describe_gains(problem: Problem) -> tuple[str, str, str]:
 
 
 def examine_tolerance(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
-    """Compute the errors that the plan in every folder tolerates; a failure does not stop the others.
+    """Compute the errors that the plan in every output folder tolerates, and return the exit code.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        simulated: whether payload and friction are computed as well.
+        simulated: whether maximum payload and friction are computed too, by simulation.
         pictures: whether to draw ``tolerance.png`` into the folder.
 
     Returns:
-        The exit code: 3 when a folder holds no plan that passes every check.
+        The exit code: 3 if a folder holds no plan that passes every check.
     """
     return run_all(folders, lambda folder: _look_at(folder, simulated=simulated, pictures=pictures))
 
@@ -285,7 +285,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
-    """Return a table of the errors that a plan tolerates, with the check that limits each error."""
+    """Return a table of the errors that a plan tolerates, each with the check that limits it."""
     table = columned_table(f"{problem.name}: tolerated errors, one at a time", ("", "up to", "required", "limited by"))
     table.columns[-1].justify = "left"
     table.columns[-1].no_wrap = False

@@ -1,4 +1,4 @@
-"""Loading of the problems that a command is given, with reports and warnings about their scenes."""
+"""Reading of the problem files of a command, with reports and warnings about drawings, meshes and limits."""
 
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -24,23 +24,24 @@ from ccm_opt.scene.distances.enclosures import open_words
 from ccm_opt.scene.surfaces import box_about
 
 _MOST_LEFT_OUT = 10
-"""Most layers of a drawing, and most items left out of it, that are listed without --verbose."""
+"""Maximum number of layers of a drawing, and of elements left out, that are listed without --verbose."""
 
 _SAME_SIZE = 1e-3
-"""Relative difference up to which a drawing counts as read at the size it states. Taste: pages have rounded sizes."""
+"""Relative difference between stated and imported size of a drawing that is not reported. Taste: pages have rounded
+sizes."""
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def report_scene(problem: Problem) -> None:
-    """Report a problem's drawing or meshes, and warn of obstacles outside the workspace and of implausible rates."""
+    """Print a summary of a problem's drawing or meshes, and warn of implausible sizes, positions and limits."""
     tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
     warn_odd_rates(problem)
 
 
 def report_drawing(problem: Problem) -> None:
-    """Print a summary of a problem's drawing, and warn if its size does not suit the arm or obstacles lie outside."""
+    """Print a summary of a problem's drawing, and warn of implausible size and obstacles outside the workspace."""
     if problem.drawing is not None:
         _report_drawing(problem.drawing, problem)
     boundary = problem.workspace.boundary
@@ -71,7 +72,7 @@ def _report_drawing(drawing: ImportedDrawing, problem: Problem) -> None:
 
 
 def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
-    """Warn of obstacles entirely outside the workspace, which the arm can never come near."""
+    """Print a warning about obstacles that lie entirely outside the workspace, where the arm cannot reach them."""
     shown = ", ".join(f"'{name}'" for name in obstacles[:_MOST_LEFT_OUT])
     rest = len(obstacles) - len(obstacles[:_MOST_LEFT_OUT])
     if obstacles:
@@ -79,11 +80,11 @@ def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
 
 
 def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
-    """Yield lines of text on a drawing: on its obstacles, on its layers, and on every item that was left out.
+    """Yield lines of text about an imported drawing: obstacles, size, layers, and elements that were left out.
 
     Args:
-        drawing: summary of the import.
-        problem: problem with the unit of length.
+        drawing: report on the import.
+        problem: the problem, which gives workspace and unit of length.
     """
     units = result_units(problem)
     xmin, ymin, xmax, ymax = (value / units.metres for value in drawing.box)
@@ -107,7 +108,7 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
 
 
 def report_meshes(problem: Problem) -> None:
-    """Print a summary of a problem's meshes, and warn of odd sizes and of obstacles outside the workspace."""
+    """Print a summary of a problem's meshes, and warn of implausible sizes and of obstacles outside the workspace."""
     bounds = problem.workspace.bounds
     if bounds is not None:
         boxes = [
@@ -134,12 +135,12 @@ def report_meshes(problem: Problem) -> None:
 
 
 def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
-    """Yield lines of text on a mesh: a summary, then each note and repair.
+    """Yield lines of text about a mesh obstacle: a summary, then each note and repair.
 
     Args:
         name: name of the obstacle.
         body: the mesh.
-        problem: problem with the unit of length.
+        problem: the problem, which gives workspace bounds and unit of length.
     """
     unit = problem.length_unit
     low, high = box_about(body.vertices) / METRES[unit]
@@ -156,7 +157,7 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
-    """Return text on whether a mesh is closed, and on which region counts as its inside."""
+    """Return words about whether a mesh is closed, and which region counts as its interior."""
     if not body.solid:
         return "surface only (solid = false)"
     if body.closed:
@@ -166,7 +167,7 @@ def _inside(body: MeshBody, unit: LengthUnit) -> str:
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
-    """Return a summary of a mesh for JSON output, lengths in metres."""
+    """Return a summary of a mesh obstacle for JSON output, lengths in metres."""
     box = box_about(body.vertices)
     return {
         "obstacle": name,
@@ -183,17 +184,17 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
 
 
 FASTEST = {"/s": 10.0, "/s²": 200.0}
-"""Speed or acceleration, in arm lengths, above which its unit was probably mistaken. Taste: linear motors of a metre
-reach about 5 m/s and 100 m/s²."""
+"""Speed and acceleration, in arm lengths, above which a limit probably has a wrong unit. Taste: linear motors of one
+metre reach about 5 m/s and 100 m/s²."""
 SLOWEST = 5e-4
-"""Arm lengths per second, or per second squared, below which it was probably mistaken: half an hour for one arm length.
-Taste."""
+"""Speed or acceleration, in arm lengths, below which a limit probably has a wrong unit: half an hour for one arm
+length. Taste."""
 STRONGEST_GRAVITY = 50.0
-"""Gravity above which its unit was probably mistaken [m/s²]: twice Jupiter's; Earth's in mm/s² is 9810."""
+"""Gravity above which the unit is probably wrong: twice that of Jupiter; that of Earth is 9810 in mm/s² [m/s²]."""
 
 
 def warn_odd_rates(problem: Problem) -> None:
-    """Warn of rates out of proportion to the arm's size, and of an implausible gravity."""
+    """Print warnings about speed and acceleration limits out of proportion to the arm, and implausible gravity."""
     unit = problem.length_unit
     for key, rate, per in _rates(problem.limits):
         share = rate / problem.arm.length
@@ -212,7 +213,7 @@ def warn_odd_rates(problem: Problem) -> None:
 
 
 def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
-    """Yield key, value [m/s, m/s²] and time unit of every limit on feed axis, tip and points."""
+    """Yield key, value [m/s or m/s²] and time unit of every limit of the feed axis, the tip and other points."""
     given = [("feed_velocity", limits.feed_velocity, "/s"), ("feed_acceleration", limits.feed_acceleration, "/s²")]
     for point in limits.points:
         name = "tip_" if point.at is None else f"points at {point.at:g} m, "
@@ -222,13 +223,13 @@ def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
 
 @dataclass
 class NamedProblems:
-    """Reader of problem files that rejects a second problem of the same name: its folder would replace the first.
+    """Reader of problem files that refuses a second problem of equal name, whose output folder would replace the first.
 
     Attributes:
         files: all files that will be read.
-        changes: keys set on the command line, applied to every file.
-        taken: the file of every problem read so far, by the problem's name.
-        warned: whether duplicate names were checked for.
+        changes: overrides of keys, ``key.path=value``, applied to every file.
+        taken: file of every problem read so far, by the name of the problem.
+        warned: whether the files were already checked for equal names.
     """
 
     files: Sequence[Path]
@@ -237,7 +238,10 @@ class NamedProblems:
     warned: bool = False
 
     def _warn_duplicate_names(self) -> None:
-        """Warn, before the first problem is solved, of names shared by several files, without reading their scenes."""
+        """Print warnings about names that several files share, before the first problem is solved.
+
+        Only the TOML files are read, without drawings and meshes.
+        """
         files: dict[object, list[str]] = {}
         for file in self.files:
             # A pipe can be read only once; errors in a file are reported when it is its turn.
@@ -252,10 +256,10 @@ class NamedProblems:
                 )
 
     def read(self, file: Path) -> Problem:
-        """Read the problem of a file, and report its drawing or meshes.
+        """Return the problem in a file, after printing a report on its drawing or meshes.
 
         Raises:
-            ProblemError: the file is invalid, or its problem has the name of an earlier problem.
+            ProblemError: the file is invalid, or its problem has the name of a problem read before.
         """
         if len(self.files) > 1 and not self.warned:
             self.warned = True
@@ -271,12 +275,19 @@ class NamedProblems:
 
 
 NamedTerms = tuple[Sequence[str], Sequence[str]]
-"""References to the user's constraints and costs: ``module:function`` or ``file.py:function``."""
+"""References to the user's constraints and to the user's costs, each ``module:function`` or ``file.py:function``."""
 NO_TERMS: NamedTerms = ((), ())
 
 
 def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, Any]:
-    """Load user constraints and costs as keyword arguments of ``solve`` and similar functions; empty if none are named.
+    """Return the user's constraints and costs as keyword arguments for ``solve`` and similar functions.
+
+    Args:
+        constraints: references ``module:function`` or ``file.py:function`` to constraints.
+        costs: references of this form to costs.
+
+    Returns:
+        The arguments ``constraints`` and ``costs``; empty where none are given.
 
     Raises:
         ProblemError: a reference cannot be loaded; the message names the reference.

@@ -1,18 +1,18 @@
-"""Exit codes, and the messages on errors.
+"""Exit codes of commands, messages about errors, and output of results.
 
 ====  =====================================================================
 0     solved, or every check holds
-1     a bug in ccm_opt, and its traceback is printed; or memory was used
-      up, or stdout could not be written, and that is printed
-2     bad input
+1     a bug in ccm_opt, with traceback; or memory was exhausted, or stdout
+      could not be written, with a message
+2     invalid input
 3     no plan, or a plan that the verifier rejects; the reason is printed
-4     a verified plan, written like every other, that the simulated arm did
-      not follow: it met a limit, touched something, went out of control, or
-      could not be simulated; the reason is printed
+4     a verified plan, written as usual, that the simulated arm did not
+      follow: it reached a limit, collided, lost control, or could not be
+      simulated; the reason is printed
 130   cancelled by Ctrl-C, see ``cancelling``
 ====  =====================================================================
 
-Of several files all are tried; the exit code is that of the worst outcome: 1, then 130, 3, 2, 4 and 0.
+All of several files are tried; the exit code is that of the worst outcome, in the order 1, 130, 3, 2, 4, 0.
 """
 
 import errno
@@ -49,19 +49,19 @@ UNBROKEN = re.compile(
     r"|(?<=\d,) (?=[-\d])"
     r"|(?<=[≤≥=]) (?=[-\d])"
 )
-"""Spaces at which lines are not broken: before a unit, within a position or a row of numbers, after a comparison."""
+"""Spaces at which lines are not wrapped: before a unit, within a position or row of numbers, after a comparison."""
 KEPT = "\u00a0"
-"""Placeholder for such a space while lines are folded: a no-break space."""
+"""Placeholder, while text is wrapped, for spaces that must not be broken: a no-break space."""
 INDENT = "    "
-"""Indent of continuation lines."""
+"""Indentation of continuation lines of wrapped text."""
 
 
 def folded(text: str, width: int) -> str:
-    """Return a text wrapped to a width where possible, line by line, with indented continuation lines.
+    """Return a text wrapped to a maximum width where possible, with continuation lines indented.
 
     Args:
-        text: one or more lines.
-        width: width in characters.
+        text: one or more lines, each wrapped separately.
+        width: maximum width [characters].
     """
     lines = []
     for line in text.splitlines():
@@ -83,18 +83,18 @@ BAD_INPUT = 2
 NO_PLAN = 3
 NOT_FOLLOWED = 4
 WORST_FIRST = (BUG, CANCELLED, NO_PLAN, BAD_INPUT, NOT_FOLLOWED, SOLVED)
-"""Order in which exit codes of several files take precedence."""
+"""Exit codes in order of precedence, for several files."""
 
 Item = TypeVar("Item")
 
 
 def run_all(items: Iterable[Item], run: Callable[[Item], int], name: Callable[[Item], str] = str) -> int:
-    """Run every item and return the worst exit code; only Ctrl-C ends the sequence early.
+    """Run a function on every item and return the worst exit code; only Ctrl-C ends the sequence early.
 
     Args:
         items: items to run, such as files; messages about an item begin with its name.
-        run: runs one item; returns its exit code.
-        name: returns the name of an item.
+        run: function of one item that returns its exit code, or raises.
+        name: function of one item that returns its name.
     """
     codes: list[int] = []
     for item in items:
@@ -111,17 +111,17 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int], name: Callable[[I
 
 
 def complain(message: str) -> None:
-    """Print an error message on stderr."""
+    """Print an error message on stderr, and add it to the JSON document of the command."""
     output().add_message("errors", message)
     _print_on_stderr("error:", "red", message)
 
 
 def report_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
-    """Print on stderr why the current item has no plan; repeated calls print only new lines.
+    """Print on stderr why no plan was found for the current item; repeated calls print only new lines.
 
     Args:
-        diagnosis: diagnosis as far as it is known.
-        last: whether the diagnosis is final; advice is only printed then, since advice may change until then.
+        diagnosis: reasons known so far.
+        last: whether the diagnosis is final; only then is advice printed, which may change until then.
     """
     shown = diagnosis if last else replace(diagnosis, advice=())
     item = output()
@@ -138,13 +138,13 @@ def report_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
 
 
 def warn(message: str) -> None:
-    """Print a warning on stderr."""
+    """Print a warning on stderr, and add it to the JSON document of the command."""
     output().add_message("warnings", message)
     _print_on_stderr("warning:", "yellow", message)
 
 
 def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
-    """Return the exit code of a simulated plan; if the arm does not follow it, print why on stderr."""
+    """Return the exit code for the simulation of a plan; if the arm did not follow it, print the reason on stderr."""
     if verdict.followed:
         return SOLVED
     advice = "".join(f"\n  try: {line}" for line in verdict.advice)
@@ -153,15 +153,15 @@ def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
 
 
 def print_result(show: Callable[[], object], code: int, data: Callable[[], Mapping[str, object]]) -> int:
-    """Print a result on stdout; a closed pipe does not count as a failure.
+    """Print a result on stdout, or add it to the JSON document, and return the exit code.
 
     Args:
-        show: prints the result for people.
+        show: function that prints the result for people.
         code: exit code of the result.
-        data: returns the result for the JSON document; called only if JSON is requested.
+        data: function that returns the result for the JSON document; called only if JSON is requested.
 
     Returns:
-        The given code, even if the pipe is closed; 1 if writing to stdout fails for another reason.
+        ``code``, even if stdout is a closed pipe; 1 if writing to stdout fails for another reason.
     """
     if output().as_json:
         output().note(data())
@@ -171,7 +171,7 @@ def print_result(show: Callable[[], object], code: int, data: Callable[[], Mappi
 
 
 def print_document(document: Mapping[str, object]) -> None:
-    """Print the JSON document on stdout."""
+    """Print the JSON document of a command on stdout."""
     _printed(lambda: sys.stdout.write(strict_text(document)), SOLVED)
 
 
@@ -189,7 +189,7 @@ def _printed(show: Callable[[], object], code: int) -> int:
 
 
 def _print_on_stderr(label: str, colour: str, message: str) -> None:
-    """Print text on stderr, wrapped if stderr is a terminal; do nothing if stderr is closed."""
+    """Print a labelled message on stderr, wrapped if stderr is a terminal; a closed stderr is ignored."""
     try:
         console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         text = f"{label} {message}" if label else message
@@ -201,7 +201,7 @@ def _print_on_stderr(label: str, colour: str, message: str) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """Redirect a broken stream to the null device, since the interpreter flushes the stream again at shutdown."""
+    """Redirect a broken stream to the null device, since Python flushes the stream again at shutdown."""
     with suppress(OSError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -209,7 +209,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
-    """Run one item; convert any error to a message and an exit code."""
+    """Return the exit code of running one item; any error is converted to a message and an exit code."""
     try:
         return run(item)
     except (ProblemError, NativeLibraryError) as error:
@@ -239,7 +239,7 @@ def _cancelled() -> int:
 
 
 def _broken_off(error: Exception, name: str) -> int:
-    """Report an unforeseen error, lack of memory or a bug with its traceback, and return the exit code."""
+    """Report an unforeseen error (exhausted memory, a path that is too long, or a bug) and return the exit code."""
     if is_out_of_memory(error):
         output().note({"status": "out of memory"})
         complain(f"{name}: out of memory; solving takes 0.6 to 1 GB of address space, and more for many links")

@@ -1,6 +1,6 @@
-"""Output of commands: tables for people, one JSON document for programs, or nothing.
+"""Output options of commands: tables for people, one JSON document for programs, or nothing.
 
-Also the choices of command-line options, which are known here without loading the code that they select.
+Also the values of command-line options that select code, so that the code need not be imported to list them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,16 +15,16 @@ from ccm_opt import __version__
 
 @dataclass
 class Output:
-    """Output options of a command, and the results that the command collects for the JSON document.
+    """Output options of a command, and the results collected for its JSON document.
 
     Attributes:
         command: name of the command.
-        as_json: whether stdout gets one JSON document instead of tables.
-        quiet: whether stdout gets no tables and stderr no progress; errors and warnings are still printed.
-        verbose: whether every stage is reported, with the package's own log, and every check in closing tables.
+        as_json: whether one JSON document is printed instead of tables.
+        quiet: whether tables and progress are suppressed; errors and warnings are still printed.
+        verbose: whether every stage, the package's log, and every check are printed.
         allow_outside: whether drawings outside the folder of a problem file may be read.
-        results: one result for every item so far, usually a file or a folder; the last may be in progress.
-        told: lines already printed on why the item in progress has no plan.
+        results: one result per item (file or folder) so far; the last one may be in progress.
+        told: lines already printed about why no plan was found for the current item.
     """
 
     command: str = ""
@@ -41,34 +41,34 @@ class Output:
         return not (self.as_json or self.quiet)
 
     def begin(self, item: str) -> None:
-        """Begin the result of an item."""
+        """Begin the result of an item, a file or folder."""
         self.results.append({"item": item})
         self.told = []
 
     @property
     def item(self) -> str:
-        """Name of the item in progress; the command's name if there are no items."""
+        """Name of the current item (file or folder), or of the command where there are no items."""
         return str(self.results[-1]["item"]) if self.results else self.command
 
     def note(self, data: Mapping[str, object]) -> None:
-        """Add data to the result of the item in progress, or of the command if there are no items."""
+        """Add data to the result of the current item, or of the command where there are no items."""
         if not self.results:
             self.begin(self.command)
         self.results[-1].update(data)
 
     def add_message(self, kind: str, message: str) -> None:
-        """Add an error or a warning to the result of the item in progress.
+        """Add an error or a warning to the result of the current item.
 
         Args:
             kind: ``errors`` or ``warnings``.
-            message: text that is printed.
+            message: text of the message.
         """
         told = self.results[-1].get(kind, []) if self.results else []
         earlier = list(told) if isinstance(told, Sequence) else []
         self.note({kind: [*earlier, message]})
 
     def document(self, exit_code: int) -> dict[str, object]:
-        """Return the JSON document of the command.
+        """Return the content of the JSON document of the command.
 
         Args:
             exit_code: exit code of the whole command.
@@ -86,13 +86,13 @@ _CURRENT: ContextVar[Output | None] = ContextVar("output of the command", defaul
 
 
 def output() -> Output:
-    """Return the output of the running command; outside commands, tables for people."""
+    """Return the output options of the running command; outside commands, those for tables."""
     return _CURRENT.get() or _WITHOUT_COMMAND
 
 
 @contextmanager
 def printing(way: Output) -> Iterator[Output]:
-    """Set the output options of commands until the block ends."""
+    """Set the output options of the running command for the duration of a ``with`` block."""
     token = _CURRENT.set(way)
     try:
         yield way
@@ -111,7 +111,7 @@ FigureKind: TypeAlias = Literal["png", "svg", "pdf"]
 
 
 class FigureName(StrEnum):
-    """Choices of ``draw --figure``, which may be repeated: Typer reads lists of enumerations, not of literals."""
+    """Values of ``draw --figure``; an enumeration, since Typer reads repeated options from enumerations only."""
 
     PLAN = "plan"
     CURVES = "curves"

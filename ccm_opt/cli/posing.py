@@ -1,4 +1,4 @@
-"""The commands ``pose`` and ``reach``: the best pose at the goal, and the reach map of the tip."""
+"""The commands ``pose``, the best pose at the goal, and ``reach``, a reachability map of the tip."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ from ccm_opt.robot.configuration import SpaceConfiguration
 from ccm_opt.robot.segment import segment_words
 
 ROWS_SHOWN = 5
-"""Multipliers shown in the table; the record holds all."""
+"""Maximum number of multipliers shown in the table; the record holds all."""
 
 
 def pose_files(
@@ -40,17 +40,17 @@ def pose_files(
     *,
     pictures: bool,
 ) -> int:
-    """Find the best pose for the problem of every file; a failure does not stop the others.
+    """Find the best goal pose for every problem file, write an output folder for each, and return the exit code.
 
     Args:
         files: problem files.
-        out: directory of the output folders.
-        terms: user constraints and costs.
-        changes: values that replace those of the problem files, each ``key.path=value``.
-        pictures: whether to draw.
+        out: parent folder of the output folders.
+        terms: references to the user's constraints and costs.
+        changes: overrides of keys of the problem files, each ``key.path=value``.
+        pictures: whether to draw a picture of each pose.
 
     Returns:
-        The exit code.
+        The exit code of the worst outcome; after a failure the other files are still tried.
     """
     problems = NamedProblems(files, changes)
 
@@ -82,14 +82,14 @@ def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pict
 
 
 def _pose_data(found: StaticPose, folder: Path) -> dict[str, object]:
-    """Return the record of a pose without the problem, for JSON output."""
+    """Return the record of a static pose without the problem, for JSON output."""
     record: dict[str, object] = json.loads(pose_json(found))
     del record["problem"]
     return {"folder": str(folder), **record}
 
 
 def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
-    """Print a pose on stdout."""
+    """Print a table of a static pose on stdout: clearance, costs, residuals, multipliers, segments, solver."""
     pose = found.pose
     units = result_units(found.problem)
     table = value_table(f"{found.problem.name}: best goal pose")
@@ -116,7 +116,7 @@ def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
 
 
 def _add_base_and_roll(table: Table, found: StaticPose) -> None:
-    """Add rows for the feed of the base and the roll of the last link."""
+    """Add table rows for the feed of the base and the roll of the last link."""
     units = result_units(found.problem)
     for axis in found.problem.arm.base_axes:
         bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
@@ -125,7 +125,7 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
 
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
-    """Return the length [m] of every curve segment, with text for its type or, in space, for its turn."""
+    """Return length [m] and description of every segment of a pose's backbone curve; in space, by how much it turns."""
     curve = found.curve
     if isinstance(curve, SpaceConfiguration):
         frames, _ = curve.sample_frames(curve.boundaries)
@@ -136,14 +136,14 @@ def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
 
 
 def _turn_words(end: FloatArray) -> str:
-    """Return text for a segment's turn and its direction, from the end direction (3,) in the segment's start frame."""
+    """Return words about the turn of a curve segment, given its end direction in the frame at its start, shape (3,)."""
     turn = np.rad2deg(np.arctan2(np.hypot(end[1], end[2]), end[0]))
     azimuth = np.rad2deg(np.arctan2(end[2], end[1]))
     return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"
 
 
 def _main_costs(costs: Mapping[str, float]) -> str:
-    """Return text for the significant cost terms, the largest first."""
+    """Return words about the significant terms of a cost, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
 
@@ -159,20 +159,20 @@ def reach_files(
     dask: str | None = None,
     pictures: bool,
 ) -> int:
-    """Map the reach of the arm for the problem of every file; a failure does not stop the others.
+    """Compute a reachability map for every problem file, write an output folder for each, and return the exit code.
 
     Args:
         files: problem files.
-        out: directory of the output folders.
-        changes: values that replace those of the problem files, each ``key.path=value``.
-        step: width of a cell [m]; None for the default.
-        headings: number of headings tried in a cell; None for the default.
+        out: parent folder of the output folders.
+        changes: overrides of keys of the problem files, each ``key.path=value``.
+        step: width of a grid cell [m]; None for the default.
+        headings: number of headings (in space, directions) tried in a cell; None for the default.
         workers: number of processes on this machine.
-        dask: address of a Dask scheduler, or None.
-        pictures: whether to draw.
+        dask: address of a Dask scheduler; None for this machine.
+        pictures: whether to draw a picture of each map.
 
     Returns:
-        The exit code.
+        The exit code of the worst outcome; after a failure the other files are still tried.
     """
     problems = NamedProblems(files, changes)
     crew: Workers = DaskWorkers(dask) if dask else ThisProcess() if workers == 1 else LocalWorkers(workers)
@@ -199,7 +199,7 @@ def reach_files(
 def _watched(
     problem: Problem, crew: Workers, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
-    """Return a watchdog for local processes that hang on a cell; clusters have their own time limits."""
+    """Return a context manager that ends the command if local processes hang; clusters have their own time limits."""
     if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)
@@ -207,7 +207,7 @@ def _watched(
 
 @contextmanager
 def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Show the number of cells reached so far on stderr if stderr is a terminal."""
+    """Yield a function that shows the number of grid cells reached so far on stderr, if stderr is a terminal."""
     console = Console(stderr=True, emoji=False)
     if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None
@@ -217,14 +217,14 @@ def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def _reach_data(found: ReachMap, folder: Path) -> dict[str, object]:
-    """Return the record of a reach map without the problem, for JSON output."""
+    """Return the record of a reachability map without the problem, for JSON output."""
     record: dict[str, object] = json.loads(reach_json(found))
     del record["problem"]
     return {"folder": str(folder), "status": "mapped", **record}
 
 
 def _print_reach(found: ReachMap, folder: Path) -> None:
-    """Print the figures of a reach map in one row, on stdout."""
+    """Print the key figures of a reachability map on stdout, in one table row."""
     share = found.taken[found.reachable].mean() if found.taken.size and found.reachable.any() else np.nan
     if found.problem.dimension == 3:
         count = len(found.directions)

@@ -1,6 +1,6 @@
-"""The command ``solve``, and the records of problems without a plan.
+"""The command ``solve``, and the records of problems for which no plan was found.
 
-An earlier plan of the same name is kept; an incomplete result is then written next to it.
+An earlier plan of equal name is kept where the new result is incomplete; that result is written next to it.
 """
 
 import json
@@ -28,14 +28,14 @@ from ccm_opt.problem import Problem
 def failure_recorder(
     problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Callable[[str, Diagnosis], None]:
-    """Return a function that records a problem without a plan, given its status and diagnosis.
+    """Return a function of status and diagnosis that writes the record of a problem for which no plan was found.
 
     Args:
-        problem: problem to solve.
-        out: directory of the output folders.
-        clock: holds the CPU times of the stages so far.
-        pictures: whether the HTML page is written too.
-        write: writes the record.
+        problem: the problem.
+        out: parent folder of the output folders.
+        clock: clock with the CPU times of the stages so far.
+        pictures: whether to write the HTML report too.
+        write: function that writes the record.
     """
 
     def record(status: str, diagnosis: Diagnosis) -> None:
@@ -56,25 +56,24 @@ def failure_recorder(
 def failures_recorded(
     problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Iterator[Callable[..., None]]:
-    """Record why there is no plan when planning inside the block fails or reports nothing for too long.
+    """Write a record when planning inside a ``with`` block fails, or reports no progress for too long.
 
     Args:
-        problem: problem to solve.
-        out: directory of the output folders.
-        clock: holds the CPU times of the stages so far.
-        pictures: whether the HTML page is written too.
-        write: writes the record.
+        problem: the problem.
+        out: parent folder of the output folders.
+        clock: clock with the CPU times of the stages so far.
+        pictures: whether to write the HTML report too.
+        write: function that writes the record.
 
     Yields:
-        A function to be called with the progress of the work.
+        A function that must be called with every progress report.
 
     Raises:
-        NoPlanFound: there is no plan; the diagnosis is written to ``solution.json``.
-        VerificationError: the verifier rejects the plan; this is also written to ``solution.json``.
-        KeyboardInterrupt: on Ctrl-C; a record with the status ``cancelled`` and the reason, as far as it is known, is
-            written; or the plan if it exists already.
-        MemoryError: this, or another error of exhausted memory, occurred before a reason was known; recorded as the
-            reason.
+        NoPlanFound: no plan was found; the record contains the diagnosis.
+        VerificationError: the verifier rejects the plan, as the record says.
+        KeyboardInterrupt: Ctrl-C was pressed; the record has the status ``cancelled`` and any reason known so far, or
+            an existing plan is written.
+        MemoryError: memory was exhausted before a reason was known, as the record says; also raised as other errors.
     """
     record = failure_recorder(problem, out, clock, pictures=pictures, write=write)
     in_short = failure_recorder(problem, out, clock, pictures=False, write=write)
@@ -110,10 +109,10 @@ def failures_recorded(
 
 
 def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
-    """Write a verified plan whose remaining work was interrupted to its folder, or next to an earlier plan.
+    """Write a verified plan whose simulation or pictures were interrupted, next to an earlier plan if there is one.
 
     Args:
-        target: the folder of the plan.
+        target: output folder of the problem.
         files: contents of the plan's files, by file name.
     """
     folder = write_folder(target, files, beside=partial(sibling_folder, ending=UNFINISHED))
@@ -121,28 +120,28 @@ def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
 
 
 def report_folder(folder: Path, target: Path, what: str) -> None:
-    """Warn that an earlier result is kept, and say where the new result was written instead.
+    """Print a warning that an earlier result is kept and the new one was written elsewhere, if so.
 
     Args:
         folder: folder that was written.
-        target: folder that would be written without an earlier result.
-        what: second half of the warning, without the path of the folder.
+        target: output folder of the problem, which may hold an earlier result.
+        what: second half of the warning, before the path of ``folder``.
     """
     if folder != target:
         warn(f"{target} keeps its earlier result; {what} in {folder}")
 
 
 def solve_files(files: Sequence[Path], out: Path, changes: Sequence[str] = (), **options: Any) -> int:
-    """Solve the problem of every file; a failure does not stop the others.
+    """Solve every problem file, write an output folder for each, and return the exit code.
 
     Args:
         files: problem files.
-        out: directory of the output folders.
-        changes: values that replace those of the problem files, each ``key.path=value``.
+        out: parent folder of the output folders.
+        changes: overrides of keys of the problem files, each ``key.path=value``.
         options: options of ``_solve``.
 
     Returns:
-        The exit code.
+        The exit code of the worst outcome; after a failure the other files are still tried.
     """
     problems = NamedProblems(files, changes)
     return run_all(files, lambda file: _solve(problems.read(file), out, **options))
@@ -158,18 +157,18 @@ def _solve(
     explain: bool = True,
     several: bool = False,
 ) -> int:
-    """Make one plan, or several plans from the fastest to the one with maximum clearance.
+    """Solve a problem, write its output folder, print the result, and return the exit code.
 
-    Of several plans, the recommended one goes to the main folder.
+    Of several plans, the recommended one is at the top level of the folder.
 
     Args:
-        problem: problem to solve.
-        out: directory of the output folders.
-        terms: user constraints and costs.
-        pictures: whether to draw pictures and the page.
-        figure_format: file format of the still pictures.
-        explain: whether a failure is explained in the time that is left.
-        several: whether several plans are made, from the fastest to the one with maximum clearance.
+        problem: the problem.
+        out: parent folder of the output folders.
+        terms: references to the user's constraints and costs.
+        pictures: whether to make pictures, film and HTML report.
+        figure_format: file format of still pictures.
+        explain: whether to search, in the remaining time, for changes that would help where no plan is found.
+        several: whether to make several plans, from the fastest to that of maximum clearance.
     """
     target = out / problem.name
     check_target(target)
@@ -203,7 +202,7 @@ def _solve(
 
 
 def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:
-    """Return the records of a plan and of a trade-off, if any, without the problem, for JSON output."""
+    """Return the records of a plan and of any Pareto-optimal plans, without the problem, for JSON output."""
     record: dict[str, object] = json.loads(files[RECORD])
     del record["problem"]
     if PARETO_RECORD in files:

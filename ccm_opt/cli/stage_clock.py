@@ -1,10 +1,10 @@
-"""Progress of a command, and a watchdog for one that hangs.
+"""Timing and display of the stages of a command, and a watchdog that ends a command that hangs.
 
-Time limits are kept by code that checks the clock. IPOPT does not when memory runs out: it spins inside its linear
-solver, where neither Python nor its signal handlers get to run. So a small watchdog process, forked for the duration of
-planning, is sent every stage and every candidate. When it has received nothing for far longer than the time limit, it
-prints an error, writes a record, and ends the command with exit code 3. If the reason for having no plan was known, and
-changes that would help were being sought, the record holds that reason.
+Time limits are kept by code that checks the clock. IPOPT does not when memory runs out: its linear solver then loops
+forever, and neither Python nor its signal handlers run. A watchdog process, forked for the duration of planning,
+therefore receives every progress report. After far more time without a report than the time limit, the watchdog prints
+an error, writes a record, and ends the command with exit code 3. If the reason why no plan exists was already known,
+and only helpful changes were being sought, the record contains that reason.
 """
 
 import ctypes
@@ -31,27 +31,27 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 STATUS_REFRESHES = 4.0
-"""Refresh rate of the line with the present stage [1/s]. Taste."""
+"""Refresh rate of the line that shows the current stage [1/s]. Taste."""
 FIRST_LINE_AFTER = 3.0
-"""Wall time after which progress is first printed if stderr is no terminal [s]. Taste."""
+"""Wall time after which progress is first printed where stderr is no terminal [s]. Taste."""
 LINE_EVERY = 3.0
-"""Wall time between two such lines [s]. Taste."""
+"""Minimum wall time between two printed lines of progress [s]. Taste."""
 
 
 def _moment() -> tuple[float, float]:
-    """Return the wall time and the CPU time [s]; CPU time includes finished child processes."""
+    """Return wall time and CPU time of this process [s]; the CPU time includes finished child processes."""
     times = os.times()
     return time.perf_counter(), time.process_time() + times.children_user + times.children_system
 
 
 class StageClock:
-    """Measures the time of each stage; ``begin`` starts one, and the clock can be the ``progress`` of a solve.
+    """Clock that measures the time of each stage of a command; may be passed as the ``progress`` argument of ``solve``.
 
     Attributes:
-        current: the current stage; empty before the first and after ``finish``.
-        wall: wall time by stage [s].
-        cpu: user and system time by stage, finished child processes included [s].
-        known: why there is no plan, once the solve has reported it; None before.
+        current: name of the current stage; empty before the first stage and after ``finish``.
+        wall: wall time of each stage, by name [s].
+        cpu: user and system time of each stage, by name, including finished child processes [s].
+        known: reason why no plan exists, once reported; None before.
     """
 
     def __init__(self, show: Callable[[Progress], None] | None = None) -> None:
@@ -63,11 +63,11 @@ class StageClock:
         self._since = _moment()
 
     def begin(self, stage: str) -> None:
-        """End the current stage and start another."""
+        """End the current stage and begin another."""
         self(Progress(stage))
 
     def __call__(self, progress: Progress) -> None:
-        """Receive the progress of a solve; the times of equal stages of several plans are summed."""
+        """Receive a progress report of ``solve``; the times of equal stages of several plans are added."""
         stage = progress.stage.rpartition(": ")[2]
         if stage != self.current:
             self.finish()
@@ -89,7 +89,7 @@ class StageClock:
 
     @property
     def timings(self) -> Mapping[str, float]:
-        """CPU time of the stages so far, including the current one [s]."""
+        """CPU time of each stage so far, by name, including the current stage [s]."""
         if not self.current:
             return dict(self.cpu)
         return {**self.cpu, self.current: _moment()[1] - self._since[1]}
@@ -97,10 +97,10 @@ class StageClock:
 
 @contextmanager
 def stage_display(title: str) -> Iterator[StageClock]:
-    """Yield a clock that reports progress on stderr.
+    """Yield a clock of stages that also shows progress on stderr.
 
-    On a terminal, one line is updated in place. Elsewhere, plain lines are printed once the work takes noticeably long;
-    with ``--verbose`` there is a line for every stage, with ``--quiet`` none.
+    On a terminal, one line is updated in place. Elsewhere, lines are printed once the work takes longer than a few
+    seconds; with ``--verbose`` a line for every stage, with ``--quiet`` none.
 
     Args:
         title: text at the start of every line.
@@ -133,18 +133,18 @@ def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
 
 
 Recorder = Callable[[str, Diagnosis], None]
-"""Writes the record of a failure, given its status and diagnosis."""
+"""Function of status and diagnosis that writes the record of a problem for which no plan was found."""
 ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
-"""Signal that ends a hanging command. Its number is the exit code of a problem without a plan."""
+"""Signal that ends a hanging command; its number equals the exit code of a problem without a plan."""
 
 
 SILENT_LIMITS = 3.0
-"""Time limits, plus ``GRACE``, without any report after which planning is ended from outside. Derived: planning ends by
-itself after three times as much wall time."""
+"""Wall time without a report, besides ``GRACE``, after which planning is ended from outside, in multiples of the time
+limit. Derived: planning should end by itself after three times as much wall time."""
 GRACE = 60.0
-"""Wall time added to that [s]. Taste: far longer than any stage without a time limit of its own has taken."""
+"""Wall time added to ``SILENT_LIMITS`` time limits [s]. Taste: far longer than stages without a time limit take."""
 PATIENCE = 2.0
-"""Time that a process is given to end before it is killed [s]. Taste."""
+"""Time to wait for a process to end before it is killed [s]. Taste."""
 
 
 @contextmanager
@@ -155,17 +155,17 @@ def ended_when_silent(
     record: Recorder | None = None,
     silence: float | None = None,
 ) -> Iterator[Callable[..., None]]:
-    """Watch the work inside the block; end the process if the work reports no progress for too long.
+    """End this process if the work in a ``with`` block reports no progress for too long.
 
     Args:
         name: name of the problem.
-        planner: options with the time limit.
-        progress: function that also receives every progress report.
-        record: records why there is no result; None for no record.
-        silence: longest time without a report [s]; None to derive it from the time limit.
+        planner: planner options, which give the time limit.
+        progress: function to which every progress report is passed on.
+        record: function that writes the record of a failure; None for no record.
+        silence: maximum wall time without a report [s]; None to derive a value from the time limit.
 
     Yields:
-        A function to be called with the progress of the work.
+        A function that must be called with every progress report.
     """
     if not hasattr(os, "fork"):  # not on every system
         yield progress
@@ -198,9 +198,9 @@ def ended_when_silent(
 
 @contextmanager
 def _ended_by_signal() -> Iterator[None]:
-    """Let a signal end the process at once inside the block, even in C code; the exit code is the signal's number.
+    """Let ``ENDING`` end the process at once inside a ``with`` block, even in C code, with its number as exit code.
 
-    The handler is the C library's own ``_exit``: while a solver spins, a Python handler would never be called.
+    The handler is the C library's ``_exit``, since a Python handler would not run while a solver loops in C code.
     """
     with suppress(OSError, AttributeError):  # without it the process is killed
         library = ctypes.CDLL(None)
@@ -218,7 +218,15 @@ def _listen(
     name: str,
     record: Recorder | None,
 ) -> NoReturn:
-    """Run the watchdog process, which never returns."""
+    """Run the watchdog process: wait for progress reports, and end the command after too long without one.
+
+    Args:
+        command: process id of the command.
+        hears: receiving end of the pipe of reports; each is a diagnosis, once known, or None.
+        silence: maximum wall time without a report [s].
+        name: name of the problem.
+        record: function that writes the record of a failure; None for no record.
+    """
     known: Diagnosis | None = None
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -240,9 +248,10 @@ def _end(
     record: Recorder | None,
     known: Diagnosis | None,
 ) -> None:
-    """Print why the silent command is ended, write the record, and end the command.
+    """Print why a hanging command is ended, write the record, and end the command.
 
-    A known reason why there is no plan was already printed; it is included in the record.
+    A reason that was already known, and printed, is included in the record. Arguments are those of ``_listen``, and
+    ``known``, the reason, or None.
     """
     what = "planning" if known is None else "the search for changes that would help"
     reason = f"{what} reported nothing for {silence:g} s and was stopped"

@@ -1,4 +1,4 @@
-"""The commands ``new`` and ``problems``: problem files to start from."""
+"""The commands ``new`` and ``problems``, which write problem files to start from."""
 
 import difflib
 import re
@@ -17,20 +17,20 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.reading import parse_problem
 
 TEMPLATE = "template.toml"
-"""The commented planar problem that ``ccm-opt new`` writes, stored next to the reader of problem files."""
+"""File name of the commented planar problem that ``ccm-opt new`` writes, stored in the package ``io``."""
 SPACE_TEMPLATE = "space_template.toml"
-"""The commented spatial problem, likewise."""
+"""File name of the commented problem in space that ``ccm-opt new`` writes, stored in the package ``io``."""
 SPACE_FOLDER = "space"
-"""Folder of the problems in space."""
+"""Name of the folder of example problems in space."""
 _NAME = re.compile(r"\bNAME\b")
 
 
 def write_new(file: Path, *, space: bool = False) -> int:
-    """Write a commented problem that has a solution.
+    """Write a commented example of a problem file, which can be solved, and return the exit code.
 
     Args:
-        file: file to create; its name without ``.toml`` becomes the problem's name.
-        space: whether the problem is in space.
+        file: file to create; its name without ``.toml`` becomes the name of the problem.
+        space: whether the arm moves in three dimensions.
 
     Returns:
         The exit code.
@@ -54,10 +54,10 @@ def _write_new(file: Path, template: str) -> int:
 
 
 def show_problems(names: Sequence[str], out: Path) -> int:
-    """List the problems that come with the package, or copy some of them.
+    """Print a list of the example problems of the package, or copy several of them, and return the exit code.
 
     Args:
-        names: names of the problems to copy; all problems are listed when empty.
+        names: names of the problems to copy; if empty, all problems are listed.
         out: folder for the copies.
 
     Returns:
@@ -71,12 +71,12 @@ def show_problems(names: Sequence[str], out: Path) -> int:
 
 
 def listed_problems() -> dict[str, Path]:
-    """Return the files of the problems that come with the package, by the names under which they are listed."""
+    """Return the files of the example problems of the package, by the names under which they are listed."""
     return {_listed_name(file): file for file in sorted(shared_folder().rglob("*.toml"), key=_listed_name)}
 
 
 def _listed_name(file: Path) -> str:
-    """Return the listed name of a problem; problems in space get a prefix, since a planar one may share the name."""
+    """Return the name under which an example problem is listed; problems in space have the prefix ``space/``."""
     return f"{SPACE_FOLDER}/{file.stem}" if file.parent.name == SPACE_FOLDER else file.stem
 
 
@@ -99,10 +99,16 @@ def _list(known: dict[str, Path]) -> int:
 
 
 def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) -> int:
-    """Copy one problem, and the drawing or meshes that it needs.
+    """Copy one example problem with the drawing or meshes to which it refers, and return the exit code.
+
+    Args:
+        name: name of the problem.
+        known: files of the example problems, by name.
+        out: folder for the copies.
+        taken: for each file copied so far, the name of its problem; receives the new copies.
 
     Raises:
-        ProblemError: there is no problem of that name, or any of the files exists already.
+        ProblemError: no problem has this name, or one of the files already exists.
     """
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
@@ -127,17 +133,17 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
 
 
 def _needed_files(file: Path) -> list[str]:
-    """Return the relative paths of the drawing and meshes that a problem file names, without duplicates."""
+    """Return the relative paths of the drawing and meshes to which a problem file refers, without duplicates."""
     workspace = tomllib.loads(file.read_text(encoding="utf-8")).get("workspace", {})
     named = [workspace.get("file"), *(entry.get("mesh") for entry in workspace.get("obstacles", []))]
     return list(dict.fromkeys(name for name in named if name is not None))
 
 
 def _write(place: Path, content: bytes) -> None:
-    """Write a file that does not exist yet.
+    """Write a new file, and create missing parent folders.
 
     Raises:
-        ProblemError: the file exists already, or it cannot be written.
+        ProblemError: the file already exists, or cannot be written.
     """
     try:
         place.parent.mkdir(parents=True, exist_ok=True)

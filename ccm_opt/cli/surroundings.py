@@ -1,4 +1,4 @@
-"""The process's environment: standard streams that are closed or lack letters, memory limits, garbage collection."""
+"""Process environment of the command line: standard streams, character sets, memory limits, garbage collection."""
 
 import gc
 import os
@@ -8,18 +8,18 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 
 LEAST_ADDRESS_SPACE = 300_000_000
-"""Address space below which the libraries cannot even be loaded [bytes]; some of them would retry without end.
-Measured: by ``ulimit -v``, loading ends in errors below this."""
+"""Address space below which the libraries cannot be imported, and some would retry forever [bytes]. Measured: with
+``ulimit -v``, importing fails below this value."""
 
 MORE_MEMORY = "more memory: solving takes 0.6 to 1 GB of address space, and more for many links"
-"""Advice when memory runs out."""
+"""Advice to the user when memory runs out."""
 
 
 def ensure_stdio() -> None:
-    """Open every closed standard stream, and escape characters that the output streams cannot encode.
+    """Open every closed standard stream, and make output streams escape characters that they cannot encode.
 
-    The descriptor of a closed stream would be given to the next file opened, which would then receive whatever is
-    printed.
+    The file descriptor of a closed stream would otherwise be reused by the next file opened, into which everything
+    printed would be written.
     """
     while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # the lowest free descriptor
         # Descriptors opened by Python are closed in child programs, whose next file would get the number.
@@ -36,7 +36,7 @@ def ensure_stdio() -> None:
 
 
 def too_little_memory() -> str:
-    """Return one line on why memory is too small to load the libraries; empty if they can be loaded."""
+    """Return an error message if the address space is too small to import the libraries, else an empty text."""
     allowed = address_space()
     if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
@@ -47,7 +47,7 @@ def too_little_memory() -> str:
 
 
 def address_space() -> int | None:
-    """Return the limit on this process's address space [bytes]; None if there is none."""
+    """Return the limit on the address space of this process [bytes]; None if there is none."""
     try:
         import resource  # noqa: PLC0415 - not on every system
     except ImportError:
@@ -57,7 +57,7 @@ def address_space() -> int | None:
 
 
 def is_out_of_memory(error: BaseException | None) -> bool:
-    """Return whether an error, or one of its causes, is of a known kind that means exhausted memory."""
+    """Return whether an error, or one of its causes, means that memory is exhausted."""
     seen = 0
     while error is not None and seen < _DEEPEST:
         said = isinstance(error, _SAYERS) and any(words in str(error) for words in _SAID)
@@ -75,18 +75,18 @@ _SAID = (
     *("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "std::bad_alloc"),
     *("bad allocation", "Unable to allocate", "out of memory"),
 )
-"""Words by which libraries report that memory ran out."""
+"""Parts of error messages by which libraries report exhausted memory."""
 _SAYERS = (RuntimeError, OSError, ImportError, SystemError)
-"""Types of errors with such words; in others the words mean something else, such as a file of that name."""
+"""Types of errors with which libraries report exhausted memory; in others the words may be part of a file name."""
 _DEEPEST = 50
-"""Most errors of a causal chain that are inspected."""
+"""Maximum number of errors of a causal chain that are checked."""
 
 
 @contextmanager
 def no_search_for_cycles() -> Iterator[None]:
-    """Disable garbage collection while modules are loaded, and exempt them from later collections.
+    """Disable garbage collection in a ``with`` block that imports modules, and exempt them from later collections.
 
-    This saves a tenth of the loading time.
+    This saves a tenth of the import time.
     """
     loaded = len(sys.modules)
     gc.disable()

@@ -1,4 +1,4 @@
-"""Tables of results, and printing of results on stdout."""
+"""Tables of results for the terminal, and printing of results on stdout."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -18,13 +18,13 @@ from ccm_opt.viz.clearance_section import clearance_sentences
 from ccm_opt.viz.document import PageUnits
 
 _PIPED_WIDTH = 200
-"""Width of output to a file or another program [columns]."""
+"""Width of tables printed to a file or another program [characters]."""
 _WIDEST_TITLE = 28
-"""Greatest width of the name of a check before it is folded [columns]."""
+"""Maximum width of the name of a check before it is wrapped [characters]."""
 
 
 def value_table(title: str) -> Table:
-    """Return an empty table with columns for a name, a value with its unit, its limit, and a place."""
+    """Return an empty table with columns for the name, value, limit and place of a quantity."""
     table = _plain_table(title)
     table.add_column("", no_wrap=True)
     table.add_column("value", justify="right", no_wrap=True)
@@ -34,7 +34,13 @@ def value_table(title: str) -> Table:
 
 
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
-    """Print the solution of a problem on stdout."""
+    """Print the solution of a problem on stdout: checks, duration, clearance, simulation, CPU times.
+
+    Args:
+        solution: the verified plan.
+        clock: clock with the times of the stages.
+        folder: path of the output folder.
+    """
     problem = solution.problem
     units = result_units(problem)
     in_space = problem.dimension == 3
@@ -65,25 +71,25 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
 
 
 def result_units(problem: Problem) -> PageUnits:
-    """Return the units of a problem's results; lengths are in the unit of the problem file."""
+    """Return the units in which a problem's results are printed; lengths are in the unit of the problem file."""
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
 def print_clearance(console: Console, room: ClearanceRecord | None, units: PageUnits) -> None:
-    """Print the clearance of a motion, one sentence per line; print nothing if clearance was not measured."""
+    """Print the clearance of a motion, one sentence per line; nothing where clearance was not measured."""
     if room is not None:
         for sentence in clearance_sentences(room, units):
             console.print(escape(sentence), soft_wrap=True)
 
 
 def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
-    """Print one line for each aspect that the checks do not cover."""
+    """Print one line for each property of a plan that was not checked."""
     for remark in remarks:
         console.print(f"[yellow]not checked:[/yellow] {escape(remark)}", soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
-    """Return a table of checks: worst value, limit, used fraction of the limit, and place."""
+    """Return a table of checks with worst value, limit, used fraction of the limit, and place."""
     table = _plain_table(title)
     table.add_column("", max_width=_WIDEST_TITLE)
     table.add_column("worst", justify="right", no_wrap=True)
@@ -102,12 +108,12 @@ def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
 
 
 def columned_table(title: str, columns: Sequence[str], *, unwrapped: int | None = None) -> Table:
-    """Return an empty table, its first column left-aligned and the others right-aligned.
+    """Return an empty table whose first column is left-aligned and whose other columns are right-aligned.
 
     Args:
-        title: title of the table, or empty.
+        title: title of the table; may be empty.
         columns: column headings, in plain text.
-        unwrapped: number of columns, from the first, that are never wrapped; all when None.
+        unwrapped: number of leading columns that are never wrapped; None for all.
     """
     table = _plain_table(title)
     for k, column in enumerate(columns):
@@ -121,19 +127,19 @@ def _plain_table(title: str) -> Table:
 
 
 def report_console() -> Console:
-    """Return the console for tables on stdout; the console is wide if stdout is not a terminal."""
+    """Return a console for tables on stdout, with a fixed large width where stdout is no terminal."""
     console = Console(highlight=False, emoji=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=_PIPED_WIDTH)
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
-    """Return table cells for the verdict on a simulation: outcome, no limit, no used fraction, and reason."""
+    """Return table cells for the outcome of a simulation: outcome, empty limit, empty fraction, and reason."""
     outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
     return outcome, "", "", escape(verdict.reason)
 
 
 def stage_line(clock: StageClock) -> str:
-    """Return one line with the wall time, and the CPU time in brackets, of every stage and in total."""
+    """Return one line with wall time and, in brackets, CPU time of every stage and in total."""
     stages = [f"{name} {wall:.2f} ({clock.cpu[name]:.2f})" for name, wall in clock.wall.items()]
     total = f"total {sum(clock.wall.values()):.2f} ({sum(clock.cpu.values()):.2f})"
     return "time in s (CPU): " + ", ".join([*stages, total])
@@ -142,13 +148,13 @@ def stage_line(clock: StageClock) -> str:
 def peak_torque(
     torques: FloatArray, limit: FloatArray | None, names: Sequence[str], *, in_space: bool
 ) -> tuple[str, str, str, str]:
-    """Return table cells for the peak torque: value, limit, used fraction of the limit, and joint.
+    """Return table cells for the peak joint torque: value, limit, used fraction of the limit, and joint.
 
     Args:
-        torques: torques of the revolutes over time, shape (samples, revolutes) [N m].
-        limit: torque limits, shape (revolutes,) [N m]; None without limits.
-        names: names of the revolutes.
-        in_space: whether joints have two bends, with names of their own.
+        torques: torques of m revolute joints at T samples, shape (T, m) [N m].
+        limit: torque limits, shape (m,) [N m]; None without limits.
+        names: names of the revolute joints.
+        in_space: whether joints have two bend angles, which have separate names.
     """
     magnitudes = np.abs(torques)
     joint = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])
@@ -170,11 +176,17 @@ COLUMNS = (
     "planning CPU [s]",
     "",
 )
-"""Columns of the trade-off; gaps are beyond the clearance, with their unit."""
+"""Column headings of the table of Pareto-optimal plans; clearances are beyond the required one, with unit."""
 
 
 def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
-    """Print the trade-off between duration and clearance on stdout."""
+    """Print a table of Pareto-optimal plans on stdout, and the clearance of the recommended plan.
+
+    Args:
+        found: the plans.
+        clock: clock with the times of the stages.
+        folder: path of the output folder.
+    """
     units = result_units(found.problem)
     table = columned_table(f"{found.problem.name}: trade-off of duration and clearance", COLUMNS)
     for number, plan in enumerate(found.plans, start=1):
@@ -204,7 +216,7 @@ def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
 
 
 def _gap(room: ClearanceRecord | None, at: Callable[[ClearanceRecord], NearPlace], units: PageUnits) -> str:
-    """Return a gap as text, with ">" if nothing is within the search distance."""
+    """Return a clearance as text, with ">" if nothing is within the search distance; empty if not measured."""
     if room is None:
         return ""
     near = at(room)
@@ -212,7 +224,7 @@ def _gap(room: ClearanceRecord | None, at: Callable[[ClearanceRecord], NearPlace
 
 
 def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
-    """Return text with remarks on a plan of a trade-off."""
+    """Return remarks on one of several Pareto-optimal plans: no plan, recommended, dominated, or failed simulation."""
     if plan.solution is None:
         return f"no plan: {plan.reason}"
     notes = ["recommended"] if number == found.recommended else []

@@ -1,4 +1,4 @@
-"""The commands ``check`` and ``export`` for plans in output folders."""
+"""The commands ``check``, which verifies plans in output folders again, and ``export``, which converts them."""
 
 import itertools
 import sys
@@ -34,19 +34,19 @@ from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.viz.checks_section import checks_in_words
 
 MALFORMED = ("samples", "joint names")
-"""Checks of a malformed motion; it has no others."""
+"""Names of the only checks that the verifier makes for a malformed motion."""
 
 
 def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) -> int:
-    """Verify the plan in every folder; a failure does not stop the others.
+    """Verify the plan in every output folder again, from its files alone, and return the exit code.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        constraints: constraints of the user, each ``module:function`` or ``file.py:function``, that every plan is
-            checked against.
+        constraints: references to the user's constraints, each ``module:function`` or ``file.py:function``, which are
+            checked for every plan.
 
     Returns:
-        The exit code.
+        The exit code of the worst outcome; after a failure the other folders are still verified.
     """
     return run_all(folders, lambda folder: _check(folder, constraints))
 
@@ -108,9 +108,9 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
 
 def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
-    """Return one check for every constraint of the user.
+    """Return the checks of the user's constraints on a plan read from a folder.
 
-    For a plan with stops, there is one check for every constraint and leg, as when the plan was made.
+    For a plan with intermediate goals, there is one check for every constraint and leg, as when the plan was made.
 
     Raises:
         ProblemError: a constraint cannot be loaded, or cannot be checked from files alone.
@@ -139,16 +139,16 @@ def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[
 
 
 BINARY = ("npz", "glb")
-"""Binary formats, which cannot be written to standard output."""
+"""Binary export formats, which are not written to standard output."""
 
 
 def export_folder(folder: Path, kind: ExportFormat, out: Path | None = None, **choices: bool) -> int:
-    """Export a plan in one format.
+    """Export the plan in an output folder in one format, and return the exit code.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
         kind: file format.
-        out: output file; None for standard output, which takes text formats only.
+        out: output file; None for standard output, for text formats only.
         choices: options of ``exported_files``.
 
     Returns:
@@ -179,15 +179,15 @@ def exported_files(
     scene: bool = True,
     effort: bool = False,
 ) -> dict[str, bytes]:
-    """Return the contents of the exported files by name: ``""`` for the main file, and the names of meshes next to it.
+    """Return the contents of exported files by name: ``""`` for the main file, and paths of mesh files next to it.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
         kind: file format.
-        out: output file, after which the meshes are named.
-        bends_only: whether to omit the revolutes that planar motions do not move.
-        scene: whether obstacles are exported with the arm.
-        effort: whether a ROS message includes efforts.
+        out: output file, after which the folder of mesh files is named; None for the default name.
+        bends_only: whether to omit revolute joints that never bend the arm.
+        scene: whether to export obstacles with the arm.
+        effort: whether to include efforts in a ROS message.
 
     Raises:
         ProblemError: the folder is not readable.

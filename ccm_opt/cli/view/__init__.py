@@ -1,1 +1,1 @@
-"""``ccm-opt view``: a motion in 3D in the browser, with a goal and walls that can be dragged."""
+"""The command ``view``: a motion in 3D in the browser, with a goal and obstacles that can be dragged to plan again."""

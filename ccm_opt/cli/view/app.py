@@ -1,4 +1,4 @@
-"""The viewer's server and controls, and the handles for dragging goals and obstacles."""
+"""Web server and controls of the viewer, and the handles with which goals and obstacles are dragged."""
 
 import dataclasses
 import http
@@ -35,12 +35,12 @@ from ccm_opt.viz.document import PageUnits
 
 
 class Replanner:
-    """Planner in a separate thread that accepts changes from any thread and reports the results.
+    """Planner in a separate thread that accepts changes of a plan from any thread and reports the results.
 
     Args:
-        live: plan to be changed.
-        told: called in the planning thread with the result of a change, or with the reason why it is invalid.
-        settings: how long to wait before planning from scratch, and for how long.
+        live: plan that is changed.
+        told: function called in the planning thread with the result of a change, or the reason why it is invalid.
+        settings: viewer settings, which say when and for how long to plan from scratch.
     """
 
     def __init__(self, live: LivePlan, told: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW) -> None:
@@ -52,15 +52,19 @@ class Replanner:
         threading.Thread(target=self._run, daemon=True, name="replanner").start()
 
     def ask(self, change: Callable[[], LiveAnswer]) -> None:
-        """Request a change; earlier changes that have not begun are dropped."""
+        """Request a change of the plan; earlier requests that have not begun are dropped.
+
+        Args:
+            change: function that makes the change and returns the result.
+        """
         self._requested.put(change)
 
     def end(self) -> None:
-        """Stop planning."""
+        """Stop the planning thread after the current change."""
         self._requested.put(None)
 
     def _run(self) -> None:
-        """Make the latest requested change; after a quiet period, plan from scratch."""
+        """Make the latest requested change, again and again; after a quiet period, plan from scratch."""
         quiet = None
         while True:
             try:
@@ -79,22 +83,22 @@ class Replanner:
 
 
 def direction_of(wxyz: FloatArray) -> FloatArray:
-    """Return the image of world x under a quaternion (w, x, y, z), shape (3,)."""
+    """Return the world x axis rotated by a quaternion (w, x, y, z), shape (3,)."""
     w, x, y, z = wxyz
     return np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
 
 
 GOAL = "the goal"
-"""Name of the goal among the things that can be dragged."""
+"""Name of the goal in the list of movable objects."""
 
 
 class Handles:
-    """The handle on a goal or obstacle of the user's choice, one at a time; in the plane it moves in the plane only.
+    """The handle with which the user drags the goal or an obstacle, one at a time; planar for planar arms.
 
     Args:
-        scene: scene with the handle.
-        live: plan to be changed.
-        told: called with the plan and the result of a change, or the reason why it is invalid.
+        scene: scene that contains the handle.
+        live: plan that is changed.
+        told: function called with the plan and the result of a change, or the reason why it is invalid.
     """
 
     def __init__(self, scene: Scene, live: LivePlan, told: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
@@ -112,11 +116,11 @@ class Handles:
         self.attach_handle(movable[0])
 
     def end(self) -> None:
-        """Stop planning."""
+        """Stop the planning thread."""
         self._replanner.end()
 
     def attach_handle(self, what: str) -> None:
-        """Put the handle on the goal, or on the named obstacle."""
+        """Put the handle on the goal, or on the obstacle of the given name."""
         problem = self._live.problem
         if what == GOAL and problem.goal.whole(problem.arm) is None:
             self._put_on_goal(problem.goal.tip(problem.arm), problem.goal.direction)
@@ -147,7 +151,12 @@ class Handles:
         handle.on_update(dragged)
 
     def _handle(self, place: FloatArray, direction: FloatArray | None) -> Any:
-        """Return a handle that moves, and also turns if the goal has a direction."""
+        """Return a new handle that can be moved, and also rotated if the goal has a direction.
+
+        Args:
+            place: position of the handle, shape (2,) or (3,) [m].
+            direction: direction of the goal, a unit vector; None for a handle without rotation.
+        """
         arm = self._live.problem.arm
         upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
@@ -161,30 +170,30 @@ class Handles:
         )
 
     def _place(self, handle: Any) -> FloatArray:
-        """Return the position of a handle, shape (d,) [m]."""
+        """Return the position of a handle in the arm's coordinates, shape (2,) or (3,) [m]."""
         return self._from_world(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
 
     def _from_world(self, vector: FloatArray) -> FloatArray:
-        """Return the components of a world vector, shape (3,), in the arm's coordinates, shape (d,)."""
+        """Return a vector of viewer coordinates, shape (3,), in the arm's coordinates, shape (2,) or (3,)."""
         return self._live.problem.arm.embedded(np.eye(self._live.problem.dimension)) @ vector
 
 
 _FRAME_RATE = 30.0
-"""Rate at which poses are sent to the browser while the motion plays [1/s]."""
+"""Rate at which poses are sent to the browser during playback [1/s]."""
 _SLIDER_RATE = 10.0
-"""Rate at which the time slider follows the motion [1/s]."""
+"""Rate at which the time slider is updated during playback [1/s]."""
 
 LOOPBACK = "127.0.0.1"
-"""Only this machine may load the page, since whoever loads it can start planning."""
+"""Address on which the page is served: to this machine only, since anyone who loads the page can start planning."""
 HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?", re.ASCII)
-"""Host names by which a browser on this machine requests the page; any other may be DNS rebinding by a web site."""
+"""Host names with which a browser on this machine requests the page; others may be DNS rebinding attacks."""
 PATIENCE = 0.2
-"""Time to wait for pages when the viewer ends [s]: Ctrl-C has to end it within a second."""
+"""Maximum time to wait for connected pages when the viewer ends, so that Ctrl-C ends it within a second [s]."""
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 
 
 def claim_port(port: int) -> socket.socket:
-    """Open the socket of the page, on this machine only.
+    """Return a listening socket for the viewer's page, reachable from this machine only.
 
     Args:
         port: port number; 0 for any free port.
@@ -202,10 +211,14 @@ def claim_port(port: int) -> socket.socket:
 
 
 def refusal(request: Request, token: str) -> str | None:
-    """Return the reason to refuse a request; None for a request from this viewer's own page.
+    """Return the reason to refuse a web request; None for a request from this viewer's page.
 
-    A rebound name of another site shows in `Host`, a page of another origin in `Origin`, which browsers send with every
-    WebSocket; and neither knows the token in the path under which the page finds its socket.
+    DNS rebinding by another site shows in the header `Host`, and a page of another origin in `Origin`, which browsers
+    send with every WebSocket request. Neither knows the secret token in the path of the page.
+
+    Args:
+        request: the request.
+        token: the secret token.
     """
     hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
     if len(hosts) != 1 or not HOST.fullmatch(hosts[0]):
@@ -227,7 +240,18 @@ def _serve_guarded(
     process_request: Callable[[Any, Request], Response | None],
     **options: Any,
 ) -> Any:
-    """Serve an open socket; only requests that are not refused are passed on to `process_request`."""
+    """Start a web server on an open socket that refuses all requests but those of the viewer's page.
+
+    Called by viser in place of ``websockets.asyncio.server.serve``, whose arguments follow the first three.
+
+    Args:
+        serve: the original function.
+        door: the open socket.
+        token: secret token in the path of the page.
+        handler: handler of WebSocket connections.
+        process_request: viser's handler of web requests, called for those not refused.
+        options: further options of the original function.
+    """
 
     def answer(connection: Any, request: Request) -> Response | None:
         reason = refusal(request, token)
@@ -248,17 +272,17 @@ class ViewerApp:
 
     Args:
         frames: the motion shown first.
-        live: the plan that follows drags; None if nothing can be dragged.
-        door: the socket opened by `claim_port`.
-        checks: checks of the first motion; empty if they are not known.
+        live: plan that is changed by dragging; None if nothing can be dragged.
+        door: socket opened by `claim_port`.
+        checks: verifier's checks of the first motion; empty if unknown.
 
     Attributes:
-        frames: the motion.
-        live: the plan that follows drags.
-        token: secret in the path of the page.
-        server: server of the page.
-        scene: the scene of the motion.
-        time: time of the pose shown [s]; beyond the duration while the end is held for a while.
+        frames: the motion shown.
+        live: plan that is changed by dragging, or None.
+        token: secret token in the path of the page.
+        server: web server of the page.
+        scene: scene of the motion.
+        time: time of the pose shown [s]; beyond the duration while the final pose is held.
     """
 
     def __init__(
@@ -290,16 +314,16 @@ class ViewerApp:
 
     @property
     def address(self) -> str:
-        """URL of the page, including the token that every request needs."""
+        """URL of the page, with the secret token that every request needs."""
         return f"http://{LOOPBACK}:{self.server.get_port()}/{self.token}"
 
     @property
     def _end(self) -> float:
-        """End of the time slider, rounded down to a millisecond [s]."""
+        """Maximum of the time slider, the duration rounded down to a millisecond [s]."""
         return floor(1e3 * self.frames.duration) / 1e3
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Play until Ctrl-C, or until a condition holds."""
+        """Play the motion until Ctrl-C, or until the function ``until`` returns true."""
         try:
             last = time.monotonic()
             slid = last
@@ -322,7 +346,7 @@ class ViewerApp:
             stopping.join(PATIENCE)
 
     def _advance(self, wall: float) -> None:
-        """Advance the motion by a wall time [s]; the end is held for a while."""
+        """Advance playback by a wall time [s]; the final pose is held for a moment before the motion restarts."""
         speed = float(self._speed.value)
         self.time += speed * wall
         if self.time > self.frames.duration + speed * VIEW.rest:
@@ -371,7 +395,7 @@ class ViewerApp:
             self.scene.switch(layer, on=event.target.value)
 
     def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
-        """Show the result of a change: the new plan, or the last plan with the reason why there is no new one."""
+        """Show the result of a change: the new plan, or the last plan with the reason why no new one was found."""
         with self._lock:
             self.scene.draw_bounds(live.problem)
             if isinstance(answer, str):
@@ -393,7 +417,7 @@ class ViewerApp:
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
-    """Return a short text that summarises the motion."""
+    """Return one line of text about a motion: name of the problem, duration, minimum clearance."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)
     near = "" if gap is None or not np.isfinite(gap) else f", wall clearance at least {units.length(gap)}"

@@ -1,4 +1,4 @@
-"""The poses of a motion for the viewer, with gaps and torques; and meshes."""
+"""Poses of a motion over time for the viewer, with clearances and torques, and meshes of planar shapes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,17 +14,17 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _TUBE_FRAMES = 200
-"""Poses whose union approximates the swept region."""
+"""Number of poses whose union approximates the swept region."""
 
 
 @dataclass(frozen=True)
 class MotionFrames:
-    """The poses of a motion.
+    """Poses, clearances and torques of a motion with T samples, of an arm with n links, for display.
 
     Attributes:
-        problem: problem that the motion solves.
+        problem: the problem.
         trajectory: the timed motion.
-        joints: the timed motion of all drives.
+        joints: states of all revolute joints over the motion.
     """
 
     problem: Problem
@@ -38,25 +38,25 @@ class MotionFrames:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Joints and tip at every sample, shape (T, links + 1, d) [m]."""
+        """Positions of joints and tip at every sample, shape (T, n + 1, d) with d = 2 or 3 [m]."""
         return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     def pose(self, time: float) -> FloatArray:
-        """Return joints and tip at a time [s], shape (links + 1, d) [m]."""
+        """Return the positions of joints and tip at a time [s], shape (n + 1, d) with d = 2 or 3 [m]."""
         columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
         return self.problem.arm.joint_positions_at(np.array(columns))
 
     def gaps(self, time: float) -> FloatArray:
-        """Return the gap of every link to walls at a time, beyond radius and clearance, shape (links,) [m].
+        """Return the clearance of every link to obstacles, beyond the required one, near a time [s]; shape (n,) [m].
 
-        In space, the gap is capped at one link length.
+        In space, values are capped at one link length.
         """
         return _nearest_row(self.trajectory.time[self._inspected_samples], self._gaps, time)
 
     def torque_shares(self, time: float) -> FloatArray:
-        """Return the largest torque at every joint at a time, as a fraction of the torque limit, shape (links,).
+        """Return the maximum torque of every ball joint near a time [s], as a fraction of the torque limit, shape (n,).
 
-        The fraction is 0 without torque limits.
+        The fractions are 0 without torque limits.
         """
         torques, limit = self.joints.torques, self.problem.limits.torque
         if limit is None:
@@ -65,7 +65,7 @@ class MotionFrames:
         return _nearest_row(self.trajectory.time, shares, time)
 
     def swept(self) -> shapely.Geometry:
-        """Return the region of the plane that the arm sweeps, approximated by a subset of the motion's poses."""
+        """Return the region swept by a planar arm, approximated by the union of evenly spaced poses."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radius = max(self.problem.arm.radius, VIEW.thin_arm * self.problem.arm.length)
         bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=VIEW.curved)
@@ -73,13 +73,13 @@ class MotionFrames:
 
     @cached_property
     def _inspected_samples(self) -> IntArray:
-        """Indices of the samples at which gaps are measured, shape (F,)."""
+        """Indices of the F samples at which clearances are measured, shape (F,)."""
         samples = len(self.trajectory.time)
         return np.linspace(0, samples - 1, min(VIEW.frames, samples)).astype(int)
 
     @cached_property
     def _gaps(self) -> FloatArray:
-        """Gap of every link at the inspected samples, shape (F, links) [m]."""
+        """Clearance of every link, beyond the required clearance, at the F inspected samples, shape (F, n) [m]."""
         arm, workspace = self.problem.arm, self.problem.workspace
         points = self.points[self._inspected_samples]
         links = np.stack((points[:, :-1], points[:, 1:]), axis=2)
@@ -94,16 +94,28 @@ class MotionFrames:
 
 
 def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
-    """Return the row of an array that belongs to the time nearest to a given time."""
+    """Return the row of an array whose time is nearest to a given time.
+
+    Args:
+        times: times of the rows, shape (k,) [s].
+        rows: values, shape (k, n).
+        time: the time [s].
+    """
     return np.asarray(rows[int(np.argmin(np.abs(times - time)))])
 
 
 Mesh: TypeAlias = tuple[FloatArray, IntArray]
-"""Vertices, shape (n, 3), and triangles, shape (m, 3)."""
+"""A triangle mesh: vertices, shape (v, 3), and vertex indices of triangles, shape (m, 3)."""
 
 
 def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
-    """Return the triangles of polygons extruded between two depths: two lids, and a wall along every ring."""
+    """Return planar polygons extruded between two depths as a mesh: two lids, and a wall along every ring.
+
+    Args:
+        shape: the polygons.
+        near: depth of the front lid.
+        far: depth of the back lid.
+    """
     polygons = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
     tiles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(polygons)))
     lids = shapely.get_coordinates(tiles).reshape(-1, 4, 2)[:, :3]
@@ -121,14 +133,18 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
 
 
 def in_space(points: FloatArray, depth: float) -> FloatArray:
-    """Convert points of the plane, shape (..., 2), to points in space, shape (..., 3), ``depth`` behind the plane."""
+    """Return points of the plane, shape (..., 2), as points in space, shape (..., 3), ``depth`` behind the plane."""
     return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 
 def rotation_to_axis(directions: FloatArray) -> FloatArray:
-    """Return the quaternions (w, x, y, z) of the smallest rotations of world x to unit vectors.
+    """Return quaternions (w, x, y, z) of the smallest rotations that take the x axis to given unit vectors.
 
-    Shape (..., 3) to (..., 4).
+    Args:
+        directions: unit vectors, shape (..., 3).
+
+    Returns:
+        Quaternions, shape (..., 4).
     """
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     zero = np.zeros_like(x)

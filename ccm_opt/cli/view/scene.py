@@ -1,7 +1,7 @@
-"""The viewer's scene: arm, workspace and motion.
+"""Scene of the viewer: arm, workspace and motion.
 
-The scene is in arm lengths, so that camera and handles suit arms of any size. World x is the problem's x; the plane is
-world x-z.
+The unit of length of the scene is the arm's length, so that camera and handles suit arms of any size. Planar problems
+lie in the x-z plane of the scene.
 """
 
 from dataclasses import dataclass, field
@@ -29,20 +29,20 @@ LAYERS = {
     "regions": "/regions",
     "names": "/names",
 }
-"""Layers that can be switched on and off, and their paths in the scene."""
+"""Paths in the scene of the layers that can be switched on and off, by name."""
 _IN_SPACE = ("start", "poses on the way", "names")
-"""Layers that exist in space."""
+"""Names of the layers that exist for arms in space."""
 
 
 @dataclass
 class Scene:
-    """The scene of a motion in the browser; a changed motion is redrawn.
+    """Scene of a motion in the browser, which can be redrawn for another motion.
 
     Attributes:
-        server: server that shows the scene.
+        server: web server that shows the scene.
         frames: the motion.
         shown: names of the layers that are switched on.
-        colour_by: quantity shown by the colours of the links: ``nothing``, ``gap`` or ``torque``.
+        colour_by: quantity that determines the colours of the links: ``nothing``, ``gap`` or ``torque``.
     """
 
     server: viser.ViserServer
@@ -54,31 +54,36 @@ class Scene:
 
     @property
     def layers(self) -> tuple[str, ...]:
-        """Names of the available layers."""
+        """Names of the layers available for this problem."""
         return tuple(LAYERS) if self.frames.problem.dimension == 2 else _IN_SPACE
 
     @property
     def unit(self) -> float:
-        """Size of the scene's unit of length [m]."""
+        """Length of one unit of the scene, the length of the arm [m]."""
         return float(self.frames.problem.arm.length)
 
     @property
     def radius(self) -> float:
-        """Radius with which the arm is drawn, in units of the scene."""
+        """Radius with which the arm is displayed, in units of the scene."""
         return max(self.frames.problem.arm.radius / self.unit, VIEW.thin_arm)
 
     @property
     def depth(self) -> float:
-        """Extent of planar obstacles in front of and behind the plane, in units of the scene."""
+        """Extrusion depth of planar obstacles to each side of the plane, in units of the scene."""
         return max(VIEW.depth * self.radius, VIEW.least_depth)
 
     def world(self, points: FloatArray, behind: float = 0.0) -> FloatArray:
-        """Convert points [m] to units of the scene, shape (..., 3), shifted behind the plane by ``behind`` units."""
+        """Return points of the problem, shape (..., d) with d = 2 or 3 [m], in scene coordinates, shape (..., 3).
+
+        Args:
+            points: the points.
+            behind: shift away from the viewer, perpendicular to the plane of planar problems [scene units].
+        """
         placed = self.frames.problem.arm.embedded(points / self.unit)
         return placed + np.array([0.0, behind, 0.0]) if behind else placed
 
     def look(self, client: viser.ClientHandle) -> None:
-        """Place a client's camera in front of the workspace, or in space in front of the motion."""
+        """Place the camera of a connected browser in front of the workspace, or in space in front of the motion."""
         workspace = self.frames.problem.workspace
         if workspace.dimension == 3:
             seen = self.world(self.frames.points).reshape(-1, 3)
@@ -92,13 +97,13 @@ class Scene:
         client.camera.look_at = middle
 
     def draw(self) -> None:
-        """Draw the whole scene."""
+        """Draw the whole scene: workspace, goals and motion."""
         self.server.scene.set_up_direction("+z")
         self.draw_bounds(self.frames.problem)
         self.draw_motion()
 
     def draw_bounds(self, problem: Problem) -> None:
-        """Draw the obstacles and goals of a problem that may be newer than the motion shown."""
+        """Draw workspace, obstacles and goals of a problem, which may be newer than the motion shown."""
         self._draw_walls(problem)
         workspace = problem.workspace
         obstacles: tuple[Obstacle, ...] = workspace.obstacles
@@ -114,7 +119,7 @@ class Scene:
             self._draw_goal(stop.goal, str(number) if problem.stops else "")
 
     def _draw_walls(self, problem: Problem) -> None:
-        """Draw the edges of the workspace."""
+        """Draw the edges of the workspace bounds."""
         workspace = problem.workspace
         if workspace.dimension == 2:
             ring = shapely.get_coordinates(workspace.boundary.exterior)
@@ -127,12 +132,12 @@ class Scene:
             self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
 
     def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
-        """Draw one obstacle in place of any earlier obstacle of the same name; obstacles in space are transparent.
+        """Draw one obstacle, replacing an earlier one of equal name; obstacles in space are transparent.
 
         Args:
-            obstacle: obstacle in the plane or in space.
-            most_triangles: maximum number of triangles of a body in space.
-            cell: initial width of the cells in which corners are merged if a body has more triangles [m].
+            obstacle: the obstacle, planar or in space.
+            most_triangles: maximum number of triangles of an obstacle in space.
+            cell: initial width of the grid cells in which vertices are merged to reduce triangles [m].
         """
         if self.frames.problem.dimension == 2:
             outline = obstacle.outline(quad_segs=VIEW.curved)
@@ -162,7 +167,7 @@ class Scene:
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
     def draw_motion(self) -> None:
-        """Draw the arm and everything else that depends on the motion."""
+        """Draw the arm, the tip path, and all layers that depend on the motion."""
         arm = self.frames.problem.arm
         scene = self.server.scene
         link = capsule_surface(arm.link_length / self.unit, self.radius, VIEW.sides)
@@ -176,7 +181,7 @@ class Scene:
         self.pose(0.0)
 
     def _draw_layers(self, start: FloatArray) -> None:
-        """Draw the layer of the start, and the costly layers that are switched on."""
+        """Draw the start pose and the costly layers, as far as they are switched on."""
         scene = self.server.scene
         if "start" in self.shown:
             scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
@@ -194,7 +199,7 @@ class Scene:
             self._draw_route(route_layers(problem, self.frames.points[-1]))
 
     def _draw_route(self, layers: dict[str, object]) -> None:
-        """Draw the arm's way around the obstacles, and the regions along that way."""
+        """Draw the shortest path homotopic to the final pose, and the convex regions along it, if switched on."""
         route = np.array(layers.get("route", []), dtype=np.float64)
         if "route" in self.shown and len(route) > 1:
             self._line(LAYERS["route"], self.world(route), colours.GOAL, 0.006)
@@ -205,7 +210,7 @@ class Scene:
             self.server.scene.add_line_segments(LAYERS["regions"], sides, colours.REGION, thickness=0.003)
 
     def switch(self, layer: str, *, on: bool) -> None:
-        """Switch a layer on or off."""
+        """Switch a layer of the given name on or off."""
         self.shown.add(layer) if on else self.shown.discard(layer)
         if layer == "names":
             self._standing = {}
@@ -216,7 +221,7 @@ class Scene:
             self.server.scene.remove_by_name(LAYERS[layer])
 
     def pose(self, time: float) -> None:
-        """Show the arm at a time [s]."""
+        """Show the arm in its pose at a time [s]."""
         points = self.world(self.frames.pose(time))
         self._arm.batched_positions = points[:-1]
         self._arm.batched_wxyzs = _turns(points)
@@ -234,7 +239,7 @@ class Scene:
         self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
 
     def _line(self, name: str, places: FloatArray, colour: tuple[int, int, int], thickness: float) -> None:
-        """Draw a line through points of the scene, shape (n, 3)."""
+        """Draw a line through points in scene coordinates, shape (n, 3)."""
         pieces = np.stack((places[:-1], places[1:]), axis=1)
         self.server.scene.add_line_segments(name, pieces, colour, thickness=thickness)
 
@@ -245,6 +250,6 @@ def scene_path(folder: str, name: str) -> str:
 
 
 def _turns(points: FloatArray) -> FloatArray:
-    """Return quaternions that rotate world x along the links between points, shape (n + 1, 3) to (n, 4)."""
+    """Return quaternions (w, x, y, z), shape (n, 4), that turn the x axis along the links of points (n + 1, 3)."""
     along = np.diff(points, axis=0)
     return rotation_to_axis(along / np.linalg.norm(along, axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Settings and colours of the viewer."""
+"""Default settings and colours of the viewer."""
 
 from dataclasses import dataclass
 
@@ -10,21 +10,21 @@ from ccm_opt.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """Settings of the viewer. Taste, all of them.
+    """Settings of the viewer; all values are a matter of taste.
 
     Attributes:
-        frames: poses of a motion at which gaps are measured for colours.
-        rest: wall time for which the last pose is held before the motion plays again [s].
-        depth: extent of extruded obstacles behind and in front of the plane, in radii of the arm.
-        least_depth: minimum of this extent, as a fraction of the arm's length.
-        thin_arm: least radius with which an arm is drawn, as a fraction of the arm's length.
-        sides: sides of the capsule that is drawn for a link, a multiple of four.
-        curved: segments of a quarter circle in outlines.
-        most_triangles: maximum number of triangles of all bodies in space together; beyond it, surfaces are simplified.
-        cell: initial width of the cells in which surfaces are simplified, as a fraction of the scene's extent.
-        glass: opacity of bodies in space.
-        poses: number of intermediate poses drawn.
-        quiet: wall time without a drag after which a shorter plan is sought from scratch [s].
+        frames: maximum number of samples of a motion at which clearances are measured for colours.
+        rest: wall time for which the final pose is held before the motion restarts [s].
+        depth: extrusion depth of planar obstacles to each side of the plane, in radii of the arm.
+        least_depth: minimum extrusion depth, as a fraction of the arm's length.
+        thin_arm: minimum radius with which an arm is displayed, as a fraction of the arm's length.
+        sides: number of sides of the capsule that represents a link, a multiple of four.
+        curved: number of segments of a quarter circle in outlines.
+        most_triangles: maximum number of triangles of all obstacles in space; with more, surfaces are simplified.
+        cell: initial width of the grid cells for simplifying surfaces, as a fraction of the scene's extent.
+        glass: opacity of obstacles in space, from 0 to 1.
+        poses: number of intermediate poses displayed.
+        quiet: wall time without dragging after which a shorter plan is sought from scratch [s].
         anew: CPU time limit of the search from scratch [s].
     """
 
@@ -49,7 +49,7 @@ VIEW = ViewSettings()
 
 Colours = npt.NDArray[np.uint8]
 PLAIN = (62, 124, 166)
-"""Colour of an arm when colours show nothing."""
+"""Colour of the arm when link colours show no quantity."""
 WALLS = (196, 190, 180)
 START = (150, 158, 168)
 GOAL = (31, 138, 64)
@@ -57,21 +57,26 @@ TUBE = (90, 150, 200)
 ROUTE = (196, 78, 22)
 REGION = (120, 90, 170)
 _SCALE = np.array([[49, 130, 98], [227, 190, 70], [190, 50, 45]], dtype=np.float64)
-"""From plenty over little to nothing left; distinguishable by brightness alone, for colour-blind users."""
+"""Colour scale from unused to fully used limits, distinguishable by brightness alone for colour-blind users."""
 
 
 def plain(links: int) -> Colours:
-    """Return the same colour for all links, shape (links, 3)."""
+    """Return one plain colour for each of n links, shape (n, 3)."""
     return np.tile(np.array(PLAIN, dtype=np.uint8), (links, 1))
 
 
 def by_use(shares: FloatArray) -> Colours:
-    """Return colours, shape (links, 3), for the fractions of a limit that are used, from 0 to 1, shape (links,)."""
+    """Return colours of n links, shape (n, 3), for used fractions of a limit between 0 and 1, shape (n,)."""
     at = 2.0 * np.clip(shares, 0.0, 1.0)
     places = np.arange(len(_SCALE))
     return np.stack([np.interp(at, places, channel) for channel in _SCALE.T], axis=1).astype(np.uint8)
 
 
 def by_gap(gaps: FloatArray, plenty: float) -> Colours:
-    """Return colours for gaps to walls: a gap of ``plenty`` [m] or more gets the first colour, contact the last."""
+    """Return colours of n links, shape (n, 3), for their clearances, shape (n,) [m].
+
+    Args:
+        gaps: clearances to obstacles; 0 gets the last colour of the scale.
+        plenty: clearance from which on links get the first colour of the scale [m].
+    """
     return by_use(1.0 - gaps / plenty)
