@@ -1,16 +1,16 @@
-"""Ends a motion in the pose of the goal-pose program.
+"""Optimisation of a found motion together with its end, for which the goal-pose NLP offers better poses.
 
 A motion lasts as long as its busiest joint needs, while the sum of squared turns counts all joints alike. Weighted by a
-power of each joint's largest turn, in a motion that is nearly optimal, the sum approaches the largest of them
+power of the largest turn of each joint, in a motion that is nearly optimal, the sum approaches the largest of them
 (iteratively reweighted least squares for a higher norm).
 
-In the plane the first optimisation finds the end that costs the motion least; the goal pose is asked for near it, so
-that gaps, bending and torque are weighed against the motion there, and little of the motion is left to change.
+In the plane the first optimisation finds the end that costs the motion least; the NLP is then solved near that end, so
+that gaps, bending and torque are weighed against the motion, and little of the motion is left to change.
 
-In space the program is asked first. The program and the optimisation keep every link on its side of planes that are
-fixed while they are solved. For a link that ends at the goal and lies along a wall, the gap before such a plane is that
-of its tip, which cannot move: no change of the pose widens it as long as the plane does not turn. A step uses the
-nearest point of the link instead, which does move away when the link turns about the goal.
+In space the NLP is solved first. The NLP and the optimisation keep every link in half-spaces that are fixed while they
+are solved. For a link that ends at the goal and lies along a wall, the gap to the plane is that of its tip, which
+cannot move: no change of the pose widens the gap as long as the plane does not turn. A QP step uses the nearest point
+of the link instead, which does move away when the link turns about the goal.
 """
 
 from collections.abc import Sequence
@@ -39,46 +39,49 @@ from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.biarc import straight_at_exit
 
 _LEAST_KEYFRAMES = 4
-"""Least keyframes of a motion that is weighed by its busiest joints. Derived: fewer have no meaningful second
-differences."""
+"""Minimum number of keyframes of a motion whose busiest joints get higher weights. Derived: fewer have no meaningful
+second differences."""
 _BOTTLENECK_SHARE = 0.9
-"""Share of the weight of the path's length that is moved to the joints by how busy they are. Measured: with 0.9 and a
-power of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer."""
+"""Fraction of the weight of the path length that is redistributed to busy joints. Measured: with 0.9 and a power of a
+half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer."""
 _BOTTLENECK_POWER = 0.5
-"""Power of the ratio between a joint's largest turn from keyframe to keyframe and the root mean square over all joints.
-Measured: with 1 the same motions last 1 % longer in the median."""
+"""Power of the ratio between the largest turn of a joint from keyframe to keyframe and the root mean square over all
+joints. Measured: with 1 the motions last 1 % longer in the median than with a half."""
 _LEAST_BUSY = 0.2
-"""Lower bound on that ratio. Taste."""
+"""Lower bound on the ratio of the largest turn of a joint to the root mean square over all joints. Taste."""
 _KEYFRAMES_A_LINK = 2.0
-"""Keyframes of the optimisation per link length of feed. Taste: with fewer, joints bend late behind the hole."""
+"""Number of keyframes of the optimisation per link length of feed. Taste: with fewer, joints bend late beyond the end
+of the guide tube."""
 _MOST_KEYFRAMES = 48
-"""Most keyframes of the optimisation of a fed arm. Taste: its cost grows with them and with the cube of the links."""
+"""Maximum number of keyframes of the optimisation of a fed arm. Taste: its cost is proportional to the number of
+keyframes and to the cube of the number of links."""
 _FED_SHARE = 0.1
-"""Share of the time left that the optimisation of a fed arm may use. Taste: what is unfinished by then is certified all
-the same."""
+"""Fraction of the remaining time that the optimisation of a fed arm may use. Taste: an unfinished optimisation still
+gives a certified motion."""
 _OPENING = 1.05
-"""Gap that steps at the goal aim for before the NLP is asked, as a multiple of the wanted one. Taste: slightly more
-than 1, so that the fixed planes of the NLP leave the whole wanted gap."""
+"""Gap that steps at the goal aim for before the NLP is solved, as a multiple of the preferred gap. Taste: slightly more
+than 1, so that the fixed planes of the NLP leave the whole preferred gap."""
 _OPENING_STEPS = 20
-"""Most steps that open gaps at the goal; five bring nearly all that can be gained."""
+"""Maximum number of steps that widen gaps at the goal; five bring nearly all that can be gained."""
 _OPENING_WEIGHT = 10.0
-"""Weight of the goal in those steps, relative to the push away from obstacles that are too near."""
+"""Weight of the goal in steps that widen gaps, relative to the push away from obstacles that are too near."""
 _ENOUGH = 0.9
-"""Share of the wanted gap at which the end pose is accepted as settled."""
+"""Fraction of the preferred gap at which an end pose is accepted."""
 _CLEARANCE_SHARE = 1.6
-"""Gap that the NLP aims for at the end, where possible, as a multiple of the wanted gap. An arm that follows its tip
-lies all the way near where it ends, and strays from there by part of the gap. Measured: with 1.6 fed arms keep 0.82 to
-1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1."""
+"""Gap that the NLP aims for at the end, where possible, as a multiple of the preferred gap. An arm that follows its tip
+lies near its end pose during the whole motion, and deviates from that pose by part of the gap. Measured: with 1.6 fed
+arms keep 0.82 to 1.2 of the preferred gap during the whole motion among bays, blades and pipes, with 1 they keep 0.6 to
+1."""
 _OPENED = 0.02
-"""Displacement of the joints below which the steps that open gaps end [u]."""
+"""Displacement of the joints below which the steps that widen gaps end, in nominal links."""
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
-    """Return the task with most of the path-length weight shifted to the joints that a motion turns most.
+    """Return a task with most of the weight of path length shifted to the joints that a motion turns most.
 
     Args:
         motion: nearly optimal motion with keyframes at nearly even steps.
-        task: task with the user's weights and the speeds of the joints.
+        task: task with the user's weights and the speed limits of the joints.
     """
     weights = task.weights
     bends = motion.curve.drives(motion.configurations)
@@ -95,7 +98,10 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _busyness(differences: FloatArray) -> FloatArray:
-    """Return a weight factor for each joint, shape (links,), from its largest difference, shape (m, links)."""
+    """Return a weight factor for each joint, shape (links,), that grows with its largest difference.
+
+    ``differences`` are differences of the joint's position between keyframes, shape (m, links).
+    """
     most = np.abs(differences).max(axis=0)
     mean = np.sqrt(np.mean(most**2))
     factors: FloatArray = np.clip(most / max(mean, TINY), _LEAST_BUSY, None) ** _BOTTLENECK_POWER
@@ -103,16 +109,16 @@ def _busyness(differences: FloatArray) -> FloatArray:
 
 
 def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
-    """Return the optimised motion, ending in the pose at the goal that the task prefers.
+    """Return an optimised planar motion that ends in the best pose at the goal offered by the task.
 
     Args:
         motion: certified motion with the tip at the goal.
-        task: task for which the motion was found.
-        margin: margin required by the rows of the optimisation, see ``optimise``.
+        task: task for which the motion was found, which may offer end poses.
+        margin: gap that rows of the optimisation demand, as a fraction of the arm's length; the default if None.
 
     Returns:
-        The certified motion. Where the task offers no other end, or none that can be reached, the motion ends in the
-        pose found by the optimisation with a free end.
+        The certified motion. If no offered pose can be reached, the motion ends in the pose found by the optimisation
+        with a free end.
     """
     if task.arm.base_axes:
         task = _with_dense_keyframes(motion, task)
@@ -134,7 +140,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
 
 
 def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
-    """Return the task with keyframes as dense as the feed of a motion needs, and a fraction of the time left."""
+    """Return a task with more keyframes for a motion with a long feed, and a fraction of the remaining time."""
     # Joints come out of the tube one after the other: keyframes have to be dense enough to separate them.
     links_fed = float(np.abs(np.diff(motion.configurations[:, task.arm.links :], axis=0)).sum())
     dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
@@ -146,20 +152,20 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
-    """Return an optimised motion with gaps widened towards the preferred gap and its end unchanged."""
+    """Return an optimised motion with gaps widened towards the preferred gap where possible, and an unchanged end."""
     weighed = weighing_bottlenecks(motion, task).with_goal_pose(motion.unknowns[-1], motion.configurations[-1])
     return with_more_room(motion, motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
-    """Return a certified motion with another end; None if none is found.
+    """Return a certified motion with a given end pose, derived from another motion, or None if none is found.
 
-    The difference between the ends is added to the motion, increasingly towards its end. Where no motion bent in this
-    way is certified, the motion is continued from its own end to the other.
+    The difference of the end poses is added to the motion, increasingly towards its end. If the result cannot be
+    certified, the motion is continued from its own end to the given one.
 
     Args:
         motion: certified motion.
-        wanted: configuration of the other end, at the same goal, shape (c,).
+        wanted: configuration of the given end pose, at the goal of the motion, shape (c,) [rad, m].
         task: task with the arm and its limits.
     """
     curve, end = motion.curve.blended_to(wanted)
@@ -170,16 +176,16 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
 def led_to(
     motion: CurveMotion[Any], end: FloatArray, task: SearchTask, margins: Sequence[float]
 ) -> CurveMotion[Any] | None:
-    """Return a certified motion to another end, by bending or continuing a given motion.
+    """Return a certified motion to a given end pose, by deforming or continuing another motion, or None.
 
     Args:
         motion: certified motion.
-        end: unknowns of the other end, shape (p,).
+        end: unknowns of the given end pose, shape (p,).
         task: task with the arm and its limits.
-        margins: margins of the steps that continue the motion, tried in turn.
+        margins: margins of the QP steps that continue the motion, as multiples of the planning margin, tried in turn.
 
     Returns:
-        The motion; None where no certified motion to that end is found.
+        The motion; None if no certified motion to the end pose is found.
     """
     # A motion through given tip positions is tied to them: nothing can be added to it.
     for bent in () if task.via else motion.bent_to(end):
@@ -204,14 +210,14 @@ def led_to(
 
 # ------------------------------------------------------------ in space
 def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
-    """Return poses from the end of a motion to a pose at the goal with gaps widened towards the preferred gap.
+    """Return poses in space from the end of a motion to a pose at the goal with wider gaps to obstacles.
 
     Args:
         task: task with a goal for the tip.
         motion: motion to the goal.
 
     Returns:
-        The poses, beginning with the motion's end; only that one if the steps do not lead back onto the goal.
+        The poses, beginning with the end of the motion; only that one if the QP steps do not lead back onto the goal.
     """
     stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
     pose = stepper.pose(motion.unknowns[-1])
@@ -238,12 +244,12 @@ IN_NLP_POSE = "ending in the pose of the NLP"
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """A motion to the goal, with the NLP's answer about its end.
+    """Motion in space to the goal, with the result of the goal-pose NLP for its end.
 
     Attributes:
-        task: task whose goal is the pose at the end of the motion where that pose is settled; else the original task.
+        task: task whose goal is the end pose of the motion, if that pose is final; else the original task.
         motion: motion to the goal.
-        record: the NLP's answer; None where the NLP was not solved.
+        record: result of the NLP; None if the NLP was not solved.
     """
 
     task: SpaceTask
@@ -252,13 +258,13 @@ class Ending:
 
 
 def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
-    """Return the motion, continued to the best pose at its goal.
+    """Return a motion in space continued to the best pose at its goal that the goal-pose NLP finds.
 
-    The motion is unchanged where no better pose is found or can be reached.
+    The motion is unchanged if no better pose is found or can be reached.
 
     Args:
         problem: the problem.
-        task: the problem as a task of the search.
+        task: search task of the problem.
         motion: motion to the goal.
     """
     goal = task.limited_goal
@@ -281,7 +287,14 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
 
 
 def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
-    """Solve the goal-pose NLP from the end of a motion, and continue the motion to the pose found where possible."""
+    """Return a motion continued to the pose that the goal-pose NLP finds from its end, if that is possible.
+
+    Args:
+        asked: solver of the NLP.
+        task: search task of the problem.
+        goal: goal of the tip with its limits.
+        motion: motion to the goal.
+    """
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
     feasible = [pose for pose in answers if asked.feasible(pose)]
@@ -310,7 +323,7 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Continue a motion that ends with less than the preferred gap to a pose at the goal with wider gaps."""
+    """Return a motion continued to a pose at the goal with wider gaps, if it ends with less than the preferred gap."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:
         return motion

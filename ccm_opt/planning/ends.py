@@ -1,4 +1,4 @@
-"""Start and goal of a motion as planning uses them, the checks that refuse them, and gaps at poses, in words."""
+"""Start and goal of a motion in the form that planning uses, checks of both, and gaps between bodies at poses."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -25,42 +25,40 @@ _STRAIGHTENING = 5e-4
 """Distance that the tip may move when bends inside the guide tube, left by the mapping of a curve, are set to 0 [m].
 Taste."""
 _CLEARANCE_SHARE = 0.05
-"""Share of the slack about a goal, which is ``_AIM_SHARE`` of the position tolerance, that is kept as clearance from an
-obstacle too near to the goal. Taste."""
+"""Clearance kept from an obstacle too near to the goal, as a fraction of the goal's allowed displacement. Taste."""
 
 _TOLERANCE_SHARE = 0.5
-"""Share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
+"""Fraction of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
 _PRECISE_PLACE = 5e-3
-"""Position tolerances up to this share of the arm's length are precisions: the position is met exactly. Wider ones make
-the goal a set. Taste."""
+"""Position tolerance, as a fraction of the arm's length, up to which the goal is a point that is met exactly. A wider
+tolerance makes the goal a set. Taste."""
 _PRECISE_TURN = 0.03490658503988659
-"""Heading tolerances up to this are precisions [rad]. Taste: 2°, twice the default tolerance."""
+"""Heading tolerance up to which the heading is met exactly [rad]. Taste: 2°, twice the default tolerance."""
 _CLEARANCE_USED = 0.95
-"""Share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing. Taste."""
+"""Fraction of the tolerances of a goal set that planning uses; the rest is left to rounding and smoothing. Taste."""
 _AIM_SHARE = 0.9
-"""Share of the position tolerance by which planning may deviate from a goal that the tip cannot take. Taste."""
+"""Fraction of the position tolerance by which planning may displace a goal that the tip cannot reach. Taste."""
 _UPRIGHT = 0.1
-"""Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall.
-Taste."""
+"""Sine of the angle between a mount and its wall's normal above which a turn of the base leaves the wall. Taste."""
 _STRETCH = 2e-3
-"""Share of its length by which an arm is kept from full stretch where it aims at a goal out of reach. Taste: at full
-stretch the tip cannot move along the arm."""
+"""Fraction of its length by which an arm is kept from full stretch if the goal is out of reach. Taste: at full stretch
+the tip cannot move along the arm."""
 _FLUSH = 1e-5
-"""Distance from its wall's clearance, as a share of the arm's length, within which the end of a mount stands flush.
-Taste."""
+"""Largest deviation of the gap at the end of a mount from zero, as a fraction of the arm's length, for the mount to
+count as flush with the wall. Taste."""
 _REACH = 0.02
-"""Gaps up to this share of the arm's length are checked. Taste."""
+"""Gap up to which contacts are checked, as a fraction of the arm's length. Taste."""
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Both ends of a motion.
+    """Start and goal of a planar motion.
 
     Attributes:
-        start: configuration, shape (c,) [rad, m].
-        goal: goal for the tip.
-        goal_pose: configuration of a whole-arm goal, shape (c,), or None.
-        clamped: whether the base stands flush on a wall, so that its joint cannot turn.
+        start: configuration at the start, shape (c,) [rad, m].
+        goal: goal of the tip.
+        goal_pose: configuration of a goal for the whole arm, shape (c,) [rad, m], or None.
+        clamped: whether the base joint cannot turn because the arm leaves a wall flush with its mount.
     """
 
     start: FloatArray
@@ -70,14 +68,11 @@ class Ends:
 
 
 def resolve_ends(problem: Problem) -> Ends:
-    """Check the start and goal of a problem, and return both as configurations of the arm's links.
-
-    Args:
-        problem: the problem.
+    """Return the start and goal of a planar problem, after checking them for contact and joint limits.
 
     Raises:
-        UnreachableGoal: a pose is in contact or beyond a joint limit; the message names link, obstacle and depth, or
-            joint and angle.
+        UnreachableGoal: the start or goal is in contact or beyond a joint limit; the message names link, obstacle and
+            depth, or joint and angle.
     """
     start = _configuration(problem, problem.start, "start")
     clamped = not problem.arm.base_axes and stands_flush(problem, start)
@@ -96,10 +91,15 @@ def resolve_ends(problem: Problem) -> Ends:
 
 
 def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
-    """Return the configuration of a pose, shape (c,), with bends of exactly 0 where the guide tube holds a joint.
+    """Return the configuration of a start or goal pose, shape (c,), with bends of exactly 0 inside the guide tube.
+
+    Args:
+        problem: the problem, for its arm.
+        pose: the pose.
+        which: name of the pose in messages, "start" or "goal".
 
     Raises:
-        UnreachableGoal: a joint inside the tube is bent; the message calls the pose ``which``.
+        UnreachableGoal: a joint inside the tube is bent.
     """
     arm = problem.arm
     if not arm.base_axes:
@@ -120,10 +120,10 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
 
 
 def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
-    """Return the goal for the tip as planning uses it, either a pose to be met exactly or a set.
+    """Return a goal of the tip in the form that planning uses: a tip pose to be met exactly, or a set of tip poses.
 
-    With a tolerance so small that it only states a precision, the goal remains a point, which is met exactly where
-    possible. A wider tolerance makes the goal a set, any member of which is acceptable.
+    A small tolerance is a precision, and the goal is met exactly where possible. A wide tolerance makes the goal a set,
+    any member of which is acceptable.
     """
     allowed = problem.tolerances
     # With half a turn of tolerance either way every direction is acceptable.
@@ -140,10 +140,10 @@ def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
 
 
 def aim(problem: Problem, goal: TipGoal) -> FloatArray:
-    """Return the position to which planning leads the tip, shape (2,) [m].
+    """Return the position to which planning leads the tip for a goal, shape (2,) [m].
 
-    This is the goal itself where the tip can take that position. A goal out of reach is moved towards the base, a goal
-    too near to an obstacle to the nearest position with clearance, both within the tolerance.
+    The goal itself is returned if the tip can be there. A goal out of reach is moved towards the base, a goal too near
+    to an obstacle to the nearest position with clearance, both within the tolerance.
     """
     arm = problem.arm
     slack = _AIM_SHARE * problem.tolerances.position
@@ -174,9 +174,13 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
 
 
 def stands_flush(problem: Problem, q: FloatArray) -> bool:
-    """Return whether the arm leaves a wall so that the end of its mount just clears the wall.
+    """Return whether the base joint cannot turn because the end of the arm's mount just clears a wall.
 
-    Turning the base in either direction would then close the gap.
+    This is so if the arm leaves the wall along its normal: a turn in either direction would close the gap.
+
+    Args:
+        problem: the problem.
+        q: configuration, shape (c,) [rad].
     """
     arm = problem.arm
     # The whole first link belongs to the mount already.
@@ -196,14 +200,14 @@ def stands_flush(problem: Problem, q: FloatArray) -> bool:
 
 
 def clamped_arm(arm: Arm) -> Arm:
-    """Return the arm for planning with a clamped base: its first link, which cannot move, belongs to the mount."""
+    """Return an arm whose first link, which cannot move, belongs to the mount, for planning with a clamped base."""
     return replace(arm, mount_length=arm.link_length)
 
 
 def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
-    """Return the configuration of a whole-arm goal, with joints beyond their limits turned back to them.
+    """Return the configuration of a goal for the whole arm, shape (c,), with bends clipped to the joint limits.
 
-    Joints are turned back only where they exceed their limits by less than the goal's tolerance.
+    Bends are clipped only if they exceed their limits by less than the tolerance of the goal.
     """
     arm = problem.arm
     q = _configuration(problem, pose, "goal")
@@ -215,10 +219,10 @@ def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
-    """Raise if the tip at a goal, or the last link if a heading is given, is deeper in obstacles than tolerances allow.
+    """Check that the tip at a goal, or the last link for a goal heading, is clear of obstacles within the tolerances.
 
     Raises:
-        UnreachableGoal: the goal is blocked; the message names the obstacle and the depth.
+        UnreachableGoal: the tip or link is too near to an obstacle; the message names the obstacle and the depth.
     """
     arm = problem.arm
     tolerances = problem.tolerances
@@ -245,11 +249,15 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
 
 
 def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
-    """Raise if the start or a whole-arm goal is in contact, or the goal is out of reach.
+    """Check that start and goal of a problem in space are clear, within reach, and satisfy the user's constraints.
+
+    Args:
+        problem: the problem.
+        task: search task of the problem.
 
     Raises:
-        ProblemError: the start touches something, or violates a constraint of the user.
-        UnreachableGoal: a whole-arm goal touches something or violates a constraint, or the goal is too far away.
+        ProblemError: the start is in contact or violates a constraint.
+        UnreachableGoal: the goal is in contact, violates a constraint or is out of reach.
     """
     for limit in task.user_limits:
         limit.refuse_ends(task.start, task.goal_pose)
@@ -265,10 +273,10 @@ def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
 
 
 def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
-    """Raise if a goal for the tip leaves the tip no clearance, or is out of reach.
+    """Check that a goal for the tip in space is clear of obstacles and within reach of the arm.
 
     Raises:
-        UnreachableGoal: the message says which of the two applies, and by how much.
+        UnreachableGoal: the goal is inside or too near to an obstacle, or out of reach; the message says by how much.
     """
     found = deepest_enclosure(problem.workspace, goal.position[None], entering=problem.arm.radius)
     if found is not None:
@@ -306,7 +314,14 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
 
 
 def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
-    """Describe why an end is bad: contact, or too little clearance to certify a motion; empty if neither."""
+    """Return a message if a start or goal is in contact or too near to contact for a certificate, else "".
+
+    Args:
+        problem: the problem.
+        task: search task of the problem.
+        q: configuration of the start or goal, shape (c,) [rad, m].
+        motion: words for the motion in the message, "from there" or "to it".
+    """
     contact = contact_words(problem, task, q)
     if contact:
         return f"is in contact: {contact}"
@@ -315,7 +330,7 @@ def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str
 
 
 def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
-    """Describe the contact of a configuration and its depth inside bodies; empty where it is free."""
+    """Return a message about contact of a configuration in space (c,) and its depth inside bodies, or "" if free."""
     contact = describe_contact(task, q)
     joints = task.arm.joint_positions_at(q)
     _, exposed = task.arm.exposed_links(joints)
@@ -339,9 +354,12 @@ def _depth_words(found: Enclosure) -> str:
 
 
 def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
-    """Describe the contact of a configuration, or the bodies within ``beyond`` [m] of contact.
+    """Return a message about the nearest bodies in contact, or within a distance of contact, or "" if there are none.
 
-    The text is empty where there is neither.
+    Args:
+        task: search task in space.
+        q: configuration, shape (c,) [rad, m].
+        beyond: distance from contact up to which bodies count [m].
     """
     arm = task.arm
     points = arm.joint_positions_at(q)
@@ -365,12 +383,12 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
 
 @dataclass(frozen=True, eq=False)
 class NearestOfSamples:
-    """The least gap of every sample, with the two bodies that are this far apart.
+    """Least gap at each of T samples of a motion, with the two bodies concerned.
 
     Attributes:
-        gap: gap between the nearest surfaces; the reach of the measurement where none are nearer, shape (T,) [m].
-        link: number of the link from 1; 0 where nothing is near, shape (T,).
-        other: index of the surface's owner, or number of the other link from 1, shape (T,).
+        gap: gap between the nearest surfaces, at most the reach of the measurement, shape (T,) [m].
+        link: number of the link, counted from 1; 0 where nothing is within reach, shape (T,).
+        other: index of the owner of the other surface, or number of the other link, counted from 1, shape (T,).
     """
 
     gap: FloatArray
@@ -380,11 +398,11 @@ class NearestOfSamples:
 
 @dataclass(frozen=True, eq=False)
 class GapsAtSamples:
-    """Gaps between bare surfaces, with no clearance subtracted.
+    """Gaps at samples of a motion between the arm and the scene and between links, without subtracted clearance.
 
     Attributes:
-        walls: gaps to the nearest surface of the scene.
-        itself: gaps between links that must not meet.
+        walls: gaps of links to the nearest surface of the scene.
+        itself: gaps between links that must not touch.
         names: names of the owners of surfaces.
         reach: distance beyond which gaps to walls are not resolved [m].
     """
@@ -398,13 +416,13 @@ class GapsAtSamples:
     def of(
         cls, problem: Problem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
     ) -> "GapsAtSamples":
-        """Measure the gaps of poses.
+        """Return the gaps at T poses of the arm.
 
         Args:
-            problem: the problem with its surfaces and arm.
+            problem: problem with the surfaces and the arm.
             points: joints and tip of every pose, shape (T, links + 1, d) [m].
-            reach: distance up to which gaps to walls are resolved; a link's length when None [m].
-            own_reach: distance up to which gaps between links are resolved; as for walls when None [m].
+            reach: distance up to which gaps to walls are resolved; the length of a link if None [m].
+            own_reach: distance up to which gaps between links are resolved; that for walls if None [m].
         """
         arm = problem.arm
         soup = problem.workspace.soup
@@ -414,7 +432,7 @@ class GapsAtSamples:
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
-        """Name the two bodies that are nearest to each other in a configuration; empty where none are near."""
+        """Return a message with the two bodies nearest to each other in a configuration (c,) and their gap, or ""."""
         gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
         to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
         to_itself = float(gaps.itself.gap[0])
@@ -424,7 +442,10 @@ class GapsAtSamples:
         return describe_clearance(int(near.link[0]), gaps.other(near, 0), min(to_walls, to_itself))
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
-        """Return the name of the body nearest to a link in a sample."""
+        """Return the name of the body that is nearest to a link at the sample with a given index.
+
+        ``near`` is either ``walls`` or ``itself``.
+        """
         number = int(near.other[sample])
         return f"'{self.names[number]}'" if near is self.walls else f"link {number}"
 

@@ -1,4 +1,4 @@
-"""The goal-pose NLP in the plane: its task, the better poses that it offers, and the record of its answer."""
+"""Use of the goal-pose NLP for planar arms: better end poses for motions, and the record of the NLP's result."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -25,14 +25,14 @@ def poses_at_goal(
     terms: UserTerms | None = None,
     settings: PoseSettings = DEFAULT_POSES,
 ) -> GoalPoses:
-    """Return the task of the goal-pose NLP in the plane.
+    """Return the solver of the goal-pose NLP for a planar problem.
 
     Args:
         problem: problem with a goal for the tip.
-        ends: ends of the problem as planning uses them.
-        near: configuration near which the pose should stay, shape (c,) [rad]: where the motion would end without the
-            NLP, or where it starts.
-        terms: the user's constraints and costs, or None.
+        ends: start and goal in the form that planning uses.
+        near: configuration from which deviations cost, shape (c,) [rad]: the end of the motion without the NLP, or the
+            start.
+        terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
     """
     tree = SurfaceTree.of(problem.workspace.soup)
@@ -42,15 +42,15 @@ def poses_at_goal(
 
 @dataclass
 class EndPoses:
-    """Offers the search better end poses than those in which its motions arrive; implements ``EndPosesOffered``.
+    """Generator of better end poses for motions by the goal-pose NLP; implements ``EndPosesOffered``.
 
     Attributes:
         problem: the problem.
-        ends: ends of the problem as planning uses them.
-        stages: reports each stage of planning and records its CPU time.
-        terms: the user's constraints and costs, or None.
+        ends: start and goal in the form that planning uses.
+        stages: reporter of the stages of planning, which records their CPU time.
+        terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
-        said: every task of the NLP with the pose that the NLP returned, in order.
+        said: solver and resulting pose of every call, in order.
     """
 
     problem: Problem
@@ -61,13 +61,13 @@ class EndPoses:
     said: list[tuple[GoalPoses, ArmPose]] = field(default_factory=list)
 
     def __call__(self, arm: Arm, q: FloatArray) -> Iterator[FloatArray]:
-        """Yield the configuration of a better pose than the one in which a motion ends, if there is one.
+        """Yield the configuration (c,) of a better pose at the goal than that in which a motion ends, if there is one.
 
-        No pose is sought where no preferred gap is set, or for a whole-arm goal.
+        Nothing is yielded without a preferred gap, or for a goal of the whole arm.
 
         Args:
-            arm: the arm, or an arm of the same length with fewer links.
-            q: configuration of the arm at the end of the motion, shape (c,) [rad].
+            arm: the arm, or an arm of equal length with fewer links.
+            q: configuration at the end of the motion, shape (c,) [rad].
         """
         if self.problem.wanted_gap == 0.0 or self.ends.goal_pose is not None:
             return
@@ -80,10 +80,12 @@ class EndPoses:
             yield best.q
 
     def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
-        """Return the record of the NLP's pose in which a motion ends, else of the NLP's last pose; None if it has none.
+        """Return the record of the NLP's pose in which a motion ends, or of the NLP's last pose.
+
+        The result is None if the NLP has not been solved.
 
         Args:
-            reached: configuration of the offered pose that the motion ends in, shape (c,); None where it ends
+            reached: configuration of the offered pose in which the motion ends, shape (c,); None if the motion ends
                 elsewhere.
         """
         if not self.said:
@@ -94,7 +96,7 @@ class EndPoses:
 
 
 def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
-    """Explain why a motion does not end in the pose that the NLP returned last."""
+    """Return a message that says why a motion does not end in a pose of the goal-pose NLP."""
     if not asked.feasible(pose):
         return (
             f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' violated by "
@@ -104,13 +106,13 @@ def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
 
 
 def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> GoalPoseRecord:
-    """Return the record of a pose of the NLP.
+    """Return the record of a pose of the goal-pose NLP, for the results of planning.
 
     Args:
         wanted_gap: preferred gap beyond radius and clearance [m].
         pose: the pose.
-        tried: number of poses requested from the NLP, this one included.
-        reason: why the motion does not end in the pose; empty when it does.
+        tried: number of solutions of the NLP, including the recorded one.
+        reason: reason why the motion does not end in the pose; empty if it does.
     """
     return GoalPoseRecord(
         reached=not reason,
@@ -129,7 +131,7 @@ def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") 
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:
-    """Return the problem with its arm replaced by the clamped arm, or by an arm of the same length with fewer links."""
+    """Return a problem with another arm: one with a clamped base, or one of equal length with fewer links."""
     if arm.links == problem.arm.links:
         return replace(problem, arm=arm)
     fewer = arm.links

@@ -1,29 +1,28 @@
-"""Hairpins that travel along the arm.
+"""Guide that pulls a planar arm over to a new route by a fold (hairpin) that travels from the tip to the base.
 
-Dragging the tip alone leaves it to chance where the arm folds. Here every link has a reference heading, which
-determines the place of the fold. Arc length s is counted from the base, L and l are the lengths of the arm and of a
-link; link k has its middle at m_k = (k + 1/2) l. The hairpin has length λ and begins at f on the old shape; f falls
-from L to 0, and on to -λ while the fold opens at the base.
+Leading the tip alone leaves it to chance where the arm folds. Here every link has a reference heading, which determines
+the position of the fold. Arc length s is counted from the base, L and l are the lengths of the arm and of a link; link
+k has its middle at m_k = (k + 1/2) l. The fold has length λ and begins at the arc length f of the arm's initial shape;
+f falls from L to 0, and on to -λ while the fold opens at the base.
 
-- *Ahead of the fold*, m_k <= f, the arm stays on its old shape: heading φ_old(m_k).
-- *Behind the fold* the arm lies on a track that leads from the tip back next to the old arm, leaves it where the new
-  route does, and goes on to the goal. r(s) is the arc length on the track next to place s of the old shape; it is not
-  L - s, because in a bend the outer strand is longer. The strand that has turned round is L - f - λ long and begins
-  next to the fold, so that the tip's target is at
+- *Between base and fold*, m_k <= f, the arm keeps its initial shape: heading φ_old(m_k).
+- *Between fold and tip* the arm lies on a track that leads from the initial tip back next to the arm, leaves the arm
+  where the new route does, and goes on to the goal. r(s) is the arc length on the track next to the point s of the
+  initial shape; it is not L - s, because in a bend the outer strand is longer. The strand that has turned round is
+  L - f - λ long and begins next to the fold, so that the target of the tip is at
 
-      u = r(f) + (L - f - λ),
+      u = r(f) + (L - f - λ)
 
-  and link k, which is L - m_k behind the tip, should have the track's heading h(u - (L - m_k)), smoothed over two
-  nominal links.
+  on the track, and the reference heading of link k, which is L - m_k before the tip, is that of the track,
+  h(u - (L - m_k)), smoothed over two nominal links.
 - *In the fold* one heading blends into the other,
 
       φ_ref,k = (1 - b_k) φ_old(min(m_k, f)) + b_k h(u - (L - m_k)),
 
-  with x_k = clip((m_k - f) / λ, 0, 1) and b_k = x_k² (3 - 2 x_k). The two differ by half a turn, to the left or to
-  the right: that is the hairpin.
+  with x_k = clip((m_k - f) / λ, 0, 1) and b_k = x_k² (3 - 2 x_k). The two differ by half a turn to the left or right.
 
-Each step pulls the tip to its target and the links to the reference, and keeps the joints ahead of the fold in place.
-The fold travels on as long as the tip keeps up.
+Each step pulls the tip to its target and the links to their reference headings, and keeps the joints between base and
+fold in place. The fold travels on as long as the tip keeps up with its target.
 """
 
 from bisect import bisect_left
@@ -46,53 +45,54 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
 _LONGEST_ERROR = 1.5
-"""Largest error of the tip that a step is asked to correct, in nominal links. Taste."""
+"""Largest error of the tip that a step aims to correct, in nominal links. Taste."""
 _HEADING_WEIGHT = 0.3
-"""Weight of every link's heading against the reference, per nominal link. Measured."""
+"""Weight of the deviation of every link from its reference heading, per nominal link. Measured."""
 _TURN_WEIGHT = 0.002
 """Weight of every link's turn, per nominal link. Measured."""
 _MOTION_WEIGHT = 0.02
 """Weight of every joint's displacement, per nominal link. Taste."""
 _STILL_WEIGHT = 4.0
-"""Additional weight of a joint's displacement ahead of the fold, where the arm should stay. Taste."""
+"""Additional weight of displacements of joints between base and fold, where the arm should not move. Taste."""
 
 _PLACES = 400
-"""Number of places of the fold that are sampled to find where the tip's target is at the end of its track. Taste."""
+"""Number of sampled positions of the fold among which the one with the tip's target at the end of the track is found.
+Taste."""
 
 _PASSAGE_QUANTILE = 0.25
 """Quantile of the widths along a path that counts as the passage's width; the least width may be a corner that is only
 touched. Taste."""
 _SAME_LENGTH = 0.5
-"""Hairpins whose lengths differ by less count as one, in nominal links. Taste."""
+"""Difference of the lengths of two folds below which they count as equal, in nominal links. Taste."""
 _LONGEST_SHAPE = 1.1
-"""Longest taut path from the base, as a share of the arm's length. Taste: above 1, because the arm itself may fit where
-the path, which cuts no corner, seems slightly too long."""
+"""Maximum length of the shortest path from the base, as a multiple of the arm's length. Taste: above 1, because the arm
+may fit where the path, which keeps off corners, seems slightly too long."""
 
 
 # Measured on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved all fifteen at the first
 # attempt, and 150 of 150 from perturbed starts; tests/benchmarks/bench_ompl.py runs them.
 FOLD_LENGTHS = (5.0, 7.0, 4.0, 9.0)
-"""Lengths of the hairpin that are tried, in nominal links. Measured: the length that suits a passage lies between the
+"""Lengths of the fold that are tried, in nominal links. Measured: the length that suits a passage lies between the
 least and the greatest."""
 FOLD_SHARE = 1.18
-"""Length of the hairpin that fits a passage, as a share of the passage's width. Measured."""
+"""Length of the fold that fits a passage, as a multiple of the passage's width. Measured."""
 _ADVANCE = 0.3
 """Travel of the fold in one step, in nominal links. Measured."""
 _HEADING_WINDOW = 2.0
-"""Length over which a track's heading is smoothed, in nominal links. Measured."""
+"""Length over which the heading of a track is smoothed, in nominal links. Measured."""
 _SAMPLES = 8
-"""Samples of the smoothed heading per window; in between it is linear."""
+"""Number of samples of the smoothed heading per smoothing length, between which the heading is linear."""
 _LEASH = 2.5
-"""Lag of the tip behind its target at which the fold waits, in nominal links. Measured."""
+"""Distance of the tip from its target beyond which the fold waits, in nominal links. Measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoldTrack(TipTrack):
-    """A path of the tip, with the headings of links that lie on this path.
+    """Path of the tip as a polyline, with a smoothed heading for links that lie on the path.
 
     Attributes:
         sample_arcs: arc lengths of ``sample_headings``, shape (m,) [m].
-        sample_headings: unwrapped tangent, smoothed over a window, shape (m,) [rad].
+        sample_headings: unwrapped heading of the path, smoothed over a window, shape (m,) [rad].
     """
 
     sample_arcs: FloatArray
@@ -100,12 +100,12 @@ class FoldTrack(TipTrack):
 
     @classmethod
     def smoothed(cls, points: FloatArray, window: float, first_heading: float) -> "FoldTrack":
-        """Return a track along a polyline.
+        """Return a track along a polyline, with its heading smoothed.
 
         Args:
             points: vertices, shape (k, 2) [m]; repeated points are dropped.
             window: length over which the heading is smoothed [m].
-            first_heading: heading to which the first tangent is wound nearest [rad].
+            first_heading: heading from which that of the first leg differs by at most half a turn [rad].
         """
         points = tip_path(points)
         arcs = arc_lengths(points)
@@ -120,9 +120,9 @@ class FoldTrack(TipTrack):
 
 
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
-    """Return the exact mean of a piecewise-constant heading over windows about samples.
+    """Return the exact mean of a polyline's heading over windows of its arc length.
 
-    Beyond both ends the track continues straight.
+    Beyond both ends the polyline continues straight.
 
     Args:
         samples: centres of the windows, shape (m,) [m].
@@ -149,17 +149,17 @@ def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, wi
 
 @dataclass
 class Hairpin:
-    """Guide that moves one fold along the arm, from the tip towards the base.
+    """Guide that moves one fold along a planar arm, from the tip to the base, as the module describes.
 
     Attributes:
-        space: the link space.
-        track: track from the tip back along the arm and on to the goal.
-        retraced: arc length r on the track next to each joint of the old shape, shape (links + 1,) [m]; joints that the
-            track does not pass have the value of the joint where the track leaves the old shape.
-        old: headings φ_old of the old shape, shape (links,) [rad].
-        fold_length: length λ of the hairpin [m].
-        fold_at: arc length f of the fold on the old shape [m]; decreases from L to 0, and below 0 while the fold opens
-            at the base.
+        space: map from coordinates to configurations.
+        track: track from the initial tip back along the arm and on to the goal.
+        retraced: arc length r on the track next to each joint of the initial shape, shape (links + 1,) [m]; joints that
+            the track does not pass have the value of the joint where the track leaves the initial shape.
+        old: headings φ_old of the initial shape, shape (links,) [rad].
+        fold_length: length λ of the fold [m].
+        fold_at: arc length f at which the fold begins on the initial shape [m]; decreases from L to 0, and below 0
+            while the fold opens at the base.
     """
 
     space: LinkSpace
@@ -176,7 +176,7 @@ class Hairpin:
 
     @property
     def tip_arc(self) -> float:
-        """Arc length u of the tip's target on the track [m]."""
+        """Arc length of the tip's target on the track [m]."""
         arm = self.space.arm
         joints = np.arange(arm.links + 1) * arm.link_length
         # Measured on the track: in a bend the outer strand is longer than the arm next to it.
@@ -184,11 +184,11 @@ class Hairpin:
         return float(beside_fold + arm.length - self.fold_at - self.fold_length)
 
     def target(self) -> FloatArray:
-        """Return the tip's target, shape (2,) [m]."""
+        """Return the point on the track to which the tip is pulled, shape (2,) [m]."""
         return self.track.at(self.tip_arc)
 
     def reference(self) -> FloatArray:
-        """Return the reference heading φ_ref of every link, shape (links,) [rad]."""
+        """Return the reference heading of every link for the present position of the fold, shape (links,) [rad]."""
         arm = self.space.arm
         middle = self._middles()
         x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
@@ -200,7 +200,10 @@ class Hairpin:
         return reference
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that pull the arm towards the reference; the tip's error in nominal links has weight 1."""
+        """Return the least-squares terms of a QP step that pull the tip to its target and links to their headings.
+
+        The tip's error in nominal links has weight 1.
+        """
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.turns
@@ -214,25 +217,28 @@ class Hairpin:
             # The tip goes to its target and every link into its reference heading,
             Term(tip, error / self.nominal_length, 1.0),
             Term(turns, self.reference() - self.space.arm.headings(pose.q), _HEADING_WEIGHT * per_link),
-            # all with little turning, and joints ahead of the fold stay where they are.
+            # all with little turning, and joints between base and fold stay where they are.
             Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
             Term(joints, np.zeros(2 * links), still),
         ]
 
     def _ahead(self) -> FloatArray:
-        """Return how far each link lies ahead of the fold, in nominal links capped to [0, 1], shape (links,)."""
+        """Return the distance from each link to the fold, if it lies between base and fold, shape (links,).
+
+        Distances are in nominal links, capped at 1, and 0 for links in the fold and beyond.
+        """
         middle = self._middles()
         before_fold = np.minimum((self.fold_at - middle) / self.nominal_length, 1.0)
         return np.where(middle < self.fold_at, before_fold, 0.0)
 
     def _middles(self) -> FloatArray:
-        """Return the arc lengths m_k of the links' middles, shape (links,) [m]."""
+        """Return the arc lengths of the middles of the links from the base, shape (links,) [m]."""
         arm = self.space.arm
         return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
 
     def progress(self, pose: Pose) -> bool:
-        """Move the fold on if the tip keeps up, and return whether the fold was moved."""
-        # A fold that left the tip behind would ask for headings that fit no place where the arm can be.
+        """Move the fold towards the base if the tip is near its target, and return whether the fold was moved."""
+        # A fold too far from the tip would demand headings that fit no pose of the arm.
         if self._lag(pose) > _LEASH * self.nominal_length:
             return False
         self.fold_at -= _ADVANCE * self.nominal_length
@@ -240,14 +246,11 @@ class Hairpin:
 
     def finished(self, pose: Pose) -> bool:
         """Return whether the tip's target has reached the end of the track, or the fold has opened at the base."""
-        del pose  # the fold's travel alone decides; a lag of the tip is made up by the next guide
+        del pose  # the travel of the fold alone decides; the next guide leads a tip that lags behind
         return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
     def run_through(self) -> None:
-        """Move the fold to where the tip's target is at the end of the track.
-
-        The fold moves no further than to where it has opened at the base.
-        """
+        """Move the fold to where the tip's target is at the end of the track, or the fold has opened at the base."""
         arm = self.space.arm
         places = np.linspace(-self.fold_length, arm.length, _PLACES)
         arcs = np.interp(places, np.arange(arm.links + 1) * arm.link_length, self.retraced) - places
@@ -255,7 +258,7 @@ class Hairpin:
         self.fold_at = float(places[reached].max(initial=-self.fold_length))
 
     def describe(self, pose: Pose) -> str:
-        """Describe how far the fold has come."""
+        """Return a message with the position of the fold and the lag of the tip."""
         return (
             f"the fold stopped {long_length(self.fold_at)} from the base, "
             f"the tip {short_length(self._lag(pose))} short of {long_length(self.tip_arc)} "
@@ -270,16 +273,16 @@ class Hairpin:
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
 ) -> tuple[FoldTrack, FloatArray]:
-    """Return the track that leads the tip back beside the arm's old shape, then along a route to the goal.
+    """Return the track that leads the tip back beside the arm's initial shape, then along a route to the goal.
 
     Args:
-        points: joints and tip of the old shape, shape (links + 1, 2) [m].
-        leave: joint where the route leaves the old shape.
+        points: joints and tip of the initial shape, shape (links + 1, 2) [m].
+        leave: index of the joint at which the route leaves the initial shape.
         route: route from that joint to the goal, shape (k, 2) [m].
         side: +1 folds to the left, -1 to the right.
         offset: distance between the two strands of the fold [m].
-        window: smoothing length of the heading [m].
-        last_heading: heading of the old shape's last link [rad].
+        window: length over which the heading is smoothed [m].
+        last_heading: heading of the last link of the initial shape [rad].
 
     Returns:
         The track, and the arc length on the track next to every joint, shape (links + 1,) [m].
@@ -303,9 +306,9 @@ def fold_track(
 
 
 def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
-    """Return the part of a route from slightly beyond its point nearest to a place, shape (k, 2) [m].
+    """Return the part of a route that begins a distance ``lead`` beyond its point nearest to a given point, (k, 2) [m].
 
-    Starting there, the strand joins the route smoothly wherever the route's vertices lie.
+    So the returning strand joins the route smoothly wherever the vertices of the route lie.
     """
     line = shapely.LineString(route)
     joined = line.project(shapely.Point(place)) + lead
@@ -316,7 +319,7 @@ def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArr
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Return the hairpin lengths to try, in nominal links, beginning with the length that fits the passage."""
+    """Return the lengths of a fold to be tried on a tip path, in nominal links, the one that fits its width first."""
     arm = stepper.space.arm
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length)
     # A fold turns inside the width that remains beyond the arm's own thickness.
@@ -330,16 +333,16 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
 def pulled_over(
     stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that pull the arm over to its new route like a rope, for several lengths of the fold.
+    """Yield guides that pull the arm over to a new route like a rope, for several lengths of the travelling fold.
 
-    No candidate is yielded when the route is too long for the arm.
+    No guide is yielded if the route is too long for the arm.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the motion begins.
-        whole_arm: coordinates of a whole-arm goal, or None.
-        path: path of the tip.
-        lengths: lengths of the hairpin, in nominal links.
+        stepper: solver of QP steps in the plane.
+        start: pose at which the motion begins.
+        whole_arm: coordinates of a goal for the whole arm, or None.
+        path: tip path, with the route.
+        lengths: lengths of the fold, in nominal links.
     """
     leave = leaving_joint(stepper, start, path)
     if leave is None:
@@ -352,11 +355,19 @@ def pulled_over(
 
 
 def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
-    """Return the joint b at which a new shape leaves the old arm, and the taut path from there to the goal.
+    """Return the joint b at which a new shape of the arm leaves the initial one, and the path from b to the goal.
 
-    The new shape is the old arm up to joint b, then the taut path. Of the joints whose new shape is no longer than the
-    arm, b is the smallest whose tip path is within one nominal link of the shortest. Where every new shape is a little
-    longer than the arm, b is 0; None where all are much longer.
+    The new shape is the initial one up to joint b, then the shortest path in the homotopy class. Of the joints whose
+    new shape is no longer than the arm, b is the smallest with a path of the tip within one nominal link of the
+    shortest. If every new shape is slightly longer than the arm, b is 0; if all are much longer, the result is None.
+
+    Args:
+        stepper: solver of QP steps, for the arm.
+        start: pose with the initial shape.
+        path: tip path, with the homotopy class.
+
+    Returns:
+        The index b, and the path, shape (k, 2) [m].
     """
     arm = stepper.space.arm
 
@@ -386,14 +397,23 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
 
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
-    """Return the largest k in [0, last] for which a condition holds that is true at 0 and, once false, stays false."""
+    """Return the largest k in [0, last] for which a monotonic condition holds, which is true at 0 and later false."""
     return bisect_left(range(1, last + 1), 1, key=lambda k: int(not holds(k)))
 
 
 def fold_about_to_travel(
     stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float
 ) -> Hairpin:
-    """Return the guide of a fold of ``length`` nominal links that is still at the tip, before the fold travels."""
+    """Return a guide with a fold at the tip, before the fold travels to the base.
+
+    Args:
+        stepper: solver of QP steps in the plane.
+        start: pose at which the motion begins.
+        path: tip path, for the side of the fold.
+        joint: index of the joint at which the route leaves the initial shape.
+        route: route from that joint to the goal, shape (k, 2) [m].
+        length: length of the fold, in nominal links.
+    """
     arm = stepper.space.arm
     fold_length = length * stepper.space.nominal_length
     # The strands lie at least far enough apart that the arm keeps its planning margin from itself; a half circle of the
@@ -406,7 +426,14 @@ def fold_about_to_travel(
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return a guide that leads the tip along the rest of a hairpin's track, leaving the fold to itself."""
+    """Return a guide that leads the tip along the rest of the track of a fold's guide, without controlling the fold.
+
+    Args:
+        stepper: solver of QP steps in the plane.
+        path: tip path, for its free space and goal.
+        guide: the guide with the fold.
+        pose: present pose of the arm.
+    """
     if not isinstance(guide, Hairpin):
         raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
     track = guide.track
@@ -418,10 +445,10 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
-    """Return a guide that opens the fold onto a whole-arm goal; the rest of the arm already lies on that goal."""
+    """Return a guide that leads the whole arm from a pose to a goal for the arm, which opens the fold."""
     return PoseLed(stepper.space, pose.v, goal)
 
 
 def led_along(stepper: Stepper, taut: FloatArray) -> TipLed:
-    """Return a guide that leads the tip along a taut path that begins at the tip, shape (k, 2) [m]."""
+    """Return a guide that leads the tip along a path that begins at the tip, shape (k, 2) [m]."""
     return TipLed(stepper.space, TipTrack.along(taut))

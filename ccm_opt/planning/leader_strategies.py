@@ -1,8 +1,8 @@
-"""Strategies for an arm on a feed axis: it follows a leader, if need be after a change of its shape.
+"""Search strategies for a planar arm on a feed axis, in which all joints follow the path of the leading tip.
 
-The arm moves along a leader's path with every joint on the path. A start that does not lie on the path is drawn back
-along its own shape, and the part beyond the hole changes its shape at a fixed feed, planned as an arm on a fixed base.
-Of the motions to one path that are found quickly, the shortest is tried first.
+The arm moves along a leader's path with every joint on the path. An arm whose start does not lie on the path is first
+retracted along its own shape, and the part beyond the end of the guide tube (the hole) changes its shape at a fixed
+feed, planned as an arm on a fixed base. Of the motions to one path that are found quickly, the shortest is tried first.
 """
 
 from collections.abc import Callable, Iterator
@@ -49,44 +49,49 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 ShapeChange: TypeAlias = Callable[[Problem, Ends, Deadline], Motion]
-"""Plans a problem of an arm on a fixed base between its ends; raises ``NoPlanFound``."""
+"""Function that plans a motion of an arm on a fixed base between given ends; raises ``NoPlanFound``."""
 
 _SAME_POSE = 1e-7
-"""Bends that differ by less are equal [rad]. Taste; far above the rounding of chords, far below any visible
+"""Difference below which bends count as equal [rad]. Taste; far above the rounding of chords, far below any visible
 difference."""
 _SHORT_CHANGE = 0.8
-"""CPU time of a change of shape that is only compared with others [s]. Measured on bent starts: those that are found
-take 0.1 to 0.4 s."""
+"""CPU time for a change of shape that is only compared with others [s]. Measured on bent starts: successful ones take
+0.1 to 0.4 s."""
 _CHANGE_SHARE = 0.25
-"""Share of the time limit that one change of shape may use where everything else has failed. Taste."""
+"""Fraction of the time limit that one change of shape may use if everything else has failed. Taste."""
 _PATHS_CHANGED_TO = 3
-"""Number of leaders' paths to which a change of shape is tried. Taste."""
+"""Number of leader's paths to which a change of shape is tried. Taste."""
 _LEAST_LINKS_CHANGED = 2
-"""Shapes of fewer links beyond the hole are not changed. Derived: a single link has no shape."""
+"""Minimum number of links beyond the hole for a change of shape. Derived: a single link has no shape."""
 _SEPARATION = 2
-"""Additional keyframes between feed and a change of shape near the hole. Derived: with two more of the same pose no
-span of the cubic spline, which four control points shape, mixes the two."""
+"""Number of additional keyframes between feed and a change of shape near the hole. Derived: with two further keyframes
+of equal pose no span of the cubic spline, which four control points shape, mixes the two."""
 _TIGHT_GAP = 0.05
-"""Clearance on either side of the arm, in link lengths, below which a place on the axis is tight: joints cannot bend
-there as paths would require. Taste."""
+"""Clearance on either side of the arm, in link lengths, below which a passage on the feed axis is tight: joints cannot
+bend there as paths would require. Taste."""
 _TIGHT_SPACING = 0.05
-"""Spacing of the places on the axis that are checked, in link lengths. Taste."""
+"""Spacing of the points on the feed axis that are checked for tight passages, in link lengths. Taste."""
 _TIGHT_PLACES = 3
-"""Number of tight places for which paths are tried that stay straight up to the place's end. Taste."""
+"""Number of tight passages for which paths are tried that are straight up to the end of the passage. Taste."""
 
 
 def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[MotionTask, Motion], ...]:
-    """Return the strategies for an arm on a feed axis, in order of trial.
+    """Return the search strategies for an arm on a feed axis, in order of trial.
 
     Args:
-        problem: the problem, in units of its arm.
-        change: plans a change of shape at a fixed feed.
+        problem: the problem, with the length of its arm as the unit of length.
+        change: function that plans a change of shape at a fixed feed.
     """
 
     def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
-        """Return the first motion along a leader's path that keeps all limits.
+        """Return the first motion along a leader's path that satisfies all limits, or None.
 
-        Where needed, the motion is tracked under the user's limits.
+        If needed, a motion is tracked under the user's limits.
+
+        Args:
+            task: search task of the problem.
+            failures: list to which failures are appended.
+            patient: whether only motions with changes of shape are tried, with more time for each.
         """
         seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
         ways = LedWays(problem, task, change, seconds)
@@ -107,9 +112,9 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
 
 
 def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion if it keeps all limits, or else a motion that tracks it under the user's limits.
+    """Return a motion if it satisfies all limits, else a motion that tracks the given one under the user's limits.
 
-    None where neither keeps all limits.
+    The result is None, with a failure appended to ``failures``, if neither satisfies all limits.
     """
     arm = task.arm
     q = motion.configurations
@@ -131,9 +136,9 @@ def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion |
 
 
 def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
-    """Return settings under which tracking advances no faster than the arm's steps can follow.
+    """Return settings with which tracking of a motion advances no faster than the arm's steps can follow.
 
-    A long feed takes many steps.
+    A motion with a long feed takes many steps.
     """
     tracking = settings.tracking
     length = float(np.abs(np.diff(found.curve.arm.poses(found.configurations), axis=0)).max(axis=1).sum())
@@ -144,14 +149,14 @@ def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
 
 @dataclass(frozen=True)
 class LedWays:
-    """Proposes motions along leaders' paths.
+    """Generator of motions of a fed planar arm along leader's paths.
 
     Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
 
     Attributes:
         problem: problem with a feed axis.
-        task: the problem as a task of the search.
-        change: plans a change of shape at a fixed feed.
+        task: search task of the problem.
+        change: function that plans a change of shape at a fixed feed.
         seconds: CPU time that one change of shape may take [s].
     """
 
@@ -161,10 +166,10 @@ class LedWays:
     seconds: float
 
     def quick(self) -> Iterator[Motion]:
-        """Yield motions that are found quickly.
+        """Yield motions to the goal that are found quickly.
 
-        For each path these are the motion that follows the path from the start on or, where there is none, the first
-        two motions onto the path and the motion without any feed, the shortest first.
+        For each leader's path these are the motion that follows the path from the start on or, if there is none, the
+        first two motions that move onto the path, and the motion without any feed, the shortest first.
         """
         at_once = self.at_once()
         for number, path in enumerate(self._paths()):
@@ -174,7 +179,7 @@ class LedWays:
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
 
     def changing(self) -> Iterator[Motion]:
-        """Yield motions with a change of shape: first those onto the first few paths, then those without any feed."""
+        """Yield motions with a change of shape, those onto the first few leader's paths before one without feed."""
         for number, path in enumerate(self._paths()):
             if number == _PATHS_CHANGED_TO:
                 break
@@ -184,37 +189,38 @@ class LedWays:
     # ------------------------------------------------------------ lengths and the start's path
     @cached_property
     def _travel(self) -> float:
-        """Largest travel of the base between two samples of a trajectory [m]."""
+        """Maximum travel of the base between two samples of a trajectory [m]."""
         return travel_between_samples(self.problem.arm, self.problem.limits)
 
     @property
     def _outside(self) -> float:
-        """Arc length from which on joints may bend while the feed moves [m].
+        """Position on the feed axis from which on joints may bend while the feed moves [m].
 
-        Three control points of the smooth path shape each of its spans, and motions are linear between samples.
+        It is beyond the hole, since three control points of the smooth path shape the start of each span, and motions
+        are linear between samples.
         """
         return self.problem.arm.hole + 3.0 * feed_step(self.problem.arm) + 2.0 * self._travel
 
     @property
     def _least_straight(self) -> float:
-        """Least arc length up to which leaders' paths follow the feed axis [m].
+        """Minimum position on the feed axis up to which leader's paths are straight [m].
 
-        The joint that bends is the one before the joint that leaves the axis, a link length behind it.
+        When a joint leaves the axis, the previous joint bends, which is a link length closer to the base.
         """
         return self._outside + self.problem.arm.link_length
 
     @cached_property
     def _start_path(self) -> LeaderPath | None:
-        """The path that the arm lies on at the start, or None."""
+        """Leader's path on which the arm lies at the start, or None if the arm lies on none."""
         return self._current_path(self.task.start)
 
     def _current_path(self, q: FloatArray) -> LeaderPath | None:
-        """Return the path that the arm lies on; None when the arm bends too near to the hole to lie on one."""
+        """Return the leader's path on which a configuration (c,) lies, or None for a bend too near to the hole."""
         return pose_path(self.problem.arm, q[:-1], float(q[-1]), self._least_straight)
 
     # ------------------------------------------------------------ paths
     def _paths(self) -> Iterator[LeaderPath]:
-        """Yield the leaders' paths, most promising first."""
+        """Yield leader's paths to the goal, most promising first."""
         if self.task.goal_pose is not None:
             own = self._current_path(self.task.goal_pose)
             # A goal that bends too near to the hole is approached with the straight arm.
@@ -227,7 +233,7 @@ class LedWays:
                 yield _path_to_member(path, self.task.goal, self.problem.arm)
 
     def _members(self) -> tuple[GoalMember, ...]:
-        """Return the members of the goal to which paths are led."""
+        """Return the tip poses at the goal to which leader's paths are planned, most promising first."""
         goal = self.task.goal
         if not goal.is_set:
             return (GoalMember(goal.position, goal.heading),)
@@ -244,13 +250,13 @@ class LedWays:
         return (*(_way_end(way.taut, goal) for way in sorted(ways, key=lambda way: way.length)), *members)
 
     def _straights(self) -> list[float]:
-        """Return the arc lengths up to which leaders' paths follow the feed axis [m], most promising first."""
+        """Return positions on the feed axis up to which leader's paths are straight [m], most promising first."""
         arm = self.problem.arm
         least = self._least_straight
         low, high = arm.base_range
-        # A straight arm need not be pulled back for a path that is straight up to its tip,
+        # A straight arm need not be retracted for a path that is straight up to its tip,
         straights = [] if self.task.start[:-1].any() else [float(self.task.start[-1]) + arm.length]
-        # any arm can be pulled back as far as the feed's range allows,
+        # any arm can be retracted as far as the feed's range allows,
         straights.append(low + arm.length)
         # no joint can bend in a guide or hole hardly wider than the arm, before the place where it widens,
         straights += [max(end + arm.link_length, least) for end in self._tight_place_ends()]
@@ -260,7 +266,7 @@ class LedWays:
         return [straight for straight in straights if straight >= least]
 
     def _tight_place_ends(self) -> list[float]:
-        """Return the arc lengths at which the axis leaves passages hardly wider than the arm, nearest first [m]."""
+        """Return positions on the feed axis where passages hardly wider than the arm end, nearest first [m]."""
         arm = self.problem.arm
         spacing = _TIGHT_SPACING * arm.link_length
         along = np.arange(arm.hole - arm.link_length, arm.base_range[1] + arm.length, spacing)
@@ -276,12 +282,12 @@ class LedWays:
 
     # ------------------------------------------------------------ motions along a path
     def _along(self, path: LeaderPath, *, changing: bool) -> Iterator[Motion]:
-        """Yield motions along the start's shape to a certain feed, then onto the path, and along the path to its end.
+        """Yield motions that retract the arm along its start shape to several feeds, then follow a leader's path.
 
-        A change of shape leads onto the path where the start's shape does not lie on it.
+        If the start shape does not lie on the leader's path, a change of shape at the retracted feed comes in between.
 
         Args:
-            path: path to follow.
+            path: leader's path.
             changing: whether the shape may be changed.
         """
         arm = self.problem.arm
@@ -292,7 +298,7 @@ class LedWays:
         if not low <= end <= min(high, path.straight):
             return
         first = min(float(self.task.start[-1]), end)
-        # Drawn back this far, the arm lies on the axis, which both paths share.
+        # Retracted to this feed, the arm lies on the feed axis, which both paths share.
         common = min(each.straight for each in (path, self._start_path) if each is not None) - arm.length
         for feed in dict.fromkeys((first, max(min(common, first), low), low, 0.5 * (first + low))):
             there = self._drawn_to(feed)
@@ -315,9 +321,9 @@ class LedWays:
                 yield replace(self._motion(keyframes, f"{name}, {path.name}"), follows=ahead)
 
     def _settled(self, keyframes: FloatArray) -> FloatArray | None:
-        """Return keyframes along a path, with a change of shape at the end for a whole-arm goal that is off the path.
+        """Return keyframes extended by a change of shape to the goal, if that is a pose of the whole arm.
 
-        None where there is no such change.
+        The result is None if no change of shape is found.
         """
         if self.task.goal_pose is None or np.max(np.abs(keyframes[-1] - self.task.goal_pose)) < _SAME_POSE:
             return keyframes
@@ -326,7 +332,10 @@ class LedWays:
         return None if changed is None else joined_keyframes(keyframes, rest, changed)
 
     def _drawn_to(self, feed: float) -> FloatArray | None:
-        """Return keyframes along the start's own shape to a feed; None when that shape bends too near to the hole."""
+        """Return keyframes of the arm retracted along its start shape to a feed [m].
+
+        The result is None if the start shape bends too near to the hole to be a leader's path.
+        """
         if feed == self.task.start[-1]:
             return self.task.start[None]
         if self._start_path is None:
@@ -334,7 +343,7 @@ class LedWays:
         return slide(self.problem.arm, self._start_path, float(self.task.start[-1]), feed)
 
     def at_once(self) -> Iterator[Motion]:
-        """Yield a motion without any feed, for goals that can be reached from the base's position."""
+        """Yield at most one motion, a change of shape at the feed of the start, for goals within reach without feed."""
         goal = self.problem.goal
         if self.task.goal_pose is not None:
             goal = JointPose(self.task.goal_pose[:-1])
@@ -345,19 +354,19 @@ class LedWays:
             yield self._motion(keyframes, "change shape at the start's feed")
 
     def _motion(self, keyframes: FloatArray, name: str) -> Motion:
-        """Return the motion through keyframes, with the task's exact ends."""
+        """Return the motion through keyframes, whose ends are set to the exact start and goal of the task."""
         keyframes[0] = self.task.start
         if self.task.goal_pose is not None:
             keyframes[-1] = self.task.goal_pose
         return Motion(*self.task.space_through(keyframes), keyframes, name)
 
     def _changed(self, start: FloatArray, goal: Goal, outside: float) -> FloatArray | None:
-        """Return the keyframes from a configuration to a goal at the same feed; None where no motion is found.
+        """Return the keyframes of a change of shape at a fixed feed, or None if no motion is found.
 
         Args:
             start: configuration, shape (links + 1,) [rad, m].
-            goal: other bends, or a goal of the tip.
-            outside: arc length from which on joints may bend [m].
+            goal: goal for the bends, or for the tip.
+            outside: position on the feed axis from which on joints may bend [m].
         """
         arm = self.problem.arm
         joints = start[-1] + arm.link_length * np.arange(arm.links)
@@ -385,7 +394,7 @@ class LedWays:
 
 
 def _way_end(way: FloatArray, goal: GoalPose) -> GoalMember:
-    """Return the end of a path, shape (k, 2) [m], with the allowed heading nearest to the path's own."""
+    """Return the tip pose at the end of a path (k, 2) [m] whose heading is the allowed one nearest to the path's."""
     if goal.heading is None:
         return GoalMember(way[-1], None)
     turn = wrap(float(leg_headings(way)[-1]) - goal.heading)
@@ -393,9 +402,9 @@ def _way_end(way: FloatArray, goal: GoalPose) -> GoalMember:
 
 
 def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
-    """Return a path to a member of a goal set, cut where the tip of an arm on the path enters the set.
+    """Return a leader's path cut where the tip of an arm on the path enters the goal set.
 
-    For a goal that is not a set, the path itself.
+    The path is unchanged if the goal is not a set.
     """
     if not goal.is_set:
         return path
@@ -410,13 +419,13 @@ def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
 
 
 def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> Problem:
-    """Return the problem of the arm from a joint on, on a fixed base; the links before it become an obstacle.
+    """Return the problem of the outer part of a fed arm as an arm on a fixed base; the inner links become an obstacle.
 
     Args:
         problem: problem of the whole arm, with a feed axis.
         start: configuration, shape (links + 1,) [rad, m].
-        goal: other bends at the start's feed, or a goal of the tip.
-        first: number of links before the part.
+        goal: goal for the bends at the start's feed, or for the tip.
+        first: number of inner links.
     """
     arm = problem.arm
     limits = problem.limits
@@ -456,7 +465,13 @@ def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> 
 
 
 def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
-    """Return the workspace with an obstacle for the links in the guide tube that the part beyond it might touch."""
+    """Return a workspace with an obstacle for the inner links that the outer part of the arm might touch.
+
+    Args:
+        problem: problem of the whole arm.
+        feed: position of the base [m].
+        first: number of inner links, those in the guide tube.
+    """
     arm = problem.arm
     # Self-contact is checked between distant links only, so the last links in the guide tube are left out.
     held = first + 1 - arm.first_self_pair

@@ -1,14 +1,14 @@
-"""The space in which motions in the plane are planned: configurations q = B v + q₀ by coordinates v of the curve.
+"""Affine map q = B v + q₀ from the coordinates v of a curve, in which planar motions are planned, to configurations q.
 
 The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so v = [θ(0), C_0, …, C_20]: 22
-numbers at any number of links. θ(s) is linear in v; with A_j the mean over link j of ∂θ/∂v, A v is the mean heading of
+numbers for any number of links. θ(s) is linear in v; with A_j the mean over link j of ∂θ/∂v, A v is the mean heading of
 the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B. The offset q₀ = q_start − B v_start
-reproduces the start exactly, however the start was computed. A whole-arm goal adds one more coordinate, which adds the
-goal's offset gradually.
+reproduces the start exactly, however the start was computed. A goal for the whole arm adds one more coordinate, which
+adds the offset of the goal gradually.
 
-A curve of few coordinates cannot be straight up to a hole and bend behind it, wherever the hole is along the arm; so
-for an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. The guide tube is a
-limit, as walls are (``limits.guide_tube``).
+A curve of few coordinates cannot be straight up to the end of a guide tube and bend beyond, wherever that end is along
+the arm; so for an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. The
+guide tube is a limit, as walls are (``limits.guide_tube``).
 """
 
 from dataclasses import dataclass, replace
@@ -27,21 +27,21 @@ from ccm_opt.robot.segment import CurvatureSegment, piece_coefficients
 SEGMENTS = 5
 KNOTS = 4 * SEGMENTS + 1
 _FIT_WEIGHT = 1e-6
-"""Weight on curvature differences, which break ties of the fit."""
+"""Weight on curvature differences in the fit of a curve, which break ties."""
 _METRIC_SHARE = 1e-6
-"""Share of its diagonal that is added to the metric to make it definite."""
+"""Fraction of its diagonal that is added to the metric to make the metric positive definite."""
 _METRIC_RIDGE = 1e-9
 """Multiple of the identity that is added to the metric."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkSpace(CurveUnknowns):
-    """An affine map from curve coordinates to configurations.
+    """Affine map q = B v + q₀ from p coordinates v of a planar curve to configurations q of an arm.
 
     Attributes:
-        slopes: B, shape (c, p).
-        offset: q₀, shape (c,) [rad, m].
-        clamped: whether the first link keeps its heading; θ(0) then follows from the curvature.
+        slopes: matrix B, shape (c, p).
+        offset: offset q₀, shape (c,) [rad, m].
+        clamped: whether the first link keeps its heading; the heading of the curve at its base then has no effect.
     """
 
     slopes: FloatArray
@@ -52,16 +52,16 @@ class LinkSpace(CurveUnknowns):
     def through(
         cls, arm: Arm, q: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
     ) -> tuple["LinkSpace", FloatArray]:
-        """Return the space that reproduces a configuration exactly, and the coordinates of that configuration.
+        """Return a map whose offset makes a start configuration exact, and the coordinates of that configuration.
 
         Args:
             arm: the arm.
             q: configuration of the start, shape (c,) [rad].
             nominal_links: number of nominal links in the arm's length.
-            clamped: whether the first link keeps its heading in all of the space.
+            clamped: whether the first link keeps its heading in all configurations.
 
         Returns:
-            The space and v_start, shape (p,).
+            The map, and the coordinates of the start, shape (p,).
         """
         headings = mean_heading_matrix(arm.links, arm.length)
         # The bend of the first joint is its link's heading: for a clamped one θ(0) has no effect, and the fit leaves it
@@ -72,39 +72,39 @@ class LinkSpace(CurveUnknowns):
         return replace(space, offset=q - slopes @ start), start
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates of the curve whose mean headings come nearest to the headings of the links.
+        """Return the coordinates (..., p) of the curves whose mean headings are nearest to those of q (..., c).
 
-        Shape (..., c) to (..., p). Few links leave many curves with the same mean headings; the smoothest of them is
-        taken.
+        For few links many curves have equal mean headings; the smoothest of these is taken. The offset is left out.
         """
         arm = self.arm
         headings = arm.poses(q) - (self.offset[0] + arm.base_heading if self.clamped else 0.0)
         return np.asarray(fit_coordinates(self.turns, headings.T, arm.length).T)
 
     def nearest(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates whose configuration comes nearest to a given one, shape (..., c) to (..., p).
+        """Return the coordinates (..., p) whose configurations, with the offset, are nearest to given ones (..., c).
 
-        The offset is taken into account; a coordinate that blends a goal in stays 0.
+        A coordinate that blends into a goal is kept at 0.
         """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(fit_coordinates(self.turns, headings.T, self.arm.length).T)
 
     def closest(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates whose links are turned least from given configurations, shape (K, c) to (K, p).
+        """Return the coordinates (K, p) whose links are turned least from those of given configurations (K, c).
 
-        The result is a least-squares fit over the links, in which coordinates that blend a goal in are free too.
+        The result is a least-squares fit of the link headings, in which all coordinates are free, also one that blends
+        into a goal.
         """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(np.linalg.lstsq(self.turns, headings.T, rcond=None)[0].T)
 
     def blended_to(self, q: FloatArray) -> tuple["LinkSpace", FloatArray]:
-        """Return the space with one more coordinate w, which at w = 1 reproduces another configuration exactly.
+        """Return the map extended by a coordinate w with which a goal configuration is reproduced exactly at w = 1.
 
         Args:
-            q: the other configuration, shape (c,) [rad, m].
+            q: goal configuration, shape (c,) [rad, m].
 
         Returns:
-            The larger space and the coordinates of ``q`` in it, shape (p + 1,).
+            The extended map, and the coordinates of the goal configuration, shape (p + 1,).
         """
         goal = self.fitted(q)
         # The part of the goal that the curve cannot reproduce; w from 0 to 1 trades the offset of the start for it.
@@ -112,21 +112,21 @@ class LinkSpace(CurveUnknowns):
         return replace(self, slopes=np.column_stack((self.slopes, column))), np.append(goal, 1.0)
 
     def configurations(self, v: FloatArray) -> FloatArray:
-        """Return the configurations of coordinates, shape (..., p) to (..., c) [rad, m]."""
+        """Return the configurations, shape (..., c) [rad, m], for coordinates of shape (..., p)."""
         return v @ self.slopes.T + self.offset
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Derivatives of link headings, and of the base's travel in link lengths, with respect to v, shape (c, p)."""
+        """Derivatives of the link headings, and of the base's travel in link lengths, by the coordinates, (c, p)."""
         links = self.arm.links
         return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
     def pose(self, v: FloatArray) -> Pose:
-        """Return the pose at coordinates v, shape (p,)."""
+        """Return the pose, with its derivatives, for coordinates of shape (p,)."""
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses of several vectors of coordinates, shape (m, p)."""
+        """Return the poses, with their derivatives, for m vectors of coordinates, shape (m, p)."""
         q = self.configurations(unknowns)
         headings = self.arm.headings(q)
         cos = np.cos(headings)
@@ -140,11 +140,11 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def _turning(self) -> FloatArray:
-        """Derivatives of the link headings (about the plane's one axis) with respect to v, shape (links, 1, p)."""
+        """Derivatives of the link headings (about the single axis of the plane) by the coordinates, (links, 1, p)."""
         return self.turns[: self.arm.links, None]
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
-        """Return the derivatives of joint and tip positions with respect to v [m per unit].
+        """Return the derivatives of joint and tip positions with respect to the coordinates [m per unit].
 
         Args:
             headings: headings of the links, shape (..., links) [rad].
@@ -166,38 +166,38 @@ class LinkSpace(CurveUnknowns):
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates p."""
+        """Number p of coordinates of the curve."""
         return int(self.slopes.shape[1])
 
     @property
     def bend_rows(self) -> FloatArray:
-        """Derivatives of the joint bends with respect to v, shape (links, p)."""
+        """Derivatives of the joint bends with respect to the coordinates, shape (links, p)."""
         return self.slopes[: self.arm.links]
 
     @property
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drives' positions with respect to v, shape (c, p)."""
+        """Derivatives of the drive positions with respect to the coordinates, shape (c, p)."""
         return self.slopes
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the curve's curvature at its knots with respect to v, shape (KNOTS, p) [1/m]."""
+        """Derivatives of the curve's curvature at its knots by the coordinates, shape (KNOTS, p) [1/m]."""
         rows = np.zeros((KNOTS, self.dimension))
         rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
         return rows
 
     @property
     def heading_metric(self) -> FloatArray:
-        """Metric of the squared turns of the links in terms of v, shape (p, p)."""
+        """Metric of the sum of squared link turns in the coordinates, shape (p, p)."""
         return self.turns.T @ self.turns
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Mask of the coordinates that shape the arm, shape (p,); the others blend a goal in."""
+        """Mask of the coordinates that shape the curve, shape (p,); others blend into a goal for the whole arm."""
         return np.arange(self.dimension) <= KNOTS
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric of the links' squared turns, slightly regularised and equal for all poses, shape (p, p)."""
+        """Return the slightly regularised metric of squared link turns, equal for all poses, shape (p, p)."""
         del pose
         return self._metric
 
@@ -209,38 +209,38 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def inverse_metric(self) -> FloatArray:
-        """Inverse of the metric, shape (p, p)."""
+        """Inverse of the regularised metric of squared link turns, shape (p, p)."""
         return np.asarray(np.linalg.inv(self._metric), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class FedSpace(LinkSpace):
-    """The space of all configurations of an arm, by its bends and the base's travel in link lengths.
+    """Map from bends and base travel in link lengths to configurations, for a planar arm on a feed axis.
 
     Attributes:
-        turn_per_link: turn of a joint that counts as much as a link length of the base's travel [rad]: the turn that a
-            joint makes in the time that the base needs for it.
+        turn_per_link: turn of a joint that counts as much as a link length of base travel [rad]: the turn that a joint
+            makes in the time that the base needs for a link length.
     """
 
     turn_per_link: float = 1.0
 
     @classmethod
     def of_arm(cls, arm: Arm, turn_per_link: float = 1.0) -> "FedSpace":
-        """Return the space of an arm with axes that carry its base."""
+        """Return the map for an arm with axes that carry its base."""
         slopes = np.diag(np.concatenate((np.ones(arm.links), np.full(len(arm.base_axes), arm.link_length))))
         return cls(arm, slopes, np.zeros(len(slopes)), turn_per_link=turn_per_link)
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates of configurations, all of which the space reproduces exactly, shape (..., c)."""
+        """Return the exact coordinates of configurations, both of shape (..., c)."""
         return q / np.diag(self.slopes)
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return the joint bends, and the base's travel converted to a turn of equal duration, shape (..., c) [rad]."""
+        """Return bends, and base travel converted to a turn of equal duration, of configurations, (..., c) [rad]."""
         return self.fitted(q) * self._weights
 
     @cached_property
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drives' positions, in the unit of ``drives``, with respect to v, shape (c, p)."""
+        """Derivatives of the values of ``drives`` with respect to the coordinates, shape (c, p)."""
         return np.diag(self._weights)
 
     @cached_property
@@ -249,23 +249,23 @@ class FedSpace(LinkSpace):
         return np.concatenate((np.ones(self.arm.links), np.full(axes, self.turn_per_link)))
 
     def blended_to(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """Return the space itself, which reproduces any configuration, and the coordinates of ``q``, shape (p,)."""
+        """Return the map itself, which reproduces any configuration, and the coordinates (p,) of ``q``."""
         return self, self.fitted(q)
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of every joint's curvature (bend over link length) with respect to v, shape (links, p) [1/m]."""
+        """Derivatives of the curvature at every joint, bend over link length, by the coordinates, (links, p) [1/m]."""
         return self.bend_rows / self.arm.link_length
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Mask of the coordinates that shape the arm, shape (p,); all are set, since none blends a goal in."""
+        """Mask of the coordinates that shape the arm, shape (p,): all, since none blends into a goal."""
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return M⁻¹ Rᵀ for rows R, shape (p, k), with entries 0 for the base and the joints in the guide tube.
+        """Return M⁻¹ Rᵀ, shape (p, k), for rows R (k, p), restricted to joints outside the guide tube at a pose.
 
-        The base and these joints do not move.
+        M is the metric of squared link turns. Entries of the base and of joints in the tube are 0; these do not move.
         """
         free = np.zeros(self.dimension, dtype=bool)
         free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))
@@ -275,19 +275,21 @@ class FedSpace(LinkSpace):
 
 
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
-    """Return the coordinates whose mean headings come nearest to given ones; curvature differences break ties.
+    """Return the coordinates of the curve whose mean headings are nearest to given link headings in least squares.
+
+    A small weight on curvature differences selects the smoothest of equally good curves.
 
     Args:
-        matrix: A, shape (links, p).
-        headings: headings, shape (links,), or (links, k) for k poses [rad].
+        matrix: derivatives of the mean headings by the coordinates, shape (links, p).
+        headings: link headings, shape (links,), or (links, k) for k poses [rad].
         length: length of the arm [m].
 
     Returns:
-        Shape (p,), or (p, k).
+        Coordinates, shape (p,), or (p, k).
     """
     p = matrix.shape[1]
-    # Few links leave many curves with the same mean headings; the smoothest of them is taken. Coordinates that blend a
-    # goal in are held at 0.
+    # For few links many curves have equal mean headings; the smoothest is taken. Coordinates that blend into a goal are
+    # held at 0.
     scale = length / KNOTS
     roughness = np.zeros((KNOTS - 1, p))
     roughness[:, 1 : KNOTS + 1] = scale * (np.eye(KNOTS)[1:] - np.eye(KNOTS)[:-1])
@@ -303,7 +305,7 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
 
 @lru_cache(maxsize=1)
 def _turned() -> PPoly:
-    """Return the heading along a curve of length 1, relative to its start, per unit of each of the KNOTS values."""
+    """Return the heading along a curve of length 1, relative to its start, per unit of the curvature at each knot."""
     width = 1.0 / (4 * SEGMENTS)
     # By falling powers, pieces and knots. Neighbouring segments share a knot: five knots and four pieces per segment.
     of_segment = piece_coefficients(np.full(4, width), np.eye(5)).transpose(1, 0, 2)[::-1]
@@ -315,13 +317,20 @@ def _turned() -> PPoly:
 
 @lru_cache(maxsize=32)
 def _unit_matrix(links: int) -> FloatArray:
-    """Return the mean-heading matrix for a curve of length 1, shape (links, KNOTS + 1)."""
+    """Return the mean headings over each link per unit of each coordinate, for length 1, shape (links, KNOTS + 1)."""
     primitive = _turned().antiderivative()(np.arange(links + 1) / links)
     return np.column_stack((np.ones(links), links * np.diff(primitive, axis=0)))
 
 
 def mean_heading_matrix(links: int, length: float) -> FloatArray:
-    """Return the matrix A whose row j is the mean over link j of ∂θ/∂v, shape (links, KNOTS + 1)."""
+    """Return the matrix from curve coordinates to the mean headings of the links, shape (links, KNOTS + 1).
+
+    Coordinates are the heading at the base and the curvatures at the knots.
+
+    Args:
+        links: number of links.
+        length: length of the curve [m].
+    """
     matrix = _unit_matrix(links).copy()
     # Curvature is per metre: on a curve of length L it turns the curve L times as far as on one of length 1.
     matrix[:, 1:] *= length
@@ -329,11 +338,11 @@ def mean_heading_matrix(links: int, length: float) -> FloatArray:
 
 
 def nearest_curves(arm: Arm, q: FloatArray) -> tuple[Configuration, ...]:
-    """Return the continuous curves whose mean headings on the links come nearest to those of configurations.
+    """Return the continuous curves whose mean headings on the links are nearest to the link headings of configurations.
 
     Args:
-        arm: the arm.
-        q: configurations, shape (k, c).
+        arm: planar arm.
+        q: configurations, shape (k, c) [rad].
     """
     coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), arm.headings(q).T, arm.length).T
     length = arm.length / SEGMENTS

@@ -1,9 +1,9 @@
-"""Problems in units of their own arm, so that planning does not depend on scale, and results back in metres.
+"""Conversion of planar problems to the arm's length as the unit of length, and of results back to metres.
 
-Steps, solvers and tolerances of planning are tuned for an arm of about a metre. So every problem is planned with its
-arm's length as the unit of length; masses and times stay. Then an arm of a millimetre and one of a kilometre, in
-similar workspaces, are the same problem, except for the rounding of the division; rounding every length to a grid far
-finer than any tolerance removes that difference too, so that the plans agree to the last bit.
+Steps, solvers and tolerances of planning are tuned for an arm of about a metre. So every problem is planned with the
+length of its arm as the unit of length; masses and times are unchanged. Then an arm of a millimetre and one of a
+kilometre, in similar workspaces, give equal problems, except for the rounding of the division; rounding every length to
+a grid far finer than any tolerance removes that difference too, so that the plans agree to the last bit.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,31 +35,31 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 GRID = 2.0**36
 """Number of grid steps to a unit, to which lengths are rounded: 15 picometres on an arm of a metre, far below any
-tolerance. Derived: as coarse as that allows, so that hardly any length lies so near the middle between two grid
-points that the rounding of the division decides."""
+tolerance. Derived: as coarse as the tolerances allow, so that hardly any length lies so near the middle between two
+grid points that the rounding of the division decides."""
 LENGTHS = frozenset(
     (
         *("allowed", "arc", "arm_length", "distance", "gap", "outside"),
         *("place", "remaining", "route_length", "violation", "way_length"),
     )
 )
-"""Figures behind a diagnosis that are lengths."""
+"""Names of the numbers behind a diagnosis that are lengths."""
 LENGTH_KEYS = frozenset(("arm.radius", "workspace.clearance", "arm.link_length", "arm.feed.range"))
 """Keys of the problem file that a finding may bound and that are lengths."""
 
 
 @dataclass(frozen=True)
 class OwnUnits:
-    """Units in which a problem's arm is one unit long.
+    """System of units whose unit of length is the length of a problem's arm.
 
     Attributes:
-        metres: number of metres in a unit of length.
+        metres: length of the arm, the unit of length [m].
     """
 
     metres: float
 
     def scaled(self, problem: Problem) -> Problem:
-        """Return the problem in these units; bends, times and masses stay."""
+        """Return a problem converted from metres to the arm's units; angles, times and masses are unchanged."""
         tolerances = self._tolerances(problem.tolerances)
         arm = self._arm(problem.arm)
         return replace(
@@ -80,7 +80,7 @@ class OwnUnits:
         )
 
     def path_in_metres(self, path: JointPath, arm: Arm) -> JointPath:
-        """Return a path that was planned in these units, in metres for the original arm."""
+        """Return a joint path converted from the arm's units to metres, for the original arm."""
         spline = path.spline
         return replace(
             path,
@@ -92,7 +92,7 @@ class OwnUnits:
         )
 
     def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:
-        """Return a diagnosis with its figures converted to metres; its text is in metres already."""
+        """Return a diagnosis with its numbers converted to metres; its text is in metres already."""
         return replace(
             diagnosis,
             evidence={key: self._figure(key, value) for key, value in diagnosis.evidence.items()},
@@ -100,11 +100,11 @@ class OwnUnits:
         )
 
     def findings_in_metres(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """Return findings with their figures converted to metres."""
+        """Return findings with their numbers converted to metres."""
         return tuple(self._finding(finding) for finding in findings)
 
     def record_in_metres(self, record: GoalPoseRecord) -> GoalPoseRecord:
-        """Return the record of the goal-pose program, in metres."""
+        """Return the record of a goal-pose NLP converted to metres."""
         return replace(
             record,
             curve=self._in_metres(cast("Configuration", record.curve)),
@@ -113,7 +113,7 @@ class OwnUnits:
         )
 
     def _length(self, length: float) -> float:
-        """Return a length in units, on the grid."""
+        """Return a length [m] in the arm's units, rounded to the grid."""
         return float(np.round(length / self.metres * GRID) / GRID) if np.isfinite(length) else length
 
     def _lengths(self, lengths: FloatArray) -> FloatArray:
@@ -194,7 +194,7 @@ class OwnUnits:
         )
 
     def _simulation(self, simulation: SimulationOptions) -> SimulationOptions:
-        """Return the simulation options in units; only gravity, from which holding torques follow, affects plans."""
+        """Return simulation options with gravity in the arm's units; no other option affects plans."""
         return replace(simulation, gravity=_rounded(simulation.gravity / self.metres))
 
     def _in_units(self, curve: Configuration) -> Configuration:
@@ -215,7 +215,7 @@ class OwnUnits:
         return _stretched(curve, self.metres)
 
     def _coordinates(self, values: FloatArray, arm: Arm) -> FloatArray:
-        """Return coordinates, shape (m, c), converted from [rad, units] to [rad, m]."""
+        """Return configurations, shape (m, c), converted from the arm's units [rad, units] to [rad, m]."""
         units = np.ones(values.shape[-1])
         units[arm.links :] = self.metres
         # Clip to the axis range: the rounding to the grid may have moved its ends slightly.
@@ -240,7 +240,10 @@ class OwnUnits:
         )
 
     def _figure(self, key: str, value: object) -> object:
-        """Return a figure of a diagnosis in metres; its name says whether it is a length, a curvature or neither."""
+        """Return a number of a diagnosis, or a collection of numbers, in metres.
+
+        The name ``key`` determines whether the number is a length, a curvature or neither.
+        """
         if isinstance(value, Mapping):
             return {name: self._figure(name, each) for name, each in value.items()}
         if isinstance(value, list | tuple):
@@ -255,13 +258,13 @@ def _rounded_length(length: float) -> float:
 
 
 def _rounded(values: FloatArray | float) -> FloatArray:
-    """Return the values with the number of binary digits that lengths near one unit have on the grid."""
+    """Return values rounded to the number of binary digits that lengths of about one unit have on the grid."""
     mantissa, exponent = np.frexp(values)
     return np.asarray(np.ldexp(np.round(mantissa * GRID) / GRID, exponent))
 
 
 def _stretched(curve: Configuration, factor: float) -> Configuration:
-    """Return a curve scaled by a factor."""
+    """Return a planar curve scaled about the origin by a factor."""
     segments = tuple(
         replace(
             segment,
@@ -276,10 +279,10 @@ def _stretched(curve: Configuration, factor: float) -> Configuration:
 
 @contextmanager
 def planning_units(problem: Problem) -> Iterator[OwnUnits]:
-    """Provide the units of a problem's arm within a block whose messages and failures are reported in metres.
+    """Provide the units of a problem's arm to a ``with`` block, whose messages and failures are converted to metres.
 
     Raises:
-        NoPlanFound: raised by the block; converted to metres.
+        NoPlanFound: raised in the block; its diagnosis is in metres.
     """
     units = OwnUnits(problem.arm.length)
     try:

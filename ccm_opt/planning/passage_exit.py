@@ -1,7 +1,8 @@
-"""Motions out of narrow passages: planned backwards from the goal, or slid out.
+"""Motions of planar arms out of narrow gates: planned backwards from the goal, or by sliding along the initial shape.
 
-In a gate with hardly any play an arm can only slide along itself. Moving out is easier than moving in: a bow grows once
-it has begun, while a tip that is led in from afar brings the links behind it to the gate at an angle.
+In a gate that is hardly wider than the arm, an arm can only slide along itself. Moving out is easier than moving in: a
+bow of the arm grows once it has begun, while a tip that is led in from outside brings the links that follow to the gate
+at an angle.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,11 +31,11 @@ from ccm_opt.planning.tip_paths import TipPath, tip_paths_in, with_base_turn
 
 
 def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | None]:
-    """Yield the task with its ends exchanged, for every known pose at the goal; None where a pose is unsuitable.
+    """Yield the task with start and goal exchanged for every known pose at the goal, or None for an unsuitable pose.
 
     Args:
         task: task with a goal for the tip or for the whole arm.
-        stepper: stepper of the task.
+        stepper: solver of QP steps for the task.
     """
     if not task.tip_paths:
         return
@@ -53,7 +54,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
-    """Yield backward tasks from poses laid through narrow gates; none where the goal is a pose of the whole arm."""
+    """Yield backward tasks from goal poses along routes through narrow gates; none for a goal of the whole arm."""
     if task.goal_pose is None:
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
@@ -62,9 +63,9 @@ def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTa
 
 
 def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
-    """Yield configurations (c,) of the arm laid along routes through narrow gates; none where there are no gates.
+    """Yield configurations (c,) of the arm along routes through narrow gates; none without such gates.
 
-    The curves of the goal's NLP may fail to pass a gate that the arm itself hardly passes.
+    They supplement the goal-pose NLP, whose curves may fail to pass a gate that the arm itself hardly passes.
     """
     arm = task.arm
     for path in task.tip_paths:
@@ -79,7 +80,13 @@ def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
 
 
 def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTask:
-    """Return the task from a goal pose, given by configuration and joints, to the start as a goal of the whole arm."""
+    """Return the task from a pose at the goal to the start as a goal for the whole arm.
+
+    Args:
+        task: the task.
+        q: configuration of the pose at the goal, shape (c,) [rad].
+        points: joints and tip of that pose, shape (links + 1, 2) [m].
+    """
     start_points = task.arm.joint_positions_at(task.start)
     first = task.tip_paths[0]
     return replace(
@@ -93,7 +100,7 @@ def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTas
 
 
 def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
-    """Return the task with a pose at its goal, a configuration (c,), as a goal of the whole arm."""
+    """Return a task whose goal is a given pose of the whole arm at the goal of the tip, a configuration (c,) [rad]."""
     points = task.arm.joint_positions_at(q)
     first = task.tip_paths[0]
     return replace(
@@ -107,11 +114,11 @@ def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
 
 
 def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose | None:
-    """Return a guess brought onto the goal; None when that fails or the pose would touch something.
+    """Return a collision-free pose at the goal near a guess, or None if none is found.
 
     Args:
         task: task with a goal for the tip alone.
-        stepper: stepper of the task.
+        stepper: solver of QP steps for the task.
         guess: configuration near the goal, shape (c,) [rad].
     """
     near = stepper.pose(stepper.space.nearest(guess))
@@ -130,9 +137,9 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
 
 
 def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose at the goal, near another, whose axis is in the middle of the gates it lies in; else None.
+    """Return a collision-free pose at the goal, near a given one, that lies in the middle of narrow gates, or None.
 
-    No step leads away from a pose at the very edge of a gate's play.
+    From a pose at the very edge of a gate's clearance, no step would lead away. Without gates the result is None.
     """
     rails = tuple(limit for limit in stepper.limits if isinstance(limit, GateRails))
     if not rails:
@@ -146,14 +153,14 @@ def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose
 
 
 def _within_limits(stepper: Stepper, pose: Pose) -> bool:
-    """Return whether a pose bends every joint within the limits of steps."""
+    """Return whether all bends of a pose are within the fraction of the joint limits that steps use."""
     space = stepper.space
     share = stepper.settings.step.limit_share
     return bool(np.all(np.abs(space.bends(pose.q)) <= share * space.bend_limits))
 
 
 def reversed_motion(motion: Motion) -> Motion:
-    """Return the motion run backwards, from its end to its start."""
+    """Return a motion in reverse, from its end to its start."""
     return replace(
         motion,
         unknowns=motion.unknowns[::-1].copy(),
@@ -163,40 +170,40 @@ def reversed_motion(motion: Motion) -> Motion:
 
 
 _ADVANCE = 0.2
-"""Distance that the arm is drawn back in one step, in nominal links. Taste."""
+"""Distance that the arm is retracted in one step, in nominal links. Taste."""
 _LONGEST_ERROR = 1.0
-"""Largest error of a joint that one step is asked to correct, in nominal links. Taste."""
+"""Largest error of a joint that one step aims to correct, in nominal links. Taste."""
 _STRAND_WEIGHT = 1.0
-"""Weight of the joints that are drawn back, per nominal link, on their distance in nominal links. Taste."""
+"""Weight of the distances of retracted joints from their targets, in nominal links, per nominal link. Taste."""
 _BENDING = 0.03
 """Weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in one bow and
 does not crumple."""
 _EVENNESS = 0.03
-"""Weight of the curvature's differences from knot to knot. Taste."""
+"""Weight of the differences of curvature from knot to knot. Taste."""
 _TURN_WEIGHT = 0.002
 """Weight of every link's turn, per nominal link. Taste."""
 _BOW = 0.1
-"""Curvature to which the arm is drawn at first, in nominal links. Taste."""
+"""Curvature to which the arm outside the gates is pulled at first, as the bend of a nominal link [rad]. Taste."""
 
 _LEASH = 0.6
-"""Largest lag of a joint for the arm to be drawn on, in nominal links. Taste."""
+"""Distance of a joint from its target below which the arm is retracted further, in nominal links. Taste."""
 _BESIDE = 0.5
-"""Distance of a gate's middle from the arm below which the arm lies in the gate, in nominal links. Taste."""
+"""Distance of the middle of a gate from the arm below which the arm lies in the gate, in nominal links. Taste."""
 
 _BOWING = 3.0
-"""Travel over which the arm is initially bent to a side, in nominal links. Taste."""
+"""Length of retraction over which the arm is initially bent to one side, in nominal links. Taste."""
 
 
 @dataclass
 class SlidingOut:
-    """Guide that draws every joint in the gates or beyond back along the arm's first shape; the rest bends evenly.
+    """Guide that retracts an arm out of narrow gates along its initial shape, while the part near the base bows out.
 
     Attributes:
-        space: the link space.
-        lying: joints and tip of the arm's first shape, shape (links + 1, 2) [m].
-        mouth: arc length on that shape, from the base, at which the arm is out of the gates [m].
-        side: +1 to bow out to the left of the arm, -1 to its right.
-        back: distance that the arm has been drawn back [m].
+        space: map from coordinates to configurations.
+        lying: joints and tip of the initial shape, shape (links + 1, 2) [m].
+        mouth: arc length on the initial shape, from the base, at which the first gate begins [m].
+        side: +1 to bow out to the left of the arm, -1 to the right.
+        back: distance that the arm has been retracted [m].
     """
 
     space: LinkSpace
@@ -210,11 +217,14 @@ class SlidingOut:
 
     @property
     def length(self) -> float:
-        """Total distance that the arm is drawn back [m]."""
+        """Total distance by which the arm has to be retracted [m]."""
         return float(self._arcs[-1]) - self.mouth
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that draw the strand in the gates back along itself, and keep curvature small and even."""
+        """Return the least-squares terms of a QP step that retract joints in the gates and keep curvature small.
+
+        Joints in the gates or beyond are pulled along the initial shape.
+        """
         unit = self.space.nominal_length
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
@@ -241,22 +251,18 @@ class SlidingOut:
         ]
 
     def progress(self, pose: Pose) -> bool:
-        """Draw back farther if the strand keeps up.
-
-        Returns:
-            Whether the strand keeps up.
-        """
+        """Increase the retraction if the retracted joints are near their targets, and return whether it increased."""
         if self.back >= self.length or not self._keeps_up(pose):
             return False
         self.back = min(self.length, self.back + _ADVANCE * self.space.nominal_length)
         return True
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the tip is out of the gates."""
+        """Return whether the tip is out of the gates and near its target."""
         return self.back >= self.length and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
-        """Return how far the arm has been drawn back."""
+        """Return a message with the distance that the arm has been retracted and the lag of its joints."""
         lag = short_length(self._lag(pose))
         drawn = f"{long_length(self.back)} of {long_length(self.length)}"
         return f"a joint stayed {lag} behind when the arm was drawn back by {drawn}"
@@ -265,13 +271,13 @@ class SlidingOut:
         return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
-        """Return the largest distance of a joint of the strand from its place [m]."""
+        """Return the largest distance of a retracted joint from its target on the initial shape [m]."""
         return float(np.linalg.norm(self._strand(pose)[1], axis=1).max())
 
     def _strand(self, pose: Pose) -> tuple[IntArray, FloatArray]:
-        """Return the joints that are in the gates or beyond, and their offsets to their places, shape (joints, 2) [m].
+        """Return the indices of the joints in the gates or beyond, (k,), and the offsets to their targets, (k, 2) [m].
 
-        The tip always counts as one of them.
+        At least the tip is among them.
         """
         places = self._arcs - self.back
         joints = np.flatnonzero(places >= self.mouth)
@@ -281,7 +287,7 @@ class SlidingOut:
 
 
 WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
-"""Creates the guide that leads on from a pose, along a tip path, when another guide has ended there."""
+"""Function from a tip path, a guide that has ended and the pose reached to the guide that leads on from there."""
 
 
 def slid_out(
@@ -291,14 +297,15 @@ def slid_out(
     mouths: list[tuple[TipPath, float | None]],
     name: str,
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that slide the arm out of where it lies, bowed to either side; none where no mouth is given.
+    """Yield guides that slide the arm out of narrow gates, bowed to either side, and then lead on to the goal.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the motion begins.
+        stepper: solver of QP steps in the plane.
+        start: pose at which the motion begins.
         whole_arm: coordinates of a goal for the whole arm, or None.
-        mouths: tip paths, each with the arc length from the base at which the arm is out [m].
-        name: name of the candidates.
+        mouths: tip paths, each with the arc length of the arm from the base at which the first gate begins [m], or
+            None for a path without such a gate, which is left out.
+        name: first part of the names of the candidates.
     """
     for onward in ways_on(stepper, whole_arm):
         # A motion straight on from the gates does not depend on the path.
@@ -318,7 +325,7 @@ def slid_out(
 
 
 def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
-    """Return the sequences of guides that lead an arm on to its goal when it is out, the quickest first."""
+    """Return sequences of guide functions that lead an arm from outside the gates to the goal, the quickest first."""
     by_tip = partial(_by_tip, stepper)
     if whole_arm is None:
         return [(by_tip,)]
@@ -328,7 +335,10 @@ def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn,
 
 
 def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first gate that it lies in [m], or None."""
+    """Return the arc length from the base at which the arm, at the start, enters the first gate on a tip path, or None.
+
+    Arc lengths are in metres; the result is None if the arm lies in no gate.
+    """
     axis = shapely.LineString(start.points)
     beside = _BESIDE * stepper.space.nominal_length
     lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]
@@ -337,14 +347,14 @@ def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
 
 
 def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide that leads an arm outside the gates straight to a pose of the whole arm."""
+    """Return a guide that leads the arm from a pose straight to a pose of the whole arm, given by coordinates (p,)."""
     del path
     del guide
     return PoseLed(stepper.space, pose.v, whole_arm)
 
 
 def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide that leads the tip, once it is outside the gates, along the rest of its path."""
+    """Return a guide that leads the tip from a pose outside the gates along the rest of a tip path."""
     del guide
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]

@@ -1,4 +1,4 @@
-"""Trees of poses of the whole arm, and the random extensions that grow them."""
+"""Search trees of poses of a planar arm, and the random extensions that grow them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,12 +19,12 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
 _TO_SHAPE = 0.25
-"""Probability weight of leading the whole arm to a random shape. Taste, as all of these: scenes differ in what
-helps, so every kind is used."""
+"""Probability weight of leading the whole arm to a random shape. Taste, as all weights of extensions: different kinds
+succeed in different scenes, so every kind is used."""
 _TO_BUMP = 0.15
 """Probability weight of bending a part of the arm aside."""
 _TO_PLACE = 0.15
-"""Probability weight of leading the tip to a random place."""
+"""Probability weight of leading the tip to a random point."""
 _ALONG_ROUTE = 0.1
 """Probability weight of leading the tip back along the arm and out along a route."""
 _FOLDED = 0.15
@@ -32,34 +32,34 @@ _FOLDED = 0.15
 _TO_OTHER = 0.2
 """Probability weight of leading the whole arm to a pose of the other tree."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Least and greatest width of a bent part, as shares of the arm's length. Taste."""
+"""Minimum and maximum width of a bent part, as fractions of the arm's length. Taste."""
 _PLACES_DRAWN = 64
-"""Number of places sampled at once when a free one is sought. Taste."""
+"""Number of points sampled at once to find a free one. Taste."""
 
 _SHAPE_KNOTS = 6
 """Number of knots between which the curvature of a random shape is linear. Taste."""
 _SHAPE_CURVATURE = 3.0
-"""Standard deviation of that curvature, times the arm's length. Taste."""
+"""Standard deviation of the curvature of a random shape, times the arm's length. Taste."""
 _BUMP_TURN = 0.8
 """Standard deviation of the change of heading of a bent part [rad]. Taste."""
 _SHAPES_AS_ROUTES = 0.3
-"""Share of routes that are shapes of the other tree. Taste."""
+"""Fraction of routes that are arm shapes of the other tree. Taste."""
 _NODE_CHOICE = 4
 """Number of random nodes of which the least used is extended. Taste."""
 _TIP_CHOICE = 6
-"""Number of random nodes of which the one nearest to a place for the tip is extended. Taste."""
+"""Number of random nodes of which the one with the tip nearest to a sampled point is extended. Taste."""
 
 
 @dataclass
 class PoseTree:
-    """Tree of poses of the whole arm, with the motions that lead to them; several roots are allowed.
+    """Search tree (or forest) of poses of an arm, with the motions between them.
 
     Attributes:
         arm: the arm.
         heading_weight: weight of a radian of heading relative to the length of the arm in the distance of two poses.
-        poses: poses of the nodes.
-        parents: number of each node's parent, -1 for a root.
-        edges: poses from the parent, without it, to the node.
+        poses: pose of each node.
+        parents: index of the parent of each node, -1 for a root.
+        edges: poses of the motion from the parent to each node, without that of the parent.
         uses: number of times that each node has been chosen for an extension.
     """
 
@@ -74,15 +74,15 @@ class PoseTree:
         return len(self.poses)
 
     def add_root(self, pose: Pose) -> int:
-        """Add a pose without a parent, and return its number."""
+        """Add a pose as a root of the tree, and return the index of the new node."""
         return self.add(-1, [pose])
 
     def add(self, parent: int, edge: list[Pose]) -> int:
-        """Add the last pose of an edge, and return its number.
+        """Add the last pose of a motion as a node, and return the index of the node.
 
         Args:
-            parent: number of the node the edge begins at.
-            edge: poses after the parent's.
+            parent: index of the node at which the motion begins.
+            edge: poses of the motion after that of the parent.
         """
         self.poses.append(edge[-1])
         self.parents.append(parent)
@@ -91,9 +91,10 @@ class PoseTree:
         return len(self) - 1
 
     def distances(self, pose: Pose) -> FloatArray:
-        """Return every node's distance to a pose, of joints [arm lengths] plus weighted headings, shape (nodes,).
+        """Return the distance of every node to a pose, shape (nodes,).
 
-        The headings distinguish poses that look alike but are wound around the base differently.
+        The distance is the mean distance of the joints [arm lengths] plus a weighted difference of headings, which
+        distinguishes poses that look alike but are wound around the base differently.
         """
         points = np.array([node.points for node in self.poses])
         headings = self.arm.headings(np.array([node.q for node in self.poses]))
@@ -103,22 +104,22 @@ class PoseTree:
         return distances
 
     def nearest(self, pose: Pose) -> int:
-        """Return the number of the node nearest to a pose."""
+        """Return the index of the node nearest to a pose."""
         return int(np.argmin(self.distances(pose)))
 
     def tip_distances(self, place: FloatArray) -> FloatArray:
-        """Return the distance of every node's tip to a place (2,), shape (nodes,) [m]."""
+        """Return the distance of the tip of every node to a point (2,), shape (nodes,) [m]."""
         distances: FloatArray = np.linalg.norm(np.array([node.tip for node in self.poses]) - place, axis=1)
         return distances
 
     def least_used(self, choice: IntArray) -> int:
-        """Return the number of the least used of several nodes, and count one more use of that node."""
+        """Return the index of the least used of several nodes, and count the use of that node."""
         node = min((int(k) for k in choice), key=lambda k: self.uses[k])
         self.uses[node] += 1
         return node
 
     def poses_to_node(self, node: int) -> list[Pose]:
-        """Return all poses from the root to a node."""
+        """Return all poses of the motion from the root to a node."""
         edges = []
         while node >= 0:
             edges.append(self.edges[node])
@@ -127,17 +128,17 @@ class PoseTree:
 
 
 Extension: TypeAlias = tuple[int, Guide]
-"""Number of the node to begin at, and the guide to follow from there."""
+"""Extension of a search tree: the index of the node at which it begins, and the guide to follow from there."""
 
 
 @dataclass(frozen=True)
 class ExtensionSampler:
-    """Samples extensions of one tree.
+    """Sampler of random extensions of a search tree of poses.
 
     Attributes:
-        stepper: stepper of the link space.
+        stepper: solver of QP steps in the plane.
         free_space: free space of the tip, punctured at the base.
-        routes: routes from the base to the places that the tip should reach, each of shape (k, 2) [m].
+        routes: routes from the base to the points that the tip should reach, each of shape (k, 2) [m].
         shrink: distance kept from corners where possible [m].
         rng: source of every random choice.
     """
@@ -149,7 +150,7 @@ class ExtensionSampler:
     rng: np.random.Generator
 
     def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return a sampled extension of a tree, sometimes one that leads towards the other tree."""
+        """Return a random extension of a tree, of one of six kinds, one of which leads towards the other tree."""
         kinds: list[tuple[float, Callable[[], Extension]]] = [
             (_TO_SHAPE, partial(self.to_shape, tree)),
             (_TO_BUMP, partial(self.to_bump, tree)),
@@ -165,17 +166,17 @@ class ExtensionSampler:
         return draw()
 
     def to_shape(self, tree: PoseTree) -> Extension:
-        """Return an extension of the nearest node to a smooth random shape of the whole arm."""
+        """Return an extension that leads the nearest node to a smooth random shape of the whole arm."""
         arm = self.stepper.space.arm
         knots = self.rng.normal(0.0, _SHAPE_CURVATURE / arm.links, _SHAPE_KNOTS)
         bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
-        # The base may turn anywhere, but at most half a turn away from some node.
+        # The base may have any heading, but at most half a turn from that of a random node.
         bends[0] = tree.poses[self._any(tree)].q[0] + self.rng.uniform(-np.pi, np.pi)
         shape = self._pose(bends)
         return self._towards(tree, tree.nearest(shape), shape)
 
     def to_bump(self, tree: PoseTree) -> Extension:
-        """Return an extension that bends a part of a random node's arm aside: headings change near a random link."""
+        """Return an extension that bends a part of the arm at a random node aside, by headings near a random link."""
         node = self._any(tree)
         width = self.rng.uniform(*_BUMP_WIDTHS)
         at = self.rng.uniform(0.0, 1.0)
@@ -184,12 +185,12 @@ class ExtensionSampler:
         return self._towards(tree, node, self._pose(tree.poses[node].q + np.diff(bump, prepend=0.0)))
 
     def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return an extension of the nearest node to a random pose of the other tree."""
+        """Return an extension that leads the nearest node to a random pose of the other tree."""
         target = other.poses[self._any(other)]
         return self._towards(tree, tree.nearest(target), target)
 
     def to_place(self, tree: PoseTree) -> Extension:
-        """Return an extension that leads the tip of a nearby node to a random free place."""
+        """Return an extension that leads the tip of a nearby node to a random free point."""
         place = self._free_place()
         choice = self.rng.integers(len(tree), size=_TIP_CHOICE)
         # The nearest of all nodes would be chosen again and again where it is stuck.
@@ -206,9 +207,9 @@ class ExtensionSampler:
         return self._tip_led(tree, node, lambda: taut_round_base(self.free_space, points, route, side, self.shrink))
 
     def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return an extension that pulls the arm of a random node over to a random route like a rope.
+        """Return an extension that pulls the arm of a random node over to a random route by a travelling fold.
 
-        When the route is too long, return an extension to a random shape instead.
+        If the route is too long, an extension to a random shape is returned instead.
         """
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
@@ -226,7 +227,13 @@ class ExtensionSampler:
         return node, candidate.make_guide()
 
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
-        """Return an extension that leads the tip of a node along a path; one to a shape when there is no such path."""
+        """Return an extension that leads the tip of a node along a path, or one to a random shape without such a path.
+
+        Args:
+            tree: tree to be extended.
+            node: index of the node.
+            path_of_tip: function that returns the path, shape (k, 2) [m], or raises ``UnreachableGoal``.
+        """
         try:
             points = path_of_tip()
         except UnreachableGoal:
@@ -234,11 +241,11 @@ class ExtensionSampler:
         return node, led_along(self.stepper, points)
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
-        """Return the extension of a node straight to a pose of the whole arm."""
+        """Return an extension that leads a node straight to a pose of the whole arm."""
         return node, PoseLed(self.stepper.space, tree.poses[node].v, target.v)
 
     def _pose(self, q: FloatArray) -> Pose:
-        """Return the pose of the link space that comes nearest to a configuration."""
+        """Return the pose, among those that the curve can take, nearest to a configuration (c,) [rad]."""
         return self.stepper.pose(self.stepper.space.nearest(q))
 
     def _middles(self) -> FloatArray:
@@ -247,17 +254,17 @@ class ExtensionSampler:
         return (np.arange(links) + 0.5) / links
 
     def _any(self, tree: PoseTree) -> int:
-        """Return a random node, preferring those that have seldom been sampled."""
+        """Return the index of a random node of a tree, preferring those that have seldom been chosen."""
         return tree.least_used(self.rng.integers(len(tree), size=_NODE_CHOICE))
 
     def _any_route(self, other: PoseTree) -> FloatArray:
-        """Return one of the routes, or the shape of a random pose of the other tree."""
+        """Return a random route, or the arm at a random node of the other tree as a route, shape (k, 2) [m]."""
         if len(other) and self.rng.random() < _SHAPES_AS_ROUTES:
             return other.poses[self._any(other)].points
         return self.routes[int(self.rng.integers(len(self.routes)))]
 
     def _free_place(self) -> FloatArray:
-        """Return a free place within reach, shape (2,) [m]."""
+        """Return a random point in free space within reach of the arm, shape (2,) [m]."""
         arm = self.stepper.space.arm
         while True:  # the tip of the start is free, so places near it are too
             places = arm.base + self.rng.uniform(-arm.length, arm.length, (_PLACES_DRAWN, 2))

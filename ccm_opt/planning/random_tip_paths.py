@@ -1,12 +1,12 @@
-"""Random paths of the tip among many walls.
+"""Search strategy among many walls that leads the tip of a planar arm along random paths.
 
 Routes from the base, shortest first, seldom lead along the arm's current shape, since among many walls there are
-hundreds that are hardly longer than the shortest. But the arm keeps to its homotopy class, and the length by which its
-tip is drawn back bows out between the walls.
+hundreds of routes hardly longer than the shortest. But the arm stays in its homotopy class, and when the tip is
+retracted, the surplus length of the arm bows out between the walls.
 
-Leading a tip costs a twentieth of a second, and it cannot be predicted with which margin, and on which side of each
-wall, the arm gets through. So the tip is led many times: first along the arm's shape and along the shortest path, then
-via random places, from the start and from where other walks have stalled.
+Leading a tip takes a twentieth of a second, and it cannot be predicted with which margin, and on which side of each
+wall, the arm passes. So the tip is led many times (each time is called a walk): first along the arm's shape and along
+the shortest path, then via random points, from the start and from the ends of other walks.
 """
 
 from collections.abc import Iterator
@@ -35,32 +35,32 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _FARTHEST = 0.3
-"""Greatest distance of sampled places from the tip, as a share of the arm's length. Taste."""
+"""Maximum distance of sampled points from the tip or goal, as a fraction of the arm's length. Taste."""
 _PLACES_DRAWN = 16
-"""Number of places sampled at once when a free one is sought. Taste."""
+"""Number of points sampled at once to find a free one. Taste."""
 _NEARNESS = 0.17
-"""Preference of walks for beginning near the goal: distance of the tip from the goal at which they begin 1/e as
-often as at the goal, as a share of the arm's length. Taste."""
+"""Distance of the tip from the goal at which walks begin 1/e as often as at the goal, as a fraction of the arm's
+length. Taste."""
 
 _FROM_START = 0.35
-"""Probability that a walk begins at the start, and not where another has ended. Measured: fewer fields are solved
-with 0.1, and also with 1."""
+"""Probability that a walk begins at the start, and not at the end of another walk. Measured: fewer fields of obstacles
+are solved with 0.1, and also with 1."""
 _ONTO_GOAL = 0.7
-"""Probability that a walk is led on to the goal, and not only to a random place. Taste."""
+"""Probability that a walk leads on to the goal, and not only to a random point. Taste."""
 _BY_PLACE = 0.85
-"""Probability that it is led there via such a place, which decides how it passes the walls. Taste."""
+"""Probability that a walk to the goal leads via a random point, which decides on which side walls are passed. Taste."""
 _ABOUT_GOAL = 0.7
-"""Probability that such places are sampled around the goal, and not around the tip. Taste."""
+"""Probability that random points are sampled around the goal, and not around the tip. Taste."""
 _NEAREST = 0.05
-"""Least distance of sampled places from the tip, as a share of the arm's length. Taste."""
+"""Minimum distance of sampled points from the tip or goal, as a fraction of the arm's length. Taste."""
 _ROUNDING = (0.5, 1.0, 2.0)
-"""Distances that paths of walks keep from corners, as multiples of the usual one. Measured: with several the mean
-time to a solution was 3.3 s instead of 4.1."""
+"""Distances that the tip paths of walks keep from corners, as multiples of the usual distance. Measured: with several
+the mean time to a solution was 3.3 s instead of 4.1."""
 
 
 @dataclass(frozen=True)
 class TipWays:
-    """Samples taut paths of the tip, each of which ends with a straight run onto the goal along its heading.
+    """Sampler of tip paths that are shortest in their homotopy class and approach the goal straight along its heading.
 
     Attributes:
         arm: the arm.
@@ -77,9 +77,9 @@ class TipWays:
     settings: TipWalkSettings
 
     def straight_on(self, pose: Pose) -> FloatArray | None:
-        """Return the path back along the arm to the joint nearest to the goal, then to the goal, shape (k, 2) [m].
+        """Return the tip path back along the arm to the joint nearest to the goal, then to the goal, (k, 2) [m].
 
-        None where the path is blocked.
+        The result is None if the path is blocked. ``pose`` is the present pose of the arm.
         """
         entry, place = self._run_in(pose)
         nearest = int(np.argmin(np.linalg.norm(pose.points - entry, axis=1)))
@@ -87,7 +87,11 @@ class TipWays:
         return self._led_onto(np.vstack((back, entry)), place, self.shrink)
 
     def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
-        """Return a random path, shape (k, 2) [m] (None where it is blocked), and whether it leads onto the goal."""
+        """Return a random tip path from a pose, and whether it leads onto the goal.
+
+        Returns:
+            The path, shape (k, 2) [m], or None if it is blocked; and False if it leads to a random point only.
+        """
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]
         shrink = self.shrink * float(rng.choice(_ROUNDING))
@@ -101,9 +105,9 @@ class TipWays:
         return self._led_onto(np.vstack((tip, via, entry)), place, shrink), True
 
     def _led_onto(self, polyline: FloatArray, place: FloatArray, shrink: float) -> FloatArray | None:
-        """Return the taut path in the class of a polyline (m, 2), led straight on to a place (2,), shape (k, 2) [m].
+        """Return the shortest path in the homotopy class of a polyline (m, 2), extended to a point (2,), (k, 2) [m].
 
-        None where it is blocked.
+        The result is None if the path is blocked. ``shrink`` is the distance kept from corners [m].
         """
         try:
             taut = self.free_space.taut_path(polyline, shrink)
@@ -112,16 +116,13 @@ class TipWays:
         return taut if np.array_equal(taut[-1], place) else np.vstack((taut, place))
 
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the places where the straight run onto the goal begins and ends, each of shape (2,) [m].
-
-        The run leads onto the member of the goal nearest to a pose.
-        """
+        """Return both ends of the straight approach to the goal's member nearest to a pose, each of shape (2,) [m]."""
         member = self.goal.nearest_member(pose.tip, pose.tip_direction)
         length = self.arm.length / NOMINAL_LINKS
         return run_in(self.free_space, member.position, member.heading, length), member.position
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a random place near another, shape (2,) [m], which is free if one of a few samples is."""
+        """Return a random point near a given one, shape (2,) [m], that is free if any of several samples is."""
         angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
         distances = self.arm.length * rng.uniform(_NEAREST, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
@@ -131,22 +132,22 @@ class TipWays:
 
 
 WALKS = "random tip paths"
-"""Name, among the names of candidates, of motions found by walks."""
+"""Name of the candidate whose motions are found by walks of the tip."""
 
 
 def is_walked(task: MotionTask) -> bool:
-    """Return whether the tip is led among many walls; a goal of the whole arm is seldom met by leading the tip."""
+    """Return whether a task suits random walks of the tip: many walls near, and a goal for the tip alone."""
     fits = not task.parametric and task.goal_pose is None
     return fits and task.among_many_walls and len(task.tip_paths) > 0
 
 
 def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = False) -> Motion | None:
-    """Return the first certified motion that arrives by leading the tip among many walls, or None.
+    """Return the first certified motion to the goal found by leading the tip among many walls, or None.
 
     Args:
-        task: arm, workspace, ends and limits.
-        failures: failures of candidates are appended here.
-        late: whether this is the turn before the trees, with more and other walks than in the first turn.
+        task: arm, workspace, start, goal and limits.
+        failures: list to which the failures of candidates are appended.
+        late: whether this is the second turn, before the search by trees, with more and other walks than the first.
     """
     settings = task.settings.tip_walks
     runs = [PlanarRun.from_task(task, margin) for margin in settings.margins]
@@ -166,7 +167,7 @@ def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = Fal
 
 
 def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
-    """Yield motions with the tip led along the arm's shape to the goal, then along its shortest path, then a fold."""
+    """Yield guides that lead the tip along the arm's shape to the goal, along the shortest path, and with a fold."""
     shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
     if along_arm is not None:
@@ -185,14 +186,14 @@ def _candidate(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
 
 @dataclass
 class TipWalks:
-    """Random walks of the tip; the end pose of each walk is kept, so that others may begin there.
+    """Search by random walks of the tip, which begin at the start or at the end of an earlier walk.
 
     Attributes:
-        runs: runs of one link space, with different margins.
+        runs: searches of one task with different planning margins.
         ways: sampler of tip paths.
         rng: source of every random choice.
         settings: settings of the walks.
-        reached: the start, and the last certified pose of every walk.
+        reached: tree of the start and the last certified pose of every walk.
     """
 
     runs: tuple[PlanarRun, ...]
@@ -206,7 +207,10 @@ class TipWalks:
         self.reached.add_root(self.runs[0].start)
 
     def search(self, walks: int, failures: list[Failure]) -> Motion | None:
-        """Return the motion of the first walk that arrives; None, with a recorded failure, after ``walks`` walks."""
+        """Return the certified motion of the first walk that reaches the goal, or None after ``walks`` walks.
+
+        A failure is then appended to ``failures``.
+        """
         run = self.runs[0]
         for _ in range(walks):
             if run.task.deadline.passed():
@@ -224,7 +228,7 @@ class TipWalks:
         return None
 
     def _walk(self) -> list[Pose] | None:
-        """Make one more walk; return all poses from the start to the goal if it arrives, else None."""
+        """Return all poses from the start to the goal after one more walk, or None if the walk does not arrive."""
         node = self._beginning()
         begin = self.reached.poses[node]
         run = self.runs[int(self.rng.integers(len(self.runs)))]
@@ -243,9 +247,15 @@ class TipWalks:
         return None
 
     def _led(self, run: PlanarRun, begin: Pose, taut: FloatArray, *, onto_goal: bool) -> tuple[list[Pose], bool]:
-        """Return the poses with the tip led along a path and onto the goal, and whether the whole path was followed.
+        """Return the poses of a walk with the tip led along a path, and whether the path was followed to its end.
 
         If the goal is a set, the tip stops as soon as it is inside.
+
+        Args:
+            run: search with a planning margin.
+            begin: pose at which the walk begins.
+            taut: path of the tip, shape (k, 2) [m].
+            onto_goal: whether the tip is settled on the goal at the end.
         """
         poses = [begin]
         guide = led_along(run.stepper, taut)
@@ -258,7 +268,7 @@ class TipWalks:
         return poses, True
 
     def _beginning(self) -> int:
-        """Return the number of the next walk's first pose, either the start or a seldom used pose near the goal."""
+        """Return the index of the pose at which the next walk begins, the start or a little used one near the goal."""
         if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached

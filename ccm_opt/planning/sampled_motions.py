@@ -1,6 +1,7 @@
-"""Checks of straight motions in space by samples, against a grid of distances and, near surfaces, their tree.
+"""Fast collision checks by samples of motions in space that are linear in the bends.
 
-A motion that passes is not proved to be free; that is left to the certificate.
+Distances come from grids and, near surfaces, from a distance tree. A motion that passes is not proved to be free; the
+certificate proves that later.
 """
 
 import mmap
@@ -18,36 +19,36 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _CELLS = 16_000_000
-"""Most cells of the fine grid, of which only those that are asked about take memory and time. Taste: a cell is then a
-hundredth of the arm's length."""
+"""Maximum number of cells of the fine grid, of which only those that are used take memory and time. Taste: a cell is
+then a hundredth of the arm's length."""
 _FINE = 0.25
-"""Least size of these cells, as a share of the gap that is kept. Taste."""
+"""Minimum size of the cells of the fine grid, as a fraction of the required distance. Taste."""
 _NEAR = 3.0
-"""Range of distances that the fine grid resolves beyond the gap that is kept, in its cells."""
+"""Range of distances that the fine grid resolves beyond the required distance, in its cells."""
 _WIDE = 3.0
-"""Size of the cells of the wide grid, in those of the fine one. Measured among bars: 2 and 4 take a third longer until
-random poses are checked, one grid of 1 twice as long."""
+"""Size of the cells of the wide grid, in cells of the fine grid. Measured among bars: with 2 and 4 the check of random
+poses takes a third longer, with a single grid of 1 twice as long."""
 _TOLD = 0.07
-"""Range of distances that the wide grid resolves beyond the gap that is kept [arm lengths]. Taste."""
+"""Range of distances that the wide grid resolves beyond the required distance [arm lengths]. Taste."""
 _BLOCK, _MOST_NEAR = 4, 31
 """Places along a side of a block of a grid, and most triangles that are known for a block, as in C."""
 _BEYOND = 0.02
-"""Distance that the grid extends beyond the arm's reach [arm lengths]; places outside count as its border."""
+"""Distance by which the grids extend beyond the arm's reach [arm lengths]; points outside count as the border."""
 _SPARED = 1e-4
-"""Gap that samples keep beyond contact [arm lengths]: most motions that pass are then certified."""
+"""Gap that samples keep beyond contact [arm lengths], so that most motions that pass are certified later."""
 _ROUNDING = 1e-9
-"""Bend beyond the joint limits that counts as rounding [rad]."""
+"""Amount by which a bend may exceed its joint limit because of rounding [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMotions:
-    """Checks straight motions of one arm on a fixed base, among the surfaces of one scene.
+    """Collision checker by samples for motions of an arm on a fixed base that are linear in the bends.
 
     Attributes:
         arm: the arm.
-        tree: tree of the surfaces.
+        tree: distance tree of the surfaces.
         kept: distance that the arm's axis has to keep from the surfaces [m].
-        box: extent of the surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
+        box: extent of the surfaces, lower and upper corner, shape (2, 3) [m]; empty without surfaces.
     """
 
     arm: Arm
@@ -57,7 +58,7 @@ class SampledMotions:
 
     @cached_property
     def for_c(self) -> Mapping[str, Any]:
-        """The check as the fields of ``Motions`` in C, with grids whose cells are filled on first use."""
+        """Fields of the C structure ``Motions``, with grids whose cells are filled on first use."""
         arm = self.arm
         reach = self.kept + _TOLD * arm.length
         margin = (1.0 + _BEYOND) * arm.length
@@ -90,14 +91,14 @@ class SampledMotions:
         }  # fmt: skip
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the free fractions of motions that are straight in the bends, up to the first pose in contact.
+        """Return the collision-free fraction of each of m motions, up to the first sample in contact.
 
         Args:
-            start: configurations, shape (m, c) [rad].
-            end: configurations at the other end, shape (m, c) [rad].
+            start: configurations at the start, shape (m, c) [rad].
+            end: configurations at the end, shape (m, c) [rad].
 
         Returns:
-            Fractions, shape (m,): 1 where nothing was touched, 0 where the end bends a joint beyond its limit.
+            Fractions, shape (m,): 1 without contact, 0 if the end bends a joint beyond its limit.
         """
         shares = np.empty(len(start))
         motions = {"motions": len(start), "start": start, "end": end, "share": shares}
@@ -105,12 +106,14 @@ class SampledMotions:
         return shares
 
     def connection(self, offset: FloatArray, slopes: FloatArray, growth: Mapping[str, Any]) -> NativeCall:
-        """Return the call that grows trees of points, in which configurations are affine.
+        """Return the native call that grows two trees in a space of n unknowns (RRT-Connect).
+
+        Configurations are affine functions of the unknowns.
 
         Args:
-            offset: configuration of the point at zero, shape (c,) [rad].
-            slopes: derivatives of configurations with respect to points, shape (n, c).
-            growth: fields of ``Growth`` in rrt_connect.h.
+            offset: configuration at unknowns of zero, shape (c,) [rad].
+            slopes: derivatives of configurations with respect to the unknowns, shape (n, c).
+            growth: fields of the C structure ``Growth`` in rrt_connect.h.
         """
         return NativeCall(
             "connect_in_space",

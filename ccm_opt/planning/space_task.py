@@ -1,4 +1,4 @@
-"""The task of a motion in space: arm, surfaces, ends and limits, and the certificates built from them."""
+"""Search task of a motion in space: arm, surfaces, start, goal and limits, with the certificates built from them."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -36,42 +36,44 @@ from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
-"""Margin in the path parameter by which planning extends a constraint's interval on both sides. Taste."""
+"""Amount of the path parameter by which planning extends the interval of a user's constraint on both sides. Taste."""
 _PATH_SAMPLES = 4
-"""Samples per span of a path at which the tip's distance from its via places is checked."""
+"""Number of samples per span of a path at which the distance of the tip from its via points is checked."""
 _PASSING = 0.5
-"""Distance within which planning makes the tip pass its via places, as a share of the distance that counts as
+"""Distance within which planning makes the tip pass its via points, as a fraction of the distance that counts as
 passing."""
 _ROW_MARGIN = 0.02
-"""Gap that rows of the optimisation ask for beyond contact [u]."""
+"""Gap that rows of the optimisation demand beyond contact, in nominal links."""
 _ROW_SEEN = 0.3
-"""Distance from their bound below which rows enter the optimisation's QP [u]."""
+"""Distance from their bound below which rows enter the QP of the optimisation, in nominal links."""
 _GROUPS = 24
 """Number of links above which rows are for groups of neighbouring joints."""
 _REACH = 0.35
-"""Gap beyond the margin above which surfaces, and pairs of links, are left out of a step [u]."""
+"""Gap beyond the margin above which surfaces, and pairs of links, are left out of a step, in nominal links."""
 _MARGIN = 0.06
-"""Gap that steps keep beyond contact [u]."""
+"""Gap that steps keep beyond contact, in nominal links."""
 _LEAST_SPARE = 1.2e-5
-"""Gap proved where a start or a goal of the whole arm has no more than twice as much [u]. Measured: a straight arm
-of one metre can be raised off a table 1.5 µm below it, and hardly off one at 1 µm."""
+"""Certified gap if a start or a goal of the whole arm has at most twice as much, in nominal links. Measured: a straight
+arm of one metre can be raised off a table 1.5 µm below the arm, and hardly off one 1 µm below."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SpaceTask(SearchTask):
-    """Inputs of the search in space; configurations are bends [rad], followed by the feed of the base [m].
+    """Inputs of the search for a motion in space.
+
+    Configurations are bends [rad], followed by the feed of the base [m].
 
     Attributes:
-        tree: tree of the surfaces of the scene.
-        via_reach: distance from a via place within which the tip passes it [m].
-        clearance: gap that the user asks for beyond the arm's radius [m].
+        tree: distance tree of the surfaces of the scene.
+        via_reach: distance within which the tip has to pass a via point [m].
+        clearance: gap that the user requires beyond the arm's radius [m].
         box: box in which the tip may be, lower and upper corner, shape (2, 3) [m].
-        scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
+        scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty without surfaces.
         names: names of the objects to which the surfaces belong.
-        slowness: cost of a unit of each coordinate, from the coordinate's speed limit, shape (c,); about 1 for bends.
-        follows: whether the arm may be led along the path of its tip, regardless of which motion to the goal is found.
+        slowness: cost of a unit of each coordinate, from its speed limit, shape (c,); about 1 for bends.
+        follows: whether the arm may be led along the path of its tip, whichever motion to the goal is found.
         settings: settings of the search.
-        stage: curve and unknowns, shape (p,), from which a longer motion continues; None where the motion begins at the
+        stage: curve and unknowns, shape (p,), from which a longer motion continues; None if the motion begins at the
             start.
     """
 
@@ -88,35 +90,35 @@ class SpaceTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Distance that walls must keep from the arm's axis [m]."""
+        """Required distance of surfaces from the arm's axis, radius plus clearance [m]."""
         return self.arm.radius + self.clearance
 
     @property
     def advice(self) -> str:
-        """General advice where nothing more specific is known."""
+        """Advice to the user for the case that no motion is found and nothing more specific is known."""
         return "add goal.via: places that the tip passes on its way (not tried)"
 
     @property
     def unit(self) -> float:
-        """u, length of a nominal link [m]."""
+        """Length of a nominal link [m]."""
         return self.arm.length / NOMINAL_LINKS
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
-        """Return the task with a deadline ``seconds`` of CPU time from now, or its own deadline if that is earlier."""
+        """Return the task with a deadline ``seconds`` of CPU time from now, or its present one if that is earlier."""
         return replace(self, deadline=self.deadline.within(seconds))
 
     @cached_property
     def contact_certificate(self) -> SpaceCertificate:
-        """The certificate of contact, which leaves a small spare gap for the path between samples."""
+        """Certificate of contact, which leaves a small gap as a reserve for the path between samples."""
         return SpaceCertificate(self.arm, self.tree, self.clearance + self.spare, self.spare, self.settings.certificate)
 
     @cached_property
     def certificate(self) -> MotionCertificate:
-        """The certificate of all limits that motions must pass."""
+        """Certificate of all limits, which every motion must pass."""
         return MotionCertificate(self.arm, self.spare, self.limits(self.finder(0.0, 0.0)))
 
     def finder(self, margin: float, reach: float) -> SurfaceFinder:
-        """Return a finder of contacts with a planning margin and a reach beyond the proved gap [m]."""
+        """Return a finder of contacts with a planning margin and a reach, both beyond the certified gap [m]."""
         return SurfaceFinder(self.arm, self.tree, self.names, self.contact_certificate.gap, margin, reach)
 
     def limits(self, finder: SurfaceFinder, wanted_gap: float = 0.0) -> tuple[LimitOf[Any], ...]:
@@ -124,7 +126,7 @@ class SpaceTask(SearchTask):
 
         Args:
             finder: finder of contacts, with the margin and reach of the contact limit.
-            wanted_gap: gap beyond contact that is asked for [m].
+            wanted_gap: preferred gap beyond contact [m].
         """
         rows = partial(motion_rows, finder=finder)
         contact = ContactLimit(finder, self.contact_certificate, self.settings.step, rows, wanted_gap)
@@ -133,7 +135,7 @@ class SpaceTask(SearchTask):
 
     @cached_property
     def spare(self) -> float:
-        """Gap proved beyond the clearance, as in the settings, or half of the ends' least gap if this is less [m]."""
+        """Certified gap beyond the clearance: that of the settings, or half the least gap at the ends if less [m]."""
         most = self.settings.certificate.spare * self.unit
         ends = (self.start,) if self.goal_pose is None else (self.start, self.goal_pose)
         room = min(self._room(q, 2.0 * most) for q in ends)
@@ -141,11 +143,11 @@ class SpaceTask(SearchTask):
 
     @property
     def least_spare(self) -> float:
-        """Least gap that is proved [m]."""
+        """Minimum gap that is certified [m]."""
         return _LEAST_SPARE * self.unit
 
     def _room(self, q: FloatArray, most: float) -> float:
-        """Return the least gap of a configuration beyond the clearance, and between links, capped at ``most`` [m]."""
+        """Return the least gap of a configuration (c,) to surfaces and between links, capped at ``most`` [m]."""
         arm = self.arm
         points = arm.joint_positions_at(q)
         _, axes = arm.exposed_links(points)
@@ -162,7 +164,12 @@ class SpaceTask(SearchTask):
         return _MARGIN * self.unit
 
     def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[Sweep]:
-        """Return the program that optimises a motion, with its keyframes still to be chosen."""
+        """Return the optimisation problem of a motion, except its keyframes.
+
+        Args:
+            motion: certified motion.
+            margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+        """
         kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
         goal = self.limited_goal
         exact = moved_onto(motion.curve, goal, motion.curve.pose(motion.unknowns[-1]))
@@ -193,27 +200,32 @@ class SpaceTask(SearchTask):
         return float(np.sum(lacking)) / (self.unit * sweep.parts)
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return each configuration's shortfall from the preferred clearance, shape (k, c) to (k,) [m]."""
+        """Return the shortfall of configurations (k, c) from the preferred clearance, at least 0, shape (k,) [m]."""
         return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1 for each coordinate that a knot may move, 0 for clamped joints, shape (c,)."""
+        """Return 1 for each coordinate of a configuration (c,) that may change, 0 for clamped joints, shape (c,)."""
         return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the keyframes, the path unchanged, and no curves.
+        """Return keyframes that lie on a smooth path, the unchanged path, and no curves.
 
-        The path of a fed arm is built in the unknowns and may bypass the motion's keyframes, which are therefore
+        The path of a fed arm is built in the unknowns and may bypass the keyframes of the motion, which are therefore
         sampled anew from the path.
+
+        Args:
+            keyframes: configurations at the keyframes of the motion, shape (K, c).
+            spline: smooth path of configurations.
+            legs: whether the path consists of straight legs between the keyframes.
         """
         if self.arm.base_axes and not legs:
             keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
         return keyframes, spline, ()
 
     def violated_place(self, spline: BSpline) -> Diagnosis | None:
-        """Return a diagnosis of the via place that the tip does not pass on a path; None where it passes all."""
+        """Return a diagnosis of the first via point that the tip misses on a path, or None if all are passed."""
         if not self.via:
             return None
         spans = len(spline.t) - 2 * spline.k - 1
@@ -230,21 +242,21 @@ class SpaceTask(SearchTask):
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
     def stepper(self, curve: CurveMap, margin: float = 1.0) -> SpaceStepper:
-        """Return the stepper in the unknowns of a curve, with a fraction of the planning margin."""
+        """Return the solver of QP steps in the unknowns of a curve, with ``margin`` times the planning margin."""
         gap = margin * self.margin
         return SpaceStepper(curve, self.limits(self.finder(gap, gap + _REACH * curve.nominal_length)), self.settings)
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
-    """Return the corners of the box that contains the arm in any pose, clipped to the bounds, (2, d) [m]."""
+    """Return the corners of a box that contains the arm in any pose, clipped to bounds (2, d) if given, (2, d) [m]."""
     low, high = arm.base_range
     return _box_about(arm, low, high, arm.length, bounds)
 
 
 def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
-    """Return the corners of the box that contains the tip in any pose, clipped to the bounds, (2, 3) [m].
+    """Return the corners of a box that contains the tip in any pose, clipped to bounds (2, 3) if given, (2, 3) [m].
 
-    An arm on a feed axis is straight in its guide tube and turns only beyond the tube's end.
+    An arm on a feed axis is straight in its guide tube and turns only beyond the end of the tube.
     """
     low, high = arm.base_range
     if not arm.base_axes:
@@ -254,7 +266,15 @@ def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
 
 
 def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
-    """Return the corners of the box within reach of a stretch of the base's line, clipped to the bounds, (2, d) [m]."""
+    """Return the corners of a box within reach of a section of the feed axis, clipped to bounds if given, (2, d) [m].
+
+    Args:
+        arm: the arm.
+        low: first position of the section on the axis [m].
+        high: last position of the section [m].
+        reach: distance from the section [m].
+        bounds: lower and upper corner of the bounds, shape (2, d) [m], or None.
+    """
     ends = arm.base + np.outer([low, high], arm.direction)
     box = np.stack((ends.min(axis=0) - reach, ends.max(axis=0) + reach))
     if bounds is None:
@@ -269,14 +289,14 @@ def space_task(
     settings: SpaceMotionSettings,
     terms: UserTerms | None = None,
 ) -> SpaceTask:
-    """Return the search task of a problem.
+    """Return the search task of a problem in space.
 
     Args:
         problem: problem with one goal.
-        tree: tree of its surfaces.
-        deadline: when to stop.
+        tree: distance tree of the surfaces of the workspace.
+        deadline: time at which the search stops.
         settings: settings of the search.
-        terms: the user's constraints and costs, or None.
+        terms: compiled constraints and costs of the user, or None.
     """
     arm = problem.arm
     goal = problem.goal
@@ -313,7 +333,12 @@ def space_task(
 
 
 def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
-    """Return the problem for the arm of nominal links; only the plan of the arm itself has torque and jerk limits."""
+    """Return a problem for the arm with few links of a task; torque and jerk limits are left to the arm itself.
+
+    Args:
+        problem: problem of the arm with many links.
+        few: search task with few links.
+    """
     limits = problem.limits
     revolutes = 3 * few.arm.links
     return replace(
@@ -333,7 +358,7 @@ def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
 
 
 def slowness(problem: Problem) -> FloatArray:
-    """Return the cost of a unit of each coordinate, the median speed of the bends over its own speed, shape (c,)."""
+    """Return the cost of a unit of each coordinate, the median speed limit of the bends divided by its own, (c,)."""
     arm = problem.arm
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity
     usual = float(np.median(speeds[: 2 * arm.links]))

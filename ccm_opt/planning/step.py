@@ -1,4 +1,4 @@
-"""Single steps of an arm under its limits: a QP over linearised limits, its solution shortened until accepted."""
+"""Single steps of an arm under its limits: a QP over linearised limits, whose solution is shortened until accepted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -17,21 +17,21 @@ from ccm_opt.planning.settings import EngineSettings, MotionSettings
 from ccm_opt.scene.contact_finder import WallFinder
 
 _ITERATIONS_A_ROW = 8
-"""Most iterations of the QP per row: with a jammed arm it would iterate in vain, but 192 links need more than 24 in
-all. Taste."""
+"""Maximum number of iterations of the QP per row: for a jammed arm the solver would iterate in vain, but 192 links need
+more than 24 iterations in all. Taste."""
 _BACKTRACKS = 6
-"""Halvings of a step before it is given up. Taste."""
+"""Maximum number of times that a step is halved. Taste."""
 
 AnyUnknowns = TypeVar("AnyUnknowns", bound=CurveUnknowns)
 
 
 @dataclass(frozen=True, eq=False)
 class StepperOf(Generic[AnyUnknowns]):
-    """Solves and accepts single steps; it stacks the contributions of the limits without knowing their kinds.
+    """Solver of single steps of an arm: a QP over the linearised limits, and exact checks of the result.
 
     Attributes:
-        space: the map of the unknowns.
-        limits: all limits that a step has to keep.
+        space: map from the unknowns of the curve to configurations.
+        limits: all limits that a step has to satisfy.
         settings: settings of the search, including those of guides and trees.
     """
 
@@ -40,30 +40,33 @@ class StepperOf(Generic[AnyUnknowns]):
     settings: EngineSettings
 
     def pose(self, v: FloatArray) -> Pose:
-        """Return the pose of unknowns, shape (p,)."""
+        """Return the pose, with its derivatives, for unknowns of shape (p,)."""
         return self.space.pose(v)
 
     def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None, *, checked: bool = True) -> Pose:
-        """Return the pose after the best step for least-squares terms within all limits; ``pose`` itself if none.
+        """Return the pose after the step that minimises least-squares terms within all limits.
 
         Args:
-            pose: where to step from.
-            terms: terms that draw the arm; together with those of the limits, definite in every direction.
-            turn: largest turn of a link [rad]; the settings' value when None.
-            checked: whether the limits have to hold after the step; intermediate poses of a pose search may pass
-                through walls.
+            pose: pose from which the step starts.
+            terms: least-squares terms of the objective; together with those of the limits, positive definite.
+            turn: largest turn of a link [rad]; that of the settings if None.
+            checked: whether the limits have to hold exactly after the step; intermediate poses in the search for an end
+                pose may pass through walls.
+
+        Returns:
+            The pose after the step; the given pose itself if there is no acceptable step.
         """
         settings = self.settings.step
         turn = settings.largest_turn if turn is None else turn
         parts = [limit.linearised(self.space, pose, turn) for limit in self.limits]
-        # Where the curve represents the goal well, the coordinate that blends the goal in has no effect on any link.
+        # Where the curve represents the goal well, the coordinate that blends into the goal has no effect on any link.
         ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
         hessian, gradient = normal_equations([*terms, *(pull for rows in parts for pull in rows.pulls)], ridge)
         matrix, lower, upper, sense = stacked_rows(parts)
         most = _ITERATIONS_A_ROW * len(upper)
         delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
         if delta is None and np.any(lower[sense == 0] > 0.0):
-            # The violations cannot all be restored at once: let them stay as they are.
+            # The violations cannot all be repaired at once: they only must not grow.
             staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
             delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
         if delta is None:
@@ -74,9 +77,15 @@ class StepperOf(Generic[AnyUnknowns]):
         return self._accept(pose, delta, parts, turn) if checked else self.pose(pose.v + delta)
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
-        """Return the pose after the step, halved until every limit's exact check holds; ``pose`` itself if none does.
+        """Return the pose after a step that is halved until the exact checks of all limits hold.
 
-        The linearised rows guarantee the exact limits for small steps only.
+        The linearised rows guarantee the limits for small steps only.
+
+        Args:
+            pose: pose from which the step starts, returned if no step is accepted.
+            delta: change of the unknowns, shape (p,).
+            parts: linearised rows of all limits, with their checks.
+            turn: largest turn of a link in restoring the limits [rad].
         """
         for k in range(_BACKTRACKS):
             # Halving always succeeds in theory, since δ = 0 is feasible; after a few halvings the gain is not worth the
@@ -90,12 +99,12 @@ class StepperOf(Generic[AnyUnknowns]):
         return pose
 
     def _proved(self, pose: Pose, trial: Pose) -> bool:
-        """Return whether the motion of a step is proved, where the settings ask for proofs of steps."""
+        """Return whether the motion from ``pose`` to ``trial`` is certified, or no certificate of steps is required."""
         depth = self.settings.step.proof_depth
         return depth is None or self.safe(pose.q, trial.q, depth)
 
     def leads_to(self, near: Pose, final: Pose) -> bool:
-        """Return whether a pose that was placed exactly on the goal may follow a pose near it."""
+        """Return whether the pose ``final``, exactly on the goal, satisfies all limits and may follow ``near``."""
         # In reverse, as after a step: the check of contact is the most costly.
         kept = all(limit.keeps_at_goal(self.space, near, final) for limit in reversed(self.limits))
         return kept and (self.settings.step.proof_depth is None or self.safe(near.q, final.q))
@@ -111,24 +120,27 @@ class StepperOf(Generic[AnyUnknowns]):
         return len(self.failing_edges(np.stack((before, after)), depth)) == 0
 
     def failing_edges(self, unknowns: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified, sorted."""
+        """Return the sorted indices of the uncertified intervals of a motion with unknowns of shape (K + 1, p).
+
+        ``depth`` is the allowed number of bisections; None for the certificate's setting.
+        """
         return failing_edges(self.limits, self.space, unknowns, depth)
 
     def at(self, u: float) -> "Self":
-        """Return the stepper with the limits that hold at a path parameter of the motion."""
+        """Return a stepper with the limits that apply at the path parameter ``u`` of the motion."""
         return replace(self, limits=tuple(limit.placed(u) for limit in self.limits))
 
     def miss(self, q: FloatArray) -> float:
-        """Return the largest violation of the limits that have to be met exactly; 0 when all are met."""
+        """Return the largest violation of limits that must be met exactly, at a configuration (c,); 0 if none."""
         return max(limit.miss(q) for limit in self.limits)
 
 
 @dataclass(frozen=True, eq=False)
 class Stepper(StepperOf[LinkSpace]):
-    """Takes steps in the plane.
+    """Solver of single steps of an arm in the plane.
 
     Attributes:
-        finder: finder of contacts; guides and diagnoses query its walls, margins and near contacts.
+        finder: finder of contacts, whose walls, margins and near contacts guides and diagnoses use too.
     """
 
     settings: MotionSettings = field(default_factory=MotionSettings)
@@ -136,9 +148,9 @@ class Stepper(StepperOf[LinkSpace]):
 
     @property
     def among_many_walls(self) -> bool:
-        """Whether so many walls are near that goal poses are costly to find, and folds have no clearance."""
+        """Whether there are so many walls that goal poses are costly to find and travelling folds find no clearance."""
         return len(self.finder.walls.names) > self.settings.many_walls
 
 
 SpaceStepper: TypeAlias = StepperOf[CurveMap]
-"""Takes steps in space."""
+"""Solver of single steps of an arm in space."""

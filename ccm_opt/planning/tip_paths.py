@@ -1,7 +1,8 @@
-"""Paths of the tip, pulled taut: back along the arm, round the base on one side, and out along a route.
+"""Shortest tip paths in homotopy classes: back along the arm, round the base on one side, and out along a route.
 
-The arm cannot be crossed and its base cannot be moved, so a path is characterised by its homotopy class among the
-obstacles *and the base*: the base is a puncture of free space, passed on the left or on the right.
+The arm cannot be crossed and its base cannot be moved, so a tip path is characterised by its homotopy class among the
+obstacles *and the base*: the base is a puncture of free space, passed on the left or on the right. A path that is the
+shortest of its class is called taut.
 """
 
 from dataclasses import dataclass, replace
@@ -27,29 +28,28 @@ from ccm_opt.scene.narrow_gates import gate_rails
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 CORNER_DISTANCE = 0.016
-"""Distance that taut paths keep from corners where possible, as a share of the arm's length. Taste."""
+"""Distance that shortest paths keep from corners where possible, as a fraction of the arm's length. Taste."""
 _ARC_STEP = 0.3
-"""Angle between points on an arc round a punctured base [rad]. Taste; the arc is pulled taut, so only its class
-counts."""
+"""Angle between points on an arc round the base [rad]. Taste; only the homotopy class of the arc counts."""
 _ARC_RADIUS = 1e-3
-"""Radius of that arc as a share of how far the shorter path strays from the base. Taste; well inside every obstacle's
-gap."""
+"""Radius of the arc round the base, as a fraction of the greatest distance of the shorter path from the base. Taste;
+well inside the gap of every obstacle."""
 _LEAST_CURL = 2.4
-"""Turn of the first link, when the arm is pulled taut, above which the arm is curled round its base [rad]. Taste:
-well above the deviations of alternating bends from the taut line."""
+"""Turn of the first link, when the arm is pulled straight in its homotopy class, above which the arm counts as curled
+round its base [rad]. Taste: well above the deviations of alternating bends from the shortest path."""
 
 
 @dataclass(frozen=True)
 class TipPath:
-    """One homotopy class of motions of the tip.
+    """Homotopy class of paths of the tip from the start to the goal, with its shortest path.
 
     Attributes:
-        side: +1 when the tip comes back along the left of the arm and passes the base on that side, else -1.
+        side: +1 if the tip comes back along the left of the arm and passes the base on that side, else -1.
         route: route from the base to the goal, shape (k, 2) [m].
-        taut: taut path from the tip to the goal, shape (m, 2) [m].
-        turn: turn of the first link along the path, from its heading at the start to the route's first [rad].
+        taut: shortest path from the tip to the goal, shape (m, 2) [m].
+        turn: turn of the first link from its heading at the start to the first heading of the route [rad].
         free_space: free space, punctured at the base, in which the class is defined.
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that shortest paths keep from corners where possible [m].
     """
 
     side: int
@@ -61,17 +61,17 @@ class TipPath:
 
     @property
     def length(self) -> float:
-        """Length of the taut path [m]."""
+        """Length of the shortest path of the class [m]."""
         return path_length(self.taut)
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """Name of the class for messages: its side and length."""
         return f"{'left' if self.side > 0 else 'right'} of the arm, path of {long_length(self.length)}"
 
     @cached_property
     def gate_places(self) -> FloatArray:
-        """Places in the middle of the narrow gates that the taut path leads through, shape (m, 2) [m]."""
+        """Points in the middle of the narrow gates through which the shortest path leads, shape (m, 2) [m]."""
         room = self.free_space
         if room.gate_runs is None:
             return np.zeros((0, 2))
@@ -80,7 +80,7 @@ class TipPath:
 
     @cached_property
     def rails(self) -> tuple[FloatArray, ...]:
-        """Middle lines of the narrow gates on the taut path, with straight runs, each of shape (k, 2) [m]."""
+        """Middle lines of the narrow gates on the shortest path, extended straight on both sides, each (k, 2) [m]."""
         room = self.free_space
         if room.gate_runs is None:
             return ()
@@ -88,14 +88,19 @@ class TipPath:
         return gate_rails(self.taut, portals, room.gate_runs, room.contains)
 
     def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
-        """Return the taut path from a joint, back along the arm and out along the route, shape (k, 2) [m]."""
+        """Return the shortest path of the class that begins at a joint instead of the tip, shape (k, 2) [m].
+
+        Args:
+            points: joints and tip of the arm, shape (links + 1, 2) [m].
+            joint: index of the joint.
+        """
         return taut_round_base(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
 
 
 def find_tip_paths(
     room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Return the tip paths on both sides of every route, the shortest first.
+    """Return the tip paths back along the arm, round the base on either side and along routes, shortest first.
 
     Args:
         room: free space, without the puncture at the base.
@@ -111,12 +116,19 @@ def find_tip_paths(
 def tip_paths_in(
     free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Return the tip paths on both sides of every route in a free space punctured at the base, the shortest first."""
+    """Return the tip paths round the base on either side and along given routes, shortest first.
+
+    Args:
+        free_space: free space punctured at the base.
+        points: joints and tip at the start, shape (links + 1, 2) [m].
+        routes: routes from the base to the goal, each of shape (k, 2) [m].
+        shrink: distance kept from corners where possible [m].
+    """
     arm, curl = without_curl(free_space, points, shrink)
     first_link = vector_heading(arm[1] - arm[0])
     paths = []
     for lying in routes:
-        # The shape of a goal for the whole arm may be curled too.
+        # The shape of a goal for the whole arm may be curled round the base too.
         route, last_curl = without_curl(free_space, lying, shrink)
         first_leg = vector_heading(route[1] - route[0])
         for side in (1, -1):
@@ -127,10 +139,11 @@ def tip_paths_in(
 
 
 def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
-    """Return the line of the arm that tip paths have to follow, and the turn of the first link that removes a curl.
+    """Return the line along which tip paths lead back to the base: the arm's axis, without a curl round the base.
 
-    An arm with surplus length may curl round its own base; pulled taut, its base turns and the curl is gone. Paths back
-    along the curl would lead the tip round the base needlessly, and wind the arm the wrong way.
+    An arm with surplus length may curl round its own base; if the arm is pulled straight in its homotopy class, its
+    base turns and the curl disappears. Tip paths back along the curl would lead the tip round the base needlessly, and
+    wind the arm in the wrong direction.
 
     Args:
         free_space: free space punctured at the base.
@@ -138,7 +151,8 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
         shrink: distance kept from corners where possible [m].
 
     Returns:
-        Points from the base outwards, shape (k, 2) [m], and the turn [rad], 0 where the arm's own line is used.
+        Points from the base outwards, shape (k, 2) [m], and the turn of the first link that removes the curl [rad], 0
+        without a curl.
     """
     try:
         taut = _taut_route(free_space, points, shrink)
@@ -154,21 +168,21 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
 
 
 def with_base_turn(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
-    """Return the paths along which the base turns by a given angle, or all paths when there is no such path.
+    """Return the tip paths along which the base turns by a given angle, or all paths if there is none.
 
-    By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
-    is only met along paths that agree with its first bend; other angles differ by whole turns.
+    By continuity the first link turns by the angle between arm and route on the side of the path. So a goal for the
+    whole arm is only met along paths that agree with its first bend; those of other paths differ by whole turns.
 
     Args:
         paths: tip paths.
-        turn: turn from the first link at the start to the first link of the goal [rad].
+        turn: turn from the first link at the start to the first link at the goal [rad].
     """
     agreeing = tuple(path for path in paths if abs(path.turn - turn) < np.pi)
     return agreeing or paths
 
 
 def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tuple[TipPath, ...]:
-    """Return the paths, ending with those on which the first link would have to turn beyond its limit.
+    """Return tip paths reordered so that those which turn the first link beyond its limit come last.
 
     Args:
         paths: tip paths.
@@ -182,14 +196,25 @@ def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tup
 def taut_round_base(
     free_space: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float
 ) -> FloatArray:
-    """Return the taut path of the class back along joints to the base, round it and out along a route, (k, 2) [m]."""
+    """Return the shortest path, (k, 2) [m], in the class back along joints, round the base and out along a route.
+
+    Args:
+        free_space: free space punctured at the base.
+        points: joints from the base outwards, shape (m, 2) [m].
+        route: route from the base outwards, shape (j, 2) [m].
+        side: +1 to turn counter-clockwise from the arm to the route, -1 clockwise.
+        shrink: distance kept from corners where possible [m].
+    """
     if len(points) < 2:
         return _taut_route(free_space, route, shrink)
     return free_space.taut_path(round_base(points, route, side), shrink=shrink)
 
 
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
-    """Return the taut path along a route, the first part of which stays as it is, inside the puncture at the base."""
+    """Return the shortest path in the homotopy class of a route (j, 2) from the base, shape (k, 2) [m].
+
+    The first part of the route, inside the puncture at the base, is kept.
+    """
     span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route extends
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
@@ -199,15 +224,15 @@ def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> Floa
 
 
 def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
-    """Return the path back along the arm, round its base on one side, and out along a route.
+    """Return a polyline back along the arm, round its base on one side, and out along a route.
 
     Args:
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
         route: route from the base outwards, shape (k, 2) [m].
-        side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
+        side: +1 to turn counter-clockwise from the arm to the route, -1 clockwise.
 
     Returns:
-        Shape (·, 2) [m].
+        Vertices of the polyline, shape (j, 2) [m].
     """
     base = points[0]
     strays = [np.linalg.norm(path - base, axis=1).max() for path in (points, route)]
@@ -224,7 +249,10 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """Return the part of a path from where it last leaves a disc about its first point, or at least its last point."""
+    """Return the part of a path (k, 2) from where it last leaves a disc about its first point, at least its last point.
+
+    ``radius`` is the radius of the disc [m].
+    """
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
     if inside == len(path) - 1:

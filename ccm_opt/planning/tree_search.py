@@ -1,6 +1,6 @@
-"""The search by two trees: one grows from the start, one from poses at the goal, until a motion joins them.
+"""Search by two trees of poses of a planar arm, from the start and from poses at the goal, until a motion joins them.
 
-After RRT-Connect (Kuffner and LaValle, 2000), with the continuation as local planner: an extension follows a guide
+After RRT-Connect (Kuffner and LaValle, 2000), with continuation as the local planner: an extension follows a guide
 around and along obstacles instead of stopping at the first contact, so that a few hundred poses cover what thousands of
 straight connections would not.
 """
@@ -20,46 +20,46 @@ from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
 from ccm_opt.planning.search_run import PlanarRun
 
 MOST_EXTENSIONS = 400
-"""Total number of extensions before the search is given up, however much time is left, so that the result does not
-depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201."""
+"""Maximum number of extensions, however much time is left, so that the result does not depend on the time. Measured in
+24 scenes of clutter: 22 need at most 16, one 51, one 201."""
 _DISPERSION = 0.04
-"""Least distance between nodes. Taste."""
+"""Minimum distance between nodes, as measured by ``PoseTree.distances``. Taste."""
 _STEPS = 250
-"""Most steps of an extension. Taste."""
+"""Maximum number of steps of an extension. Taste."""
 _SATURATED = 80
-"""Extensions in a row that add no node before the search is given up. Taste."""
+"""Number of extensions in a row without a new node after which the search ends. Taste."""
 
 _CONNECTION_PATIENCE = 5
-"""Steps without progress before a connection of the trees ends; an extension may reach what a connection does not.
-Taste."""
+"""Number of steps without progress after which an attempt to connect the trees ends. Taste: low, as later extensions
+may still succeed."""
 _NODE_INTERVAL = 10
-"""Least number of steps between two nodes of one extension. Taste."""
+"""Minimum number of steps between two nodes of one extension. Taste."""
 _CONNECTIONS = 1
-"""Number of nodes of the other tree that a new node is connected to, nearest first. Taste."""
+"""Number of nodes of the other tree to which a connection of a new node is tried, nearest first. Taste."""
 _ROOT_INTERVAL = 40
-"""Extensions between two new poses at the goal. Taste."""
+"""Number of extensions between two new poses at the goal. Taste."""
 _SETTLING_DISTANCE = 3.0
-"""Distance from the goal below which a tip is drawn onto it, in nominal links. Derived: twice the leash of tip-led
-continuation."""
+"""Distance of the tip from the goal below which the tip is led onto the goal, in nominal links. Derived: twice the
+largest lag of tip-led continuation."""
 _PATIENCE = 12
-"""Steps without progress before an extension ends. Taste."""
+"""Number of steps without progress after which an extension ends. Taste."""
 
 
 class _Root(IntEnum):
-    """Origin of a tree, used as its index in pairs of trees."""
+    """Root of a search tree, start or goal, used as the index of the tree in pairs."""
 
     START = 0
     GOAL = 1
 
 
 def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
-    """Grow both trees until they meet, and return the poses from start to goal.
+    """Return the poses of a motion from start to goal found by growing two trees until they meet.
 
     Args:
-        runs: runs of one task with different margins, the narrowest last; the poses and the goal of that one are used.
+        runs: searches of one task with different margins, the narrowest last, whose poses and goal are used.
 
     Raises:
-        Stalled: the time is up or nothing new is reached; the exception's pose is the one nearest to the goal.
+        Stalled: the time is up or the trees reach nothing new; the exception holds the pose nearest to the goal.
     """
     search = TreeSearch.from_runs(runs)
     search.run()
@@ -70,17 +70,17 @@ def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
 
 @dataclass
 class TreeSearch:
-    """State of a search with two trees.
+    """State of a search by two trees of poses.
 
     Attributes:
-        runs: runs of one task with different margins, the narrowest last.
+        runs: searches of one task with different margins, the narrowest last.
         goal_poses: generator of poses at the goal.
         rng: source of every random choice.
-        trees: trees from the start, and from poses at the goal.
-        samplers: samplers of their extensions.
+        trees: tree from the start, and tree from poses at the goal.
+        samplers: samplers of the extensions of both trees.
         rejected: number of extensions since the last one that added a node.
         extensions: number of extensions so far.
-        found: poses from start to goal; empty until a motion is found.
+        found: poses of the motion from start to goal; empty until a motion is found.
     """
 
     runs: list[PlanarRun]
@@ -94,7 +94,7 @@ class TreeSearch:
 
     @classmethod
     def from_runs(cls, runs: list[PlanarRun]) -> "TreeSearch":
-        """Return the search with the start as its only node."""
+        """Return a search by two trees, in which the start is the only node."""
         run = runs[-1]
         task = run.task
         rng = np.random.default_rng(task.seed)
@@ -111,16 +111,16 @@ class TreeSearch:
 
     @property
     def task(self) -> MotionTask:
-        """The task."""
+        """Search task of the motion."""
         return self.runs[-1].task
 
     @property
     def goal(self) -> GoalPose:
-        """Goal of the motion, in the coordinates of the runs."""
+        """Goal of the motion, in the coordinates of the curve."""
         return self.runs[-1].goal
 
     def run(self) -> None:
-        """Extend the trees in turn until a motion is found or the search ends."""
+        """Extend both trees in turn until a motion is found, time is up or the trees reach nothing new."""
         while not self.found and not self.task.deadline.passed() and not self._exhausted:
             if self.extensions % _ROOT_INTERVAL == 0:
                 self._draw_root()
@@ -130,18 +130,21 @@ class TreeSearch:
 
     @property
     def _exhausted(self) -> bool:
-        """Whether the trees reach nothing new, or the maximum number of extensions has been made."""
+        """Whether the trees have reached nothing new for long, or the maximum number of extensions has been made."""
         return self.rejected >= _SATURATED or self.extensions >= MOST_EXTENSIONS
 
     def _draw_root(self) -> None:
-        """Add another pose at the goal, if there is one, and try at once to connect it to the other tree."""
+        """Add another pose at the goal as a root, if there is one, and try to connect this root to the other tree."""
         pose = next(self.goal_poses, None)
         if pose is not None:
             root = self.trees[_Root.GOAL].add_root(pose)
             self._connect(_Root.GOAL, root)
 
     def _extend(self, side: int) -> None:
-        """Follow one random guide, keep certified new poses, and try to complete the motion from there."""
+        """Extend one tree by a random guide, keep certified new poses, and try to complete the motion from them.
+
+        ``side`` is the index of the tree, 0 for the start.
+        """
         tree = self.trees[side]
         other = self.trees[1 - side]
         node, guide = self.samplers[side].draw(tree, other)
@@ -158,7 +161,10 @@ class TreeSearch:
             self._connect(side, added[-1])
 
     def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
-        """Return the poses of one extension, with a randomly chosen planning margin."""
+        """Return the poses of one extension from a pose along a guide, with a random planning margin.
+
+        ``patience`` is the number of steps without progress after which the extension ends.
+        """
         # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
         stepper = self.runs[int(self.rng.integers(len(self.runs)))].stepper
         try:
@@ -167,14 +173,14 @@ class TreeSearch:
             return stalled.poses
 
     def _certified(self, poses: list[Pose]) -> list[Pose]:
-        """Return the longest certified initial part of a motion."""
+        """Return the poses of the longest certified initial part of a motion."""
         if len(poses) < 2:
             return poses
         failing = self.task.certificate.failures(np.array([pose.q for pose in poses]))
         return poses[: int(failing[0]) + 1] if len(failing) else poses
 
     def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:
-        """Add the poses that are far enough from all nodes, and return the numbers of the new nodes."""
+        """Add poses of a motion from a node that are far enough from all nodes, and return the indices of new nodes."""
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1
@@ -189,7 +195,7 @@ class TreeSearch:
         return added
 
     def _settle(self, node: int) -> None:
-        """Draw the tip of a node that is near the goal onto it."""
+        """Lead the tip of a node of the start tree onto the goal, if it is near the goal, to complete the motion."""
         run = self.runs[-1]
         if self.goal.coordinates is not None:
             return  # a goal of the whole arm is the root of the other tree, and reached by connections
@@ -208,7 +214,7 @@ class TreeSearch:
             self.found = tree.poses_to_node(node) + poses[1:]
 
     def _connect(self, side: int, node: int) -> None:
-        """Lead a node to the nearest nodes of the other tree."""
+        """Lead a node towards the nearest nodes of the other tree, to complete the motion."""
         tree = self.trees[side]
         other = self.trees[1 - side]
         if not len(other):
@@ -235,7 +241,7 @@ class TreeSearch:
             self._keep(tree, node, certified)
 
     def ended(self) -> str:
-        """Return, in words, why the growth ended."""
+        """Return a message that says why the search ended."""
         if self.rejected >= _SATURATED:
             limit = "until they reached nothing new"
         elif self._exhausted:
@@ -245,5 +251,5 @@ class TreeSearch:
         return f"trees of {sum(len(tree) for tree in self.trees)} poses were grown {limit}"
 
     def nearest_to_goal(self) -> Pose:
-        """Return the pose reached from the start whose tip is nearest to the goal."""
+        """Return the pose in the start tree whose tip is nearest to the goal."""
         return min(self.trees[_Root.START].poses, key=lambda pose: self.goal.errors(pose)[0])

@@ -1,4 +1,4 @@
-"""Via places, which a goal lists and the path of the tip passes in order, and where a path passes them."""
+"""Via points, which the tip has to pass in order on its way to the goal, and the positions where a path passes them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +12,11 @@ from ccm_opt.planning.pose import CurveUnknowns
 
 @dataclass(frozen=True, eq=False)
 class Passings:
-    """Positions where a path of straight legs comes nearest to places, in their order.
+    """Positions on a polyline of the tip at which m via points are passed, in their order.
 
     Attributes:
-        leg: leg on which each place is passed, shape (m,).
-        share: share of the leg, from 0 to 1, shape (m,).
+        leg: index of the leg on which each via point is passed, shape (m,).
+        share: fraction of the leg before that position, from 0 to 1, shape (m,).
     """
 
     leg: IntArray
@@ -24,16 +24,18 @@ class Passings:
 
     @property
     def along(self) -> FloatArray:
-        """Positions as leg number plus share, so that corners of the path have integers, shape (m,)."""
+        """Positions as the index of the leg plus the fraction of the leg, so that vertices are integers, shape (m,)."""
         return np.asarray(self.leg + self.share, dtype=np.float64)
 
 
 def passings(tips: FloatArray, places: FloatArray) -> Passings:
-    """Return where a path passes places in order, so that the sum of the squared distances from these is least.
+    """Return the positions on a tip path at which via points are passed in order.
+
+    They minimise the sum of the squared distances between path and via points.
 
     Args:
-        tips: corners of the path, at least two, shape (K, 3) [m].
-        places: the places, shape (m, 3) [m].
+        tips: vertices of the path, at least two, shape (K, 3) [m].
+        places: via points, shape (m, 3) [m].
     """
     leg = np.diff(tips, axis=0)
     size = np.einsum("kd,kd->k", leg, leg)
@@ -46,7 +48,7 @@ def passings(tips: FloatArray, places: FloatArray) -> Passings:
 
 
 def _in_order(away: FloatArray) -> IntArray:
-    """Return a column for each row of a table (m, k), non-decreasing and with the least sum of entries, shape (m,)."""
+    """Return a non-decreasing choice of one column per row of a table (m, k) with the least sum of entries, (m,)."""
     # Dynamic programme: the least sum of rows so far with the last at a column or before it; then back from the end.
     sums = np.zeros_like(away)
     best = np.zeros(away.shape[1])
@@ -62,12 +64,12 @@ def _in_order(away: FloatArray) -> IntArray:
 
 
 def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
-    """Return the number of the first place that a path does not pass, and the path's distance from it [m], or None.
+    """Return the index of the first via point that a tip path misses, and the distance [m], or None if all are passed.
 
     Args:
-        tips: samples of the path, shape (N, 3) [m].
-        places: places in the order in which they are to be passed, shape (m, 3) [m].
-        reach: distance that counts as passing [m].
+        tips: samples of the tip path, shape (N, 3) [m].
+        places: via points in the order in which they have to be passed, shape (m, 3) [m].
+        reach: distance within which a via point counts as passed [m].
     """
     first = 0
     for number, place in enumerate(places):
@@ -81,24 +83,27 @@ def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class PassedPlaces(LimitOf[CurveUnknowns]):
-    """Limit of motions whose tip passes places at keyframes, in their order.
+    """Limit on a motion that makes the tip pass via points at keyframes, in their order.
 
     Attributes:
-        places: the places, shape (m, d) [m].
-        reach: largest distance of the tip from a place, unless it was larger before [m].
+        places: via points, shape (m, d) [m].
+        reach: largest distance of the tip from a via point, unless the distance was larger before a step [m].
     """
 
     places: FloatArray
     reach: float
 
     def _passed(self, sweep: Any) -> tuple[IntArray, FloatArray]:
-        """Return the keyframes that pass the places, (m,), and the tip's offsets from the places, shape (m, d) [m]."""
+        """Return the keyframes at which m via points are passed, (m,), and the tip's offsets from them, (m, d) [m]."""
         off = sweep.points[:, sweep.space.arm.links] - self.places[:, None]
         keyframe = _in_order(np.sum(off**2, axis=2))
         return keyframe, off[np.arange(len(keyframe)), keyframe]
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return bounds per axis that keep the tip in the cube inscribed in the ball, or no farther out than before."""
+        """Return rows that keep the tip, at the keyframes that pass via points, in a cube around its via point.
+
+        The cube is inscribed in the ball of radius ``reach``; an offset that is larger already must not grow.
+        """
         del u
         keyframe, off = self._passed(sweep)
         moved = np.flatnonzero(keyframe > 0)
@@ -113,7 +118,7 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
         )
 
     def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
-        """Return whether the tip passes every place within ``reach``, or at least as near as before."""
+        """Return whether the tip passes every via point within ``reach``, or no farther away than in ``before``."""
         del u
         away, was = (np.linalg.norm(self._passed(each)[1], axis=1) for each in (sweep, before))
         return bool(np.all(away <= np.maximum(self.reach, was) * (1.0 + 1e-9)))
