@@ -1,1 +1,1 @@
-"""The driver: turns a problem into a verified, simulated solution, and replans to new goals while the arm moves."""
+"""Top-level functions: solving a problem to a verified, simulated plan, and replanning while the arm moves."""

@@ -1,4 +1,4 @@
-"""Checks of callers' arguments, and of the user's constraints and costs."""
+"""Checks of the arguments of public functions, and of the user's constraints and costs."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ def expect_arguments(
     settings: "Settings | None" = None,
     **flags: bool,
 ) -> None:
-    """Refuse arguments of the wrong type; None, which stands for the default, is accepted.
+    """Raise an error for arguments of a wrong type; None, which stands for a default, is accepted.
 
     Args:
         progress: argument that must be a function.
@@ -37,7 +37,7 @@ def expect_arguments(
         flags: arguments, by name, that must be booleans.
 
     Raises:
-        ProblemError: an argument is invalid; the message names what was expected, and how to write it.
+        ProblemError: an argument is invalid; the message says what is expected and how to write it.
     """
     expect_callable(progress, "a function for progress=", "for example progress=print")
     expect_method(planner, ["plan"], "a planner: an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
@@ -53,10 +53,10 @@ def expect_arguments(
 
 
 def refuse_without_effect(problem: Problem) -> None:
-    """Refuse planner options that have no effect on a problem, as when a problem file sets them.
+    """Raise an error for planner options that were set although they have no effect on the problem.
 
     Raises:
-        ProblemError: options have no effect; the message names them and the reason.
+        ProblemError: an option has no effect; the message names all such options and the reasons.
     """
     found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
@@ -67,7 +67,13 @@ def refuse_without_effect(problem: Problem) -> None:
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
-    """Return the kind and name of every constraint and cost, starting with those that a failure's reason names."""
+    """Return kind and name of every constraint and cost of the user, first those that a reason of failure mentions.
+
+    Args:
+        reason: the reason, in words.
+        constraints: constraints of the user.
+        costs: costs of the user.
+    """
     hard = [("constraint", each.name) for each in constraints if not each.soft]
     soft = [("constraint", each.name) for each in constraints if each.soft]
     every = [*hard, *soft, *(("cost", each.name) for each in costs)]
@@ -75,10 +81,10 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
-    """Return the user's constraints and costs compiled for an arm; None when there are none.
+    """Return the user's constraints and costs compiled for an arm; None where there are none.
 
     Raises:
-        ProblemError: they are not lists, or one of them is invalid.
+        ProblemError: an argument is no list, or a constraint or cost is invalid.
     """
     # An empty list is valid; other falsy values are not.
     expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
@@ -94,16 +100,16 @@ ADVICE = ("change the bounds of the constraint, or the goal", "let it apply alon
 
 
 def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
-    """Refuse constraints that are proved to be violated at a goal in every pose.
+    """Raise an error for constraints of the user that are proved to be violated in every pose at a goal.
 
-    Nothing is refused if the start violates a constraint, since the planner reports that as invalid input.
+    No error is raised if the start violates a constraint, since the planner reports that as invalid input.
 
     Args:
-        problem: the problem to solve.
+        problem: the problem.
         terms: the user's constraints and costs.
 
     Raises:
-        UnreachableGoal: a constraint is violated in every pose; the error names the constraint and its least violation.
+        UnreachableGoal: a constraint is violated in every pose; the error states its minimum violation.
     """
     if terms is None or _breaks_start(problem, terms):
         return
@@ -121,7 +127,7 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
 
 
 def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
-    """Return whether the start violates a constraint that applies there, which the planner reports as invalid input."""
+    """Return whether the start pose violates a hard constraint of the user that applies at the start."""
     start = problem.start.configuration(problem.arm)
     misses = (
         float(item.residuals(start[None], np.zeros(1))[0])

@@ -1,7 +1,7 @@
-"""The clearance that a motion keeps over time.
+"""Measurement of the clearance of a motion over time.
 
-Gaps are recorded at a subset of the motion's samples. The least gap is the minimum over all times, with motion linear
-between samples, as proved by the verifier's checks.
+Clearances are recorded at a subset of the motion's samples. The minimum clearance is that over all times, with linear
+motion between samples, as proved by the verifier's checks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,17 +25,17 @@ from ccm_opt.verification.wall_clearance import check_walls
 
 @dataclass(frozen=True)
 class ClearanceSettings:
-    """Settings of the clearance record; no check depends on them.
+    """Settings for the record of a motion's clearance; no check depends on them.
 
     Attributes:
-        samples: maximum number of samples of the motion whose gaps are recorded, not counting its ends and stops; the
-            least gap does not depend on them. Taste: more than a chart shows.
-        enough: fraction of the preferred clearance below which a motion counts as short of clearance. Taste: planning
-            keeps the preferred clearance by soft rows, which may fall a little short.
-        reach: search distance for gaps, as a fraction of the arm's length; larger gaps are recorded as this distance.
-            Taste: several times the usual preferred clearance.
-        reach_wanted: search distance for gaps, in multiples of the preferred clearance; the larger of this and
-            ``reach`` applies. Taste.
+        samples: maximum number of samples at which clearance is recorded, besides ends and stops of the motion; the
+            minimum clearance does not depend on this number. Taste: more than a chart shows.
+        enough: fraction of the preferred clearance below which a shortfall is recorded. Taste: planning keeps the
+            preferred clearance by soft constraints, which may be violated a little.
+        reach: search distance, at which recorded clearances are capped, as a fraction of the arm's length. Taste:
+            several times the default preferred clearance.
+        reach_wanted: search distance in multiples of the preferred clearance; the larger of both distances applies.
+            Taste.
     """
 
     samples: int = 240
@@ -45,19 +45,19 @@ class ClearanceSettings:
 
 
 DEFAULT_CLEARANCE = ClearanceSettings()
-"""Default settings of the clearance record."""
+"""Default settings for the record of a motion's clearance."""
 
 
 @dataclass(frozen=True)
 class _GapsAtSamples:
-    """The nearest pair of bodies at each inspected sample, each array of shape (N,).
+    """The nearest pair of bodies at each of N samples; all arrays have shape (N,).
 
     Attributes:
-        gap: gap of the pair [m]; the search distance where no pair is within it.
-        wanted: preferred gap of the pair [m].
-        link: link of the pair, from 1; 0 where no pair is within the search distance.
-        second_link: second link of the pair, from 1; 0 where the pair is with a wall or missing.
-        obstacle: name of the wall, or empty.
+        gap: clearance of the pair [m]; the search distance where no pair is within it.
+        wanted: preferred clearance of the pair [m].
+        link: number of the link, from 1; 0 where no pair is within the search distance.
+        second_link: number of the second link, from 1; 0 where the other body is an obstacle, or there is no pair.
+        obstacle: name of the obstacle; empty where there is none.
     """
 
     gap: FloatArray
@@ -68,11 +68,11 @@ class _GapsAtSamples:
 
     @property
     def lack(self) -> FloatArray:
-        """Shortfall from the preferred clearance, shape (N,) [m]; negative where the gap is larger."""
+        """Shortfall from the preferred clearance at each sample, shape (N,) [m]; negative where clearance is larger."""
         return self.wanted - self.gap
 
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
-        """Return gaps taken from this object at the samples of a mask, and from another object elsewhere."""
+        """Return the pairs of this object at the samples of a mask, shape (N,), those of another elsewhere."""
         return _GapsAtSamples(
             *(np.where(choose, mine, theirs) for mine, theirs in zip(*map(_columns, (self, other)), strict=True))
         )
@@ -90,18 +90,18 @@ def clearance_over_time(
     settings: ClearanceSettings = DEFAULT_CLEARANCE,
     verification: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> ClearanceRecord:
-    """Return the record of the clearance that a motion keeps.
+    """Return the clearance of a motion over time.
 
     Args:
         problem: the problem as posed.
         trajectory: the motion, which passes the verifier.
-        wanted: the preferred clearance [m]; 0 when there is none.
-        checks: checks of the verifier, which hold the least gaps; computed here when None.
-        settings: fraction of the preferred clearance that counts as enough, and search distance.
-        verification: resolution of the least gap between samples.
+        wanted: the preferred clearance beyond the required clearance [m]; 0 where there is none.
+        checks: verifier's checks, which hold the minimum clearances; None to compute them here.
+        settings: samples, search distance, and fraction of the preferred clearance that counts as enough.
+        verification: settings of the verifier, which give the resolution of minimum clearances.
 
     Returns:
-        The record, without the largest possible gap and the price of the preferred clearance.
+        The clearance, without the upper bound for any motion and without the price of the preferred clearance.
     """
     verification = verification.for_problem(problem)
     if checks is None:
@@ -115,7 +115,7 @@ def clearance_over_time(
 
 @dataclass(frozen=True)
 class _Room:
-    """Measures the clearance of one motion among its obstacles; attributes as for ``clearance_over_time``."""
+    """Measurement of the clearance of one motion; attributes are the arguments of ``clearance_over_time``."""
 
     problem: Problem
     trajectory: JointTrajectory
@@ -130,7 +130,7 @@ class _Room:
 
     @cached_property
     def _samples(self) -> IntArray:
-        """Indices of the inspected samples, evenly spread in time, and of all samples at which the arm rests."""
+        """Indices of the recorded samples, evenly spread over time and including all samples at which the arm rests."""
         time = self.trajectory.time
         spread = np.searchsorted(time, np.linspace(0.0, time[-1], self.settings.samples))
         return np.unique([0, *np.minimum(spread, len(time) - 1), *self.trajectory.stops, len(time) - 1])
@@ -140,7 +140,7 @@ class _Room:
         return max(self.settings.reach * self.problem.arm.length, self.settings.reach_wanted * self.wanted)
 
     def record(self) -> ClearanceRecord:
-        """Return the record of the motion."""
+        """Return the clearance of the motion over time."""
         motion = self._motion
         samples = self._samples
         poses = motion.points[samples]
@@ -164,7 +164,11 @@ class _Room:
         )
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
-        """Return the gap to the nearest wall at every inspected sample."""
+        """Return the nearest link and obstacle at every recorded sample.
+
+        Args:
+            poses: positions of joints and tip of n links at N samples, shape (N, n + 1, d) with d = 2 or 3 [m].
+        """
         clearance = self.problem.workspace.clearance
         seen = GapsAtSamples.of(self.problem, poses, self._reach + clearance, 0.0)
         near = seen.walls
@@ -173,7 +177,11 @@ class _Room:
         return _GapsAtSamples(near.gap - clearance, wanted, near.link, np.zeros_like(near.link), names)
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
-        """Return the gaps of the nearest pair of links at every sample, and of the pair with the largest shortfall."""
+        """Return for every recorded sample the nearest pair of links, and the pair with the largest shortfall.
+
+        Args:
+            poses: positions of joints and tip of n links at N samples, shape (N, n + 1, d) with d = 2 or 3 [m].
+        """
         arm = self.problem.arm
         may_meet = arm.self_collision and first_distant(arm) < arm.links
         pairs, distance = link_gaps(arm, poses if may_meet else poses[:0], self._reach)
@@ -194,7 +202,7 @@ class _Room:
         return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
 
     def _nearest(self, at_samples: _GapsAtSamples) -> NearPlace:
-        """Return the least gap over all times, at a sample or, as proved by the checks, between two samples."""
+        """Return the minimum clearance over all times, at a recorded sample or, as checks prove, between samples."""
         known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted
@@ -204,7 +212,7 @@ class _Room:
         return min(known, key=lambda place: place.gap)
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
-        """Return the record of the nearest pair of bodies at one sample."""
+        """Return bodies, clearance and time of the nearest pair at one recorded sample."""
         return NearPlace(
             float(gaps.gap[sample]),
             float(gaps.wanted[sample]),
@@ -215,7 +223,12 @@ class _Room:
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
-        """Yield the time intervals in which the motion is short of the preferred clearance, each with its cause."""
+        """Yield the time intervals in which clearance is below the preferred clearance, each with its cause.
+
+        Args:
+            gaps: the pair with the largest shortfall at each recorded sample.
+            rests: positions, among the recorded samples, of those at which the arm rests.
+        """
         few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
         edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
         for first, end in edges.reshape(-1, 2):
@@ -230,9 +243,15 @@ class _Room:
             )
 
     def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
-        """Return the rest pose that causes a shortfall, or "passage".
+        """Return the cause of a shortfall of clearance: "start", "stop", "goal", or "passage".
 
-        A rest pose within the interval is the cause if no other pose there falls shorter of the preferred clearance.
+        A pose in which the arm rests is the cause if its shortfall is the largest of the interval.
+
+        Args:
+            gaps: the pair with the largest shortfall at each recorded sample.
+            rests: positions, among the recorded samples, of those at which the arm rests.
+            stretch: first and last recorded sample of the interval.
+            lack: largest shortfall in the interval [m].
         """
         for number, sample in enumerate(rests):
             inside = stretch[0] <= sample <= stretch[1]
@@ -244,7 +263,13 @@ class _Room:
 
 
 def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
-    """Return the index of the item with the least value at each node, shape (count,); -1 for a node without items."""
+    """Return for each of ``count`` groups the index of the item with the minimum value, or -1 for an empty group.
+
+    Args:
+        node: group of each item, shape (m,).
+        least: value of each item, shape (m,).
+        count: number of groups.
+    """
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, node, least)
     lowest_items = np.flatnonzero(least == lowest[node])
@@ -254,12 +279,12 @@ def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
 
 
 def _filled(best: IntArray, values: FloatArray, otherwise: float) -> FloatArray:
-    """Return the value at the chosen index of each sample, shape (N,), or a default where no index is chosen."""
+    """Return the values at given indices, shape (N,), with a default value where the index is -1."""
     return np.append(values, otherwise)[best]
 
 
 def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
-    """Return the number at the chosen index of each sample, counted from 1, shape (N,); 0 where no index is chosen."""
+    """Return the numbers at given indices, increased by one, shape (N,); 0 where the index is -1."""
     counted: IntArray = np.append(numbers + 1, 0)[best]
     return counted
 

@@ -1,4 +1,4 @@
-"""Simulation of a plan under control, and the contacts of the simulated arm."""
+"""Closed-loop simulation of a plan, and detection of contacts of the simulated arm."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,22 +14,22 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMoti
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 
 _FIRST_LOOKS = 40
-"""Samples at which gaps of the simulated arm are measured first, as far as a link; at the other samples the search need
-only reach as far as the nearest surface found here. Taste: on the elbow with 9500 samples, this takes a hundredth of
-the time of searching that far at all of them."""
+"""Number of samples at which clearances of the simulated arm are measured first, to determine the search distance for
+all samples. Taste: for 9500 samples of an example problem in space, this takes a hundredth of the time of a search as
+far as one link length at all samples."""
 _LEAST_REACH = 1.0 / 16.0
-"""Least search distance at the other samples, in links. Taste."""
+"""Minimum search distance for clearances at all samples, in link lengths. Taste."""
 _STEP_HALVINGS = 4
-"""Most times that the step is halved before the arm is reported not to follow its plan. Taste: a sixteenth of the step
-costs sixteen times the run."""
+"""Maximum number of times that the integration step is halved before the arm is reported not to follow the plan. Taste:
+a sixteenth of the step takes sixteen times as long."""
 _SAME_ERROR = 0.1
-"""Relative difference of the tracking errors at a step and at half of it below which the step size does not explain why
-the arm fails to follow, so that no smaller one is tried. Taste."""
+"""Relative change of the tracking error by halving the step, up to which the step size does not explain a failure to
+follow the plan, so that no smaller step is tried. Taste."""
 
 WALLS = "simulated_least_wall_clearance_m"
-"""Name of the figure of the least distance to walls."""
+"""Name of the figure of merit for the minimum distance to obstacles."""
 ITSELF = "simulated_least_self_clearance_m"
-"""Name of the figure of the least distance between links."""
+"""Name of the figure of merit for the minimum distance between links."""
 FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
     "followed",
     "saturated",
@@ -43,11 +43,11 @@ FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
 
 @dataclass(frozen=True)
 class Touch:
-    """A contact of a link of the simulated arm.
+    """A contact of a link of the simulated arm with an obstacle or another link.
 
     Attributes:
-        link: number of the link, counted from 1.
-        obstacle: name of the wall, or "link 9".
+        link: number of the link, from 1.
+        obstacle: name of the obstacle, or for example "link 9".
         time: time of the contact [s].
     """
 
@@ -61,12 +61,12 @@ class Touch:
 
 @dataclass(frozen=True)
 class Seen:
-    """Contacts and least distances of a simulated arm among its obstacles.
+    """First contact and minimum distances of a simulated arm.
 
     Attributes:
-        touch: first contact; None without one.
-        walls: least distance to walls [m]; inf where no wall is near; meaningless after a contact.
-        itself: least distance between links [m]; inf where no links are near each other; None where links may touch.
+        touch: first contact; None without contact.
+        walls: minimum distance to obstacles [m]; inf where no obstacle is near; meaningless after a contact.
+        itself: minimum distance between links [m]; inf where none are near each other; None if links may touch.
     """
 
     touch: Touch | None
@@ -76,11 +76,11 @@ class Seen:
 
 @dataclass(frozen=True)
 class JudgedMotion:
-    """A simulated motion with its verdict, contacts and least distances.
+    """A simulated motion with its outcome, first contact and minimum distances.
 
     Attributes:
         motion: motion of the simulated arm.
-        seen: contacts and distances; None when nothing was simulated, or they are not known.
+        seen: first contact and minimum distances; None where nothing was simulated, or they are unknown.
     """
 
     motion: SimulatedMotion
@@ -97,19 +97,19 @@ def simulate_and_check(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """Simulate a planned motion and judge the result; an arm that does not follow its plan raises no error.
+    """Return the simulation of a plan and its figures of merit; an arm that does not follow the plan raises no error.
 
-    If the arm does not follow, the simulation is repeated with smaller steps, since the integration may be at fault.
-    The result is the first run in which the arm follows; otherwise the run at the problem's own step, unless a smaller
+    If the arm does not follow the plan, the simulation is repeated with smaller steps, since the integration may be at
+    fault. The result is the first run in which the arm follows, else the run with the problem's step, unless a smaller
     step gives a better outcome.
 
     Args:
-        problem: arm, limits, obstacles and simulation options.
-        trajectory: the plan.
-        joints: the plan for all revolutes.
+        problem: the problem, which gives arm, limits, obstacles and simulation options.
+        trajectory: the planned motion.
+        joints: states of all revolute joints over the planned motion.
 
     Returns:
-        The simulated motion with its verdict, and its figures of merit, named with their units.
+        The simulated motion with its outcome, and figures of merit by names that end in their unit.
     """
     asked = simulated_once(problem, trajectory, joints)
     best = asked
@@ -136,7 +136,10 @@ def simulated_once(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> JudgedMotion:
-    """Simulate a planned motion at the problem's own step and judge it; arguments as for ``simulate_and_check``."""
+    """Return the simulation of a plan with the problem's integration step, with outcome and contacts.
+
+    Arguments are those of ``simulate_and_check``.
+    """
     options = problem.simulation
     try:
         motion = simulate(problem.arm, trajectory, joints, options, problem.limits)
@@ -152,7 +155,7 @@ def simulated_once(
 
 
 def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen | None) -> Mapping[str, float]:
-    """Return the figures of merit: tracking errors, time at limits, and the least clearances over all times.
+    """Return the figures of merit of a simulation: tracking errors, time at effort limits, and minimum clearances.
 
     After a contact, the clearances are those at the contact.
     """
@@ -168,7 +171,13 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
 
 def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
-    """Return whether halving the step changed the result so little that the step size does not explain the failure."""
+    """Return whether halving the step changed the result so little that the step size does not explain the failure.
+
+    Args:
+        coarse: run with the larger step.
+        fine: run with half of that step.
+        share: maximum relative change of the tracking error that counts as little.
+    """
     if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
         return False
     error = coarse.motion.tracking_error
@@ -176,7 +185,7 @@ def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
 
 
 def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
-    """Return the verdict on a run with a contact, which also describes what the drives did."""
+    """Return the outcome of a simulation with a contact, with a reason that also describes the drives."""
     return replace(
         verdict,
         outcome="touched",
@@ -189,7 +198,12 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
 
 
 def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
-    """Return a run at a smaller step than the problem's, with a verdict that states the step."""
+    """Return a run with a smaller step than the problem's, with an outcome that states both steps.
+
+    Args:
+        motion: the run with the smaller step.
+        asked: outcome with the problem's step.
+    """
     verdict = motion.verdict
     if verdict.followed:
         # Details of the run at too long a step say nothing about an arm that follows.
@@ -203,13 +217,13 @@ def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> Sim
 def not_simulated(
     trajectory: JointTrajectory, joints: JointStates, step: float, reason: str, advice: tuple[str, ...] = ()
 ) -> SimulatedMotion:
-    """Return the record of an arm that was not simulated: it rests where the plan begins.
+    """Return the result for an arm that was not simulated, which rests in the start pose.
 
     Args:
-        trajectory: the plan.
-        joints: the plan for all revolutes.
-        step: step size of the simulation that was requested [s].
-        reason: why the arm was not simulated.
+        trajectory: the planned motion.
+        joints: states of all revolute joints over the planned motion.
+        step: integration step that was requested [s].
+        reason: reason why the arm was not simulated.
         advice: changes that would make a simulation possible.
     """
     samples = len(trajectory.time)
@@ -228,14 +242,18 @@ def seen(
     trajectory: JointTrajectory,
     simulated: SimulatedMotion,
 ) -> Seen | None:
-    """Return contacts and least distances of a simulated arm; None if no step ran, or a planar arm left its plane.
+    """Return first contact and minimum distances of a simulated arm.
 
-    In space, rolls that the controller does not hold at zero count too: the revolutes alone determine the pose.
+    The angles of all revolute joints determine the pose; in space these include rolls that the controller does not
+    hold at zero.
 
     Args:
-        problem: arm, and walls or surfaces.
-        trajectory: the plan, for its times.
+        problem: the problem, which gives arm and obstacles.
+        trajectory: the planned motion, which gives the times of the samples.
         simulated: motion of the simulated arm.
+
+    Returns:
+        None if nothing was simulated, or a planar arm left its plane.
     """
     angles = simulated.angles
     if simulated.verdict.outcome == "not simulated" or len(angles) < 2:
@@ -264,14 +282,18 @@ def seen(
 
 
 def _least(near: NearestOfSamples) -> float:
-    """Return the least gap [m]; inf where nothing was near at any sample."""
+    """Return the minimum clearance over all samples [m]; inf where nothing was near at any sample."""
     return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """Return the gaps at all poses; the search distance is the least gap among a few of the poses.
+    """Return the clearances in all poses, found with a search distance just above the minimum clearance in a few poses.
 
-    The search among those few poses reaches one link's length for surfaces in space, and the arm's length in the plane.
+    In those few poses, the search distance is one link length in space, and the arm's length in the plane.
+
+    Args:
+        problem: the problem, which gives arm and obstacles.
+        points: positions of joints and tip of n links at T samples, shape (T, n + 1, d) with d = 2 or 3 [m].
     """
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm

@@ -1,4 +1,4 @@
-"""Finds the best pose at a goal, without asking whether a motion leads to it."""
+"""Search for the best static pose at a goal, without regard to a motion that leads to this pose."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -31,11 +31,11 @@ from ccm_opt.problem.solution import BindingSide, StaticPose
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEANING = 1e-4
-"""Share of the arm's length by which the distance to a side of a free region may differ from the gap of a pose that
-leans on that side. Taste."""
+"""Allowed difference between a joint's distance to an active side of its region and the clearance of the pose, as a
+fraction of the arm's length. Taste."""
 
 _ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
-"""Names that ``region_rows`` gives to its rows."""
+"""Pattern of the names of constraint rows that keep a link inside its convex region."""
 
 
 def find_pose(
@@ -46,27 +46,27 @@ def find_pose(
     progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
 ) -> StaticPose:
-    """Find the best pose of the arm at a problem's goal, by the goal-pose NLP.
+    """Return the best pose of the arm at a problem's goal, found by a nonlinear program (NLP).
 
-    The NLP starts from sampled poses, in the plane also from a curve along every route to the goal, in space also from
-    the end of a motion to the goal.
+    The NLP is solved from sampled poses, in the plane also from a backbone curve along every route to the goal, in
+    space also from the end of a motion to the goal.
 
-    Of several goals in sequence, the last one counts. Whether a motion leads to the pose is not checked; ``solve`` does
-    that.
+    Of several goals in sequence, the last one applies. Whether a motion leads to the pose is not checked; ``solve``
+    does that.
 
     Args:
-        problem: problem with a goal for the tip; in the plane, the arm must have a fixed base.
-        constraints: constraints of the user; those that cover the goal become rows of the NLP.
-        costs: costs of the user; those that cover the goal become terms of its objective.
-        progress: called when a stage starts, and when the search turns to another candidate.
-        settings: settings of the stages; the defaults when None.
+        problem: problem with a goal for the tip; a planar arm must have a fixed base.
+        constraints: constraints of the user; those that apply at the goal become rows of the NLP.
+        costs: costs of the user; those that apply at the goal become terms of the objective.
+        progress: function called when a stage starts, and when the search turns to another candidate.
+        settings: settings of the stages; None for the defaults.
 
     Returns:
-        The pose of least cost that touches nothing, keeps the joint limits, and has the tip at the goal.
+        The collision-free pose of minimum cost, within the joint limits, with the tip at the goal.
 
     Raises:
-        ProblemError: the goal is for the whole arm, so that no pose is left to find, or the base moves in the plane.
-        NoPlanFound: no pose was found; the diagnosis names the violations, and whether it is proved that there is none.
+        ProblemError: the goal gives the pose of the whole arm, or a planar arm has a feed axis.
+        NoPlanFound: no pose was found; the diagnosis states violations, and whether it is proved that none exists.
     """
     Problem.expected(problem)
     refuse_without_effect(problem)
@@ -96,10 +96,10 @@ def find_pose(
 
 
 def _refuse_other_questions(problem: Problem) -> None:
-    """Refuse problems for which ``find_pose`` cannot search for a pose at the goal.
+    """Raise an error for problems for which ``find_pose`` cannot search for a pose at the goal.
 
     Raises:
-        ProblemError: the goal is for the whole arm, or a planar base is on a feed axis.
+        ProblemError: the goal gives the pose of the whole arm, or a planar arm has a feed axis.
     """
     if problem.goal.whole(problem.arm) is not None:
         raise ProblemError(
@@ -112,7 +112,7 @@ def _refuse_other_questions(problem: Problem) -> None:
 
 
 def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings) -> StaticPose:
-    """Return the best pose over all initial poses.
+    """Return the best static pose found from any initial pose, by the nonlinear program.
 
     Raises:
         NoPlanFound: no pose was found.
@@ -146,7 +146,7 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
 
 
 _Question = tuple[GoalPoses, Iterator[PoseBeginning]]
-"""The goal-pose NLP and its initial poses."""
+"""The nonlinear program (NLP) for poses at the goal, and the initial poses from which it is solved."""
 
 
 def _in_plane(problem: Problem, terms: UserTerms | None, settings: Settings, _: Deadline) -> _Question:
@@ -166,12 +166,12 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
 
 
 def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
-    """Yield the sides of regions that are active constraints of a pose, in order of decreasing multiplier.
+    """Yield the region sides that are active constraints of an optimised pose, in order of decreasing multiplier.
 
     Args:
-        asked: the goal-pose NLP.
+        asked: the nonlinear program (NLP) for the pose.
         pose: a solution of the NLP.
-        start: configuration around which the free regions were built, shape (c,) [rad, m].
+        start: configuration around which the convex regions were built, with c coordinates, shape (c,) [rad, m].
     """
     points = asked.problem.arm.joint_positions_at(pose.q)
     drawn = [asked.regions(start, settings) for settings in asked.settings.widening]
@@ -190,9 +190,18 @@ def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterato
 def _normal(
     drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, allowed: float
 ) -> FloatArray | None:
-    """Return the outward normal, shape (d,), of the side of a region whose distance to a joint equals the gap.
+    """Return the outward unit normal of the region side whose distance to a joint equals the pose's clearance.
 
-    The result is None if no set of regions has such a side.
+    Args:
+        drawn: convex regions around the joints, for each widening step.
+        joint: index of the joint.
+        side: index of the side among those of the joint's region.
+        place: position of the joint, shape (d,) with d = 2 or 3.
+        gap: clearance of the pose.
+        allowed: allowed difference between distance and clearance.
+
+    Returns:
+        The normal, shape (d,); None if no region has such a side.
     """
     for regions in drawn:
         for each in np.flatnonzero((regions.joint == joint) & (regions.number == side)):

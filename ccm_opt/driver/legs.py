@@ -1,4 +1,4 @@
-"""The planner and retimer protocols, and the legs of a motion, one to each goal."""
+"""Protocols of planners and retimers, and planning of a motion to several goals, leg by leg."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,55 +13,55 @@ from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
-"""CPU time granted to the planner for a leg even if the earlier legs used up the limit [s]: without any, a late leg
-would fail on time although it might be easy. Taste."""
+"""CPU time granted to every leg even if earlier legs used up the limit, since a late leg may be easy [s]. Taste."""
 
 _DIRECT_SHARE = 0.5
-"""Share of the time left that a leg in space may use before it is planned anew from the first start. Taste."""
+"""Fraction of the remaining time for planning a leg in space from the previous goal, before planning it from the first
+start. Taste."""
 
 _SAME = 1e-9
-"""Difference of coordinates up to which two configurations are the same [rad, m]: rounding of numbers in files."""
+"""Difference of coordinates up to which two configurations are equal, for rounding of numbers in files [rad, m]."""
 
 _OF_DRIVES = frozenset(
     ("masses", "inertia_axial", "inertia_transverse", "payload", "rotor_inertia", "friction", "axes")
 )
-"""Attributes of an arm that do not affect its path."""
+"""Attributes of an arm that do not affect paths."""
 
 
 class Planner(Protocol):
-    """Finds a certified joint path for a problem."""
+    """Interface of planners, which find a certified joint path for a problem."""
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan a motion to the problem's only goal.
+        """Return a certified path from the start to the only goal of a problem.
 
         Raises:
-            NoPlanFound: there is no path within the limits; the error holds a diagnosis.
+            NoPlanFound: no path was found; the error holds a diagnosis.
         """
         ...
 
 
 class Retimer(Protocol):
-    """Times a joint path."""
+    """Interface of retimers, which time a joint path."""
 
     def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
-        """Time a path from rest to rest within ``problem.limits``; the result is verified.
+        """Return a timed motion along a path, from rest to rest, within ``problem.limits``.
 
-        The plan may use the fraction ``problem.planner.effort_share`` of the limits of the drives, as explained in
-        ``robot.coordinates``.
+        The motion is verified afterwards. It may use the fraction ``problem.planner.effort_share`` of the drives'
+        limits.
 
         Raises:
-            RetimingError: there is no timing within the limits; the error holds a diagnosis.
+            RetimingError: no timing within the limits was found; the error holds a diagnosis.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Leg:
-    """The motion to one goal.
+    """The part of a motion that ends at one goal.
 
     Attributes:
-        problem: problem with this goal alone.
-        path: the path of the motion to this goal.
+        problem: problem with this goal alone, from the start of the leg.
+        path: path from the start of the leg to the goal.
     """
 
     problem: Problem
@@ -69,15 +69,18 @@ class Leg:
 
 
 def whole_path(legs: Sequence[Leg]) -> JointPath:
-    """Return the paths of all legs joined end to end, each over an equal part of [0, 1].
+    """Return the joint paths of all legs joined into one, each over an equal part of the path parameter's range [0, 1].
 
-    The spline has a corner at every stop.
+    The spline has a corner at every intermediate goal.
     """
     return end_to_end([leg.path for leg in legs])
 
 
 def end_to_end(paths: Sequence[JointPath]) -> JointPath:
-    """Join paths, each beginning where the one before ends, into one path; see ``whole_path``."""
+    """Return several joint paths joined into one, each beginning where the previous one ends.
+
+    Each part covers an equal part of the path parameter's range [0, 1], with corners between parts.
+    """
     if len(paths) == 1:
         return paths[0]
 
@@ -107,19 +110,19 @@ def plan_legs(
     *,
     retrace: bool = True,
 ) -> tuple[Leg, ...]:
-    """Plan the motion to every goal in turn, each from the end of the previous one; without stops, plan one leg.
+    """Return one planned leg for every goal of a problem, each from the end of the previous one.
 
-    If no path is found for an arm in space from one goal to the next, the arm returns to its first start by running the
+    If no path between two goals is found for an arm in space, the arm returns to the first start by traversing the
     certified legs backwards, and the next leg is planned from there.
 
     Args:
-        problem: problem with any number of stops; its time limit applies to all legs together.
+        problem: problem with any number of intermediate goals; its time limit applies to all legs together.
         planner: the planner of every leg.
-        recorded: known paths with their problems; new ones are appended.
-        retrace: whether an arm in space may run legs backwards.
+        recorded: known paths with their problems, which are reused; new ones are appended.
+        retrace: whether an arm in space may traverse legs backwards.
 
     Raises:
-        NoPlanFound: a goal is not reached; the error names that goal.
+        NoPlanFound: no path to a goal was found; the error names the goal.
     """
     known = [] if recorded is None else recorded
     goals = [*((stop.goal, stop.tolerances) for stop in problem.stops), (problem.goal, problem.tolerances)]
@@ -147,16 +150,16 @@ def plan_legs(
 
 
 def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Deadline) -> JointPath:
-    """Return the path of a leg or, if none is found, a path back over earlier legs and from their start to the goal.
+    """Return the path of a leg or, if none is found, a path back over earlier legs and on to the goal.
 
     Args:
-        planner: plans a leg.
+        planner: the planner.
         leg: problem of the leg.
-        legs: earlier legs that may be run backwards, or none.
+        legs: earlier legs that may be traversed backwards; may be empty.
         deadline: time limit of all legs together.
 
     Raises:
-        NoPlanFound: neither path is found; the error is that of the leg itself.
+        NoPlanFound: neither path was found; the error is that of the leg itself.
     """
     if not legs:
         return planner.plan(leg)
@@ -184,22 +187,22 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
 
 
 def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:
-    """Return a diagnosis that also names the goal, out of several, to which it applies."""
+    """Return a diagnosis that also states to which of several goals it applies."""
     return replace(
         found, reason=f"goal {number} of {count}: {found.reason}", evidence={**found.evidence, "goal": number}
     )
 
 
 def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
-    """Return a path back to the goal along the last legs in reverse, if an earlier leg began at that goal.
+    """Return a path back over earlier legs to a goal at which one of them began.
 
     Args:
         legs: legs planned so far.
         goal: the next goal.
 
     Returns:
-        The joined path to the latest start of a leg at that pose; None if the goal is not a pose in space at which a
-        leg began.
+        The joined path to the latest start of a leg in that pose; None if the goal is not a pose of an arm in space in
+        which a leg began.
     """
     back: list[JointPath] = []
     for leg in reversed(legs):
@@ -214,17 +217,21 @@ def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
 
 
 def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Problem) -> JointPath | None:
-    """Return the recorded path of a problem; None if anything that affects the path has changed.
+    """Return the known path of a problem that agrees with this one in everything that affects paths, else None.
 
-    Torque limits and masses of links do not affect the path, so problems that differ in those are not planned again.
+    Torque limits and masses do not affect paths, so problems that differ in these need not be planned again.
+
+    Args:
+        recorded: known paths with their problems.
+        problem: the problem.
     """
     return next((path for known, path in recorded if _same_geometry(known, problem)), None)
 
 
 def _same_geometry(one: Problem, other: Problem) -> bool:
-    """Return whether two problems agree in everything that affects a path.
+    """Return whether two problems agree in everything that affects paths.
 
-    Parts that ``replace`` did not change are compared by identity, since they are the same objects.
+    Parts that ``dataclasses.replace`` did not change are identical objects, so they are compared by identity.
     """
     numbers = [each.name for each in fields(one.arm) if each.name not in _OF_DRIVES]
     parts = ("workspace", "start", "goal", "stops")

@@ -1,4 +1,4 @@
-"""Plans that follow a goal or an obstacle while it is dragged."""
+"""Plans that are updated while a user drags the goal or an obstacle."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -30,32 +30,32 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6
-"""CPU time for replanning in the plane after a change [s]. Taste: the delay that is tolerable while dragging."""
+"""CPU time limit for replanning a planar motion after a change [s]. Taste: a tolerable delay while dragging."""
 _PATIENCE_IN_SPACE = 1.25
-"""CPU time for replanning in space after a change [s], of which the search may take four fifths. Taste: three times
-what the elbow takes; timing and verification come on top."""
+"""CPU time limit for replanning a motion in space after a change, without timing and verification [s]. Taste: three
+times as long as an example problem takes."""
 _FREE_ROUNDS = 4
-"""Most optimisation steps before the end pose of the motion is decided. Measured: with four and three, motions last as
-long as with the nine and five of ``solve`` to within 1 % after 25 drags, and take four fifths of the time
-(``bench_live``)."""
+"""Maximum number of optimisation steps before the final pose is fixed. Measured (``bench_live``): with four and three
+steps, durations after 25 drags agree to 1 % with those of the nine and five steps of ``solve``, in four fifths of the
+time."""
 _END_ROUNDS = 3
-"""Most optimisation steps after that. Taste: the next change continues from there."""
+"""Maximum number of optimisation steps with fixed final pose. Taste: the next change continues from the result."""
 
 
 def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
-    """Return settings for planar plans made during a drag, which are soon replaced."""
+    """Return planner settings with few optimisation steps, for planar plans made during a drag."""
     optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
     return replace(curve, motion=replace(curve.motion, optimisation=optimisation))
 
 
 @dataclass
 class _FollowingPlanner:
-    """Replans during a drag, in the plane from the last motion, and in space until the first motion is found.
+    """Planner for use during a drag, which continues planar motions and takes the first motion found in space.
 
     Attributes:
         thorough: planner used for plans from scratch.
         quick: planner used while a goal or obstacle is dragged.
-        known: the last motion in the plane; None before the first.
+        known: the last planar motion; None before the first.
         hurried: whether a goal or obstacle is being dragged.
     """
 
@@ -65,11 +65,11 @@ class _FollowingPlanner:
     hurried: bool = False
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan a certified motion.
+        """Return a certified path for a problem.
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: no plan was found; the error names the reason and helpful changes; the last motion is kept.
+            NoPlanFound: no path was found; the last motion is kept.
         """
         planner = self.quick if self.hurried else self.thorough
         if problem.dimension == 3:
@@ -81,12 +81,12 @@ class _FollowingPlanner:
 
 @dataclass(frozen=True)
 class LiveAnswer:
-    """The answer of a live plan to a change of its goal or obstacles.
+    """Result of a change of a live plan's goal or obstacles.
 
     Attributes:
-        current: whether the plan solves the problem as it is now.
-        reason: why the plan does not solve the problem; empty when it does.
-        cpu: CPU time taken [s].
+        current: whether the plan solves the changed problem.
+        reason: reason why the plan does not solve the changed problem; empty where it does.
+        cpu: CPU time of replanning [s].
     """
 
     current: bool
@@ -96,30 +96,29 @@ class LiveAnswer:
 
 @dataclass
 class LivePlan:
-    """A verified plan of a problem whose goal and obstacles are moved, for tools in which people drag them.
+    """A verified plan that is updated whenever goal or obstacles of its problem move, for interactive tools.
 
-    Every change is answered by a plan that passed the verifier like any other. In the plane, it continues the last
-    motion; in space, it is the first motion found. If an obstacle in space moves and the present motion has as much
-    clearance as before, that motion is verified again and kept. If no plan is found within about a second, the last
-    plan stays, and the answer says why::
+    Every new plan is verified. In the plane it continues from the last motion; in space it is the first motion found.
+    If an obstacle in space moves and the present motion keeps its clearance, this motion is verified again and kept. If
+    no plan is found within about a second, the last plan is kept, and the result says why::
 
         live = ccm_opt.LivePlan(ccm_opt.load_problem("problems/swan-neck.toml"))
         answer = live.move_goal(position=(0.44, 0.10))
         print(answer.current, answer.reason, live.plan.trajectory.duration)
 
     Attributes:
-        problem: the problem as it is now.
-        constraints: constraints of the user, as ``solve`` takes them.
-        costs: costs of the user, as ``solve`` takes them.
-        settings: settings of the stages that the problem does not set.
-        plan: the last verified plan; without tolerance and simulation, which ``finished`` adds.
+        problem: the problem with all changes so far.
+        constraints: constraints of the user, as for ``solve``.
+        costs: costs of the user, as for ``solve``.
+        settings: settings of the stages.
+        plan: the last verified plan, without clearance, tolerance and simulation, which ``finished`` adds.
         current: whether the plan solves ``problem``.
-        reason: why the plan does not solve ``problem``; empty when it does.
+        reason: reason why the plan does not solve ``problem``; empty where it does.
 
     Raises:
-        ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
-            planner, or in the plane a feed axis.
-        NoPlanFound: there is no plan to begin with, or the start is in contact.
+        ProblemError: the problem is not supported: it has intermediate goals, a required joint error, another planner
+            than "nlp", or a planar arm with a feed axis.
+        NoPlanFound: no first plan was found, or the start is in contact.
         VerificationError: the verifier rejects the first plan.
     """
 
@@ -157,7 +156,7 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a ``LivePlan`` supports a problem."""
+        """Return whether a problem is supported: one goal, no joint error, planner "nlp", no planar feed axis."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
         return not (fed or problem.stops or problem.joint_error) and problem.planner.method == "nlp"
 
@@ -166,18 +165,18 @@ class LivePlan:
         position: Sequence[float] | FloatArray | None = None,
         direction: float | Sequence[float] | FloatArray | None = None,
     ) -> LiveAnswer:
-        """Move the goal of the tip, and replan the motion.
+        """Move the goal of the tip, replan the motion, and return whether the plan solves the changed problem.
 
         Args:
-            position: position of the tip, shape (d,) [m]; unchanged when None.
-            direction: direction of the last link, shape (d,), of any length but zero, or in the plane its heading
-                [rad]; unchanged when None.
+            position: new position of the tip, shape (2,) or (3,) [m]; None for no change.
+            direction: new direction of the last link, a nonzero vector of shape (2,) or (3,), or in the plane a heading
+                [rad]; None for no change.
 
         Returns:
-            Whether there is a plan to the new goal, and else why not.
+            Whether a plan to the new goal was found, and if not, the reason.
 
         Raises:
-            ProblemError: the goal is for the whole arm, or an argument is not a valid position or direction.
+            ProblemError: the goal gives the pose of the whole arm, or an argument is no valid position or direction.
         """
         goal = self.problem.goal.for_tip
         if goal is None:
@@ -191,18 +190,17 @@ class LivePlan:
         return self._changed(replace(self.problem, goal=moved, source=""))
 
     def move_obstacle(self, name: str, by: Sequence[float] | FloatArray) -> LiveAnswer:
-        """Move an obstacle, and replan the motion.
+        """Move an obstacle, replan the motion, and return whether the plan solves the changed problem.
 
         Args:
             name: name of the obstacle.
-            by: displacement, shape (d,) [m].
+            by: displacement, shape (2,) or (3,) [m].
 
         Returns:
-            Whether there is a plan past the obstacle, and else why not. A plan that is not current may pass through the
-            obstacle.
+            Whether a plan was found, and if not, the reason. A plan that is not current may pass through the obstacle.
 
         Raises:
-            ProblemError: there is no obstacle of that name, or it cannot be moved there.
+            ProblemError: no obstacle has this name, or the displacement is invalid.
         """
         workspace = self.problem.workspace
         expect(name, str, "the name of an obstacle")
@@ -215,15 +213,15 @@ class LivePlan:
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
-        """Plan the present problem from scratch, and keep the shorter of the old and the new plan.
+        """Plan the present problem from scratch, and keep the old or the new plan, whichever takes less time.
 
-        Plans made during a drag stay on one side of every obstacle; planning from scratch may find a shorter motion.
+        Plans made during a drag stay in one homotopy class; planning from scratch may find a shorter motion.
 
         Args:
-            time_limit: CPU time for the new plan [s]; that of the problem when None.
+            time_limit: CPU time limit of planning [s]; None for that of the problem.
 
         Returns:
-            Whether there is a plan, and else why not.
+            Whether the plan kept solves the problem, and if not, the reason.
         """
         limited = time_limit is None or (is_number(time_limit) and time_limit > 0.0)
         expect_that(lambda: limited, time_limit, "a time limit above 0 [s]")
@@ -246,16 +244,16 @@ class LivePlan:
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
-        """Return the plan with its clearance over time, the errors that it survives, and its simulation.
+        """Return the current plan with its clearance over time, tolerated errors, and simulation.
 
         Args:
-            progress: as for ``solve``.
+            progress: function called when a stage starts.
         """
         expect_arguments(progress=progress)
         return described(self.plan.problem, self._verified, Stages(progress), self.settings)
 
     def _changed(self, problem: Problem) -> LiveAnswer:
-        """Replan a changed problem; if no new plan is found, keep the last one."""
+        """Replan a changed problem and return the result; if no plan is found, the last plan is kept."""
         begin = time.process_time()
         self.problem = problem
         self._planner.hurried = True
@@ -265,11 +263,11 @@ class LivePlan:
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def _within(self, time_limit: float) -> Problem:
-        """Return the present problem with another limit of CPU time [s]."""
+        """Return the present problem with another CPU time limit of planning [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
     def _attempt(self, problem: Problem) -> None:
-        """Plan a problem, or record why there is no plan."""
+        """Plan a problem and keep the plan, or record the reason why no plan was found."""
         try:
             with on_one_thread(), words_in(problem.length_unit):
                 refuse_impossible(problem)
@@ -286,11 +284,11 @@ class LivePlan:
             self.reason = "the verifier rejects the plan: " + "; ".join(failure.failures)
 
     def _make(self, problem: Problem) -> None:
-        """Plan, time and verify a problem, and keep the plan.
+        """Plan, time and verify a problem, and make the result the current plan.
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: there is no plan.
+            NoPlanFound: no plan was found.
             VerificationError: the verifier rejects the plan.
         """
         stages = Stages()
@@ -299,7 +297,7 @@ class LivePlan:
 
     @on_one_thread()
     def _kept(self) -> bool:
-        """Return whether the present motion in space solves the changed problem with as much clearance, and is kept."""
+        """Return whether the present motion in space solves the changed problem with enough clearance, and keep it."""
         if not (self.problem.dimension == 3 and self.current):
             return False
         if self.plan.problem.goal is not self.problem.goal:
@@ -313,17 +311,21 @@ class LivePlan:
         return True
 
     def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
-        """Make a verified plan the current plan of the problem."""
+        """Make a verified plan the current plan of the present problem."""
         self._verified = verified
         self.plan = draft_solution(self.problem, verified, stages)
         self.current = True
         self.reason = ""
 
     def _vector(self, value: object, what: str) -> FloatArray:
-        """Return the value as a vector of the problem's dimension, shape (d,).
+        """Return a user's value as a vector of the problem's dimension d = 2 or 3, shape (d,).
+
+        Args:
+            value: the value.
+            what: what is expected, with ``{}`` for the coordinates, for the message.
 
         Raises:
-            ProblemError: the value is not a vector of that shape.
+            ProblemError: the value is no vector of this shape.
         """
         vector = finite_array(value)
         size = self.problem.dimension
@@ -347,5 +349,5 @@ class LivePlan:
 
 
 def _wall_gap(checks: Sequence[Check]) -> float:
-    """Return the least distance to walls in a verifier's checks [m]; inf without walls."""
+    """Return the minimum distance to obstacles according to verifier's checks [m]; inf without obstacles."""
     return next((each.worst for each in checks if each.name == "wall clearance"), inf)

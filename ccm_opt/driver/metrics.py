@@ -1,4 +1,4 @@
-"""Figures of merit of a plan, and the deviation of a fed arm from its leader's path."""
+"""Figures of merit of a plan, and the deviation of an arm on a feed axis from the path of its tip."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,19 +15,20 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 _POSES = 400
-"""Most poses of a motion that are inspected, the first and the last included. Taste."""
+"""Maximum number of poses of a motion that are evaluated, including the first and the last. Taste."""
 _STRAIGHT_TURN = 0.008726646259971648
-"""Largest turn within a link length to either side of a straight place of the path [rad]. Taste: half a degree."""
+"""Maximum turn of a tip path within a link length to each side, for the path to count as straight [rad]. Taste: half a
+degree."""
 
 
 @dataclass(frozen=True)
 class LeaderDeviation:
-    """Distances of the arm's centre line beyond the hole from its leader's path.
+    """Distances of the centre line of an arm, beyond the guide tube of its feed axis, from the path of the tip.
 
     Attributes:
-        mean: mean over all points and poses [m].
-        worst: greatest distance [m].
-        straight_mean: mean over the points where the path is straight [m]; 0 when there are none.
+        mean: mean distance over all points and poses [m].
+        worst: maximum distance [m].
+        straight_mean: mean distance over the points where the tip path is straight [m]; 0 where there are none.
     """
 
     mean: float
@@ -36,12 +37,12 @@ class LeaderDeviation:
 
 
 def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ()) -> LeaderDeviation | None:
-    """Return the deviation of a motion from the path of its leader, the tip; None for an arm without a feed axis.
+    """Return how far an arm on a feed axis deviates from the path of its tip; None for an arm without a feed axis.
 
     Args:
         arm: the arm.
-        positions: configurations at samples of the motion, shape (T, c) [rad, m].
-        stops: indices of the samples at which the arm rests at intermediate goals; each goal has a path of its own.
+        positions: configurations at T samples of the motion, with c coordinates each, shape (T, c) [rad, m].
+        stops: indices of the samples at which the arm rests at intermediate goals, each of which begins a new tip path.
     """
     if not arm.base_axes:
         return None
@@ -59,11 +60,11 @@ def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ())
 
 
 def _straight_legs(path: FloatArray, reach: float) -> BoolArray:
-    """Return a mask, shape (m − 1,), of the legs of a path around which the path is straight within a reach.
+    """Return whether a polygonal path is straight around each of its segments, shape (m − 1,).
 
     Args:
-        path: corners of the path, shape (m, 3) [m].
-        reach: arc length to either side of a leg within which the path must be straight [m].
+        path: vertices of the path, shape (m, 3) [m].
+        reach: arc length to each side of a segment within which the path must be straight [m].
     """
     legs = np.diff(path, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
@@ -85,7 +86,7 @@ def metrics(
     simulated: SimulatedMotion,
     checks: tuple[Check, ...],
 ) -> Mapping[str, float]:
-    """Return the figures of merit of a plan, named with their units."""
+    """Return the figures of merit of a plan, by names that end in their unit."""
     figures = dict(motion_figures(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(path.keyframes))
     figures["tracking_error_rad"] = simulated.tracking_error
@@ -95,7 +96,7 @@ def metrics(
 def motion_figures(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
 ) -> Mapping[str, float]:
-    """Return the figures of merit of the motion itself, which can be recomputed from its arrays."""
+    """Return the figures of merit that can be recomputed from a plan's arrays, by names that end in their unit."""
     bends = trajectory.bend_angles
     if problem.dimension == 3:
         turns = total_bends(problem.arm.bend_pairs(trajectory.positions))
@@ -125,7 +126,7 @@ def motion_figures(
 
 
 def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return a planar motion's errors at the goal, and the deviation of a controller's interpolation."""
+    """Return figures of merit of a planar motion: goal errors, and deviation of a controller's interpolation."""
     arm = problem.arm
     figures = {"interpolation_deviation_m": interpolation_deviation(arm, trajectory)}
     if problem.goal.whole(arm) is None:
@@ -138,14 +139,14 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
 
 
 def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return the errors at the goal of a motion in space."""
+    """Return the goal errors of a motion in space as figures of merit."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}
     return {name: error for name, error in ends.items() if error is not None}
 
 
 def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return figures of merit that measure how closely a fed arm follows its tip."""
+    """Return figures of merit of how closely an arm on a feed axis follows its tip path; empty for a fixed base."""
     found = leader_deviation(problem.arm, trajectory.positions, trajectory.stops)
     if found is None:
         return {}
@@ -157,6 +158,6 @@ def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, 
 
 
 def total_bends(pairs: FloatArray) -> FloatArray:
-    """Return the angle between the links at each joint, shape (...), from its two bends, shape (..., 2) [rad]."""
+    """Return the angle between the links at each joint, shape (...) [rad], from two bend angles, shape (..., 2)."""
     cos = np.cos(pairs[..., 0]) * np.cos(pairs[..., 1])
     return np.asarray(np.arccos(np.clip(cos, -1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""Pareto trade-off between duration and clearance: plans from the fastest to the one with most clearance."""
+"""Pareto trade-off between duration and clearance: plans from the fastest to the one with maximum clearance."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,22 +19,21 @@ from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 
 @dataclass(frozen=True)
 class ParetoSettings:
-    """Settings of the trade-off. Taste, all of them.
+    """Settings of the trade-off between duration and clearance; all values are a matter of taste.
 
     Attributes:
-        shares: preferred clearances of the plans after the first, as fractions of the range from the gap that the first
-            plan keeps without a preference to the largest preferred clearance; the last must be 1. The largest is
-            ``most`` times the default, or the scene's upper bound where that is less.
-        most: the largest preferred clearance, as a multiple of the default.
-        least_top: fraction of the default preferred clearance below which an upper bound is ignored: where an end of
-            the motion has next to no clearance, the rest of the motion can still keep some.
-        enough_of_top: fraction of the largest preferred clearance that the plan for it must keep; in a narrower scene,
-            the gap that this plan kept becomes the largest preferred clearance, so that the five plans differ.
-        narrowings: maximum number of times that the largest preferred clearance is reduced in this way, since a plan
-            that prefers the gap kept by another plan need not reach that gap.
+        shares: preferred clearances of the plans after the first, as fractions of the range from the clearance that the
+            first plan keeps without a preference up to the maximum preferred clearance; the last must be 1.
+        most: maximum preferred clearance, as a multiple of the default; an upper bound on the clearance of any motion
+            replaces this value where it is less.
+        least_top: fraction of the default preferred clearance below which such an upper bound is ignored, since a
+            motion can keep more clearance between ends that have almost none.
+        enough_of_top: fraction of the maximum preferred clearance that the plan for this value must keep; otherwise the
+            clearance that the plan kept becomes the maximum, so that the plans differ.
+        narrowings: maximum number of times that the maximum preferred clearance is reduced in this way.
         most_time: fraction by which the recommended plan may take longer than the fastest.
-        same_gap: gaps that differ by less than this fraction of the arm's length count as equal.
-        same_time: durations that differ by less than this fraction count as equal.
+        same_gap: difference up to which clearances count as equal, as a fraction of the arm's length.
+        same_time: relative difference up to which durations count as equal.
     """
 
     shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
@@ -48,7 +47,7 @@ class ParetoSettings:
 
 
 DEFAULT_PARETO = ParetoSettings()
-"""Default settings of the trade-off."""
+"""Default settings of the trade-off between duration and clearance."""
 
 
 def pareto(
@@ -61,29 +60,29 @@ def pareto(
     settings: Settings | None = None,
     trade_off: ParetoSettings = DEFAULT_PARETO,
 ) -> ParetoPlans:
-    """Plan a problem, in the plane or in space, several times, from the fastest motion to the one with most clearance.
+    """Return several plans of a problem, from the fastest to the one with maximum clearance.
 
-    The first plan has no preferred clearance. Those of the others lie between the gap that the first plan keeps and the
-    largest preferred clearance for the scene: a multiple of the default, or, where that is less, an upper bound for any
-    motion. Every plan has the problem's full time limit.
+    The first plan has no preferred clearance. The preferred clearances of the others lie between the clearance that the
+    first plan keeps and a maximum: a multiple of the default or, where that is less, an upper bound for any motion.
+    Every plan has the problem's full time limit.
 
     Args:
-        problem: the problem to solve; its own ``wanted_gap`` is ignored.
+        problem: the problem, planar or in space; its ``wanted_gap`` is ignored.
         progress: as for ``solve``, with the number of the plan before the name of the stage.
         constraints: constraints of the user, as for ``solve``.
         costs: costs of the user, as for ``solve``.
-        explain: whether a failure of the first plan is explained.
-        settings: settings of the stages that the problem does not set; the defaults when None.
-        trade_off: the preferred clearances, and how the recommended plan is chosen.
+        explain: whether to find the cause of a failure of the first plan, and helpful changes.
+        settings: settings of the stages; None for the defaults.
+        trade_off: preferred clearances, and criteria for the recommended plan.
 
     Returns:
-        The plans; any but the first may hold a reason instead of a solution.
+        The plans; all but the first may hold a reason of failure instead of a solution.
 
     Raises:
         ProblemError: the problem is invalid, or its planner does not support preferred clearances.
-        NoPlanFound: there is no plan even without a preferred clearance.
+        NoPlanFound: no plan was found even without a preferred clearance.
         VerificationError: the verifier rejects the first plan.
-        CancelledWithPlan: on Ctrl-C once the first plan is found, which the error holds.
+        CancelledWithPlan: Ctrl-C was pressed after the first plan was found, which the error holds.
     """
     Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings, explain=explain)
@@ -135,9 +134,16 @@ def pareto(
 def _largest_gap_try(
     fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
 ) -> ParetoPlan:
-    """Return the plan made with the largest preferred clearance of the scene.
+    """Return the plan for the maximum preferred clearance.
 
-    This clearance is a multiple of the default, or an upper bound for any motion where that bound is less.
+    The maximum is a multiple of the default or, where that is less, an upper bound for any motion. It is reduced to the
+    clearance that the plan keeps where that is much less.
+
+    Args:
+        fastest: plan without preferred clearance.
+        tried: function of preferred clearance [m] and number of the plan that makes a plan.
+        settings: settings of all stages.
+        trade_off: settings of the trade-off.
     """
     problem = fastest.problem
     usual = problem.default_gap
@@ -160,7 +166,7 @@ def _largest_gap_try(
 
 
 def _refuse_planners_without_gaps(problem: Problem) -> None:
-    """Refuse planners that do not support preferred clearances; the spatial planner does, with a feed axis too."""
+    """Raise an error for planar problems whose planner does not support preferred clearances."""
     if problem.dimension == 3:
         return
     if problem.arm.base_axes or problem.planner.method != "nlp":
@@ -171,12 +177,12 @@ def _refuse_planners_without_gaps(problem: Problem) -> None:
 
 
 def _planning_time(solution: Solution) -> float:
-    """Return the CPU time of all stages but the simulation [s]."""
+    """Return the CPU time of a plan without that of the simulation [s]."""
     return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
 
 
 def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
-    """Return a plan whose record also states by how much its preferred clearance lengthens the motion."""
+    """Return a plan with the additional duration, compared with the fastest plan, in its record of clearance."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
@@ -186,13 +192,13 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Compares plans by duration and gap; gaps above the largest preferred clearance count as equal to it.
+    """Comparison of plans by duration and clearance, where clearance is capped at the maximum preferred clearance.
 
     Attributes:
-        plans: all plans, from the fastest to the one with most clearance.
-        most_gap: the largest preferred clearance [m].
+        plans: all plans, from the fastest to the one with maximum clearance.
+        most_gap: the maximum preferred clearance [m].
         length: length of the arm [m].
-        trade_off: tolerances of equality, and how much slower the recommended plan may be.
+        trade_off: tolerances of equality, and criteria for the recommended plan.
     """
 
     plans: Sequence[ParetoPlan]
@@ -201,7 +207,7 @@ class Judgement:
     trade_off: ParetoSettings
 
     def dominator(self, plan: ParetoPlan) -> int:
-        """Return the number of a plan that is no worse in duration and gap and better in one; 0 if there is none."""
+        """Return the number of a plan no worse in duration and clearance, and better in one; 0 if there is none."""
         if plan.solution is None:
             return 0
         gap = self.worth(plan)
@@ -215,7 +221,7 @@ class Judgement:
         return 0
 
     def recommended(self) -> int:
-        """Return the number of the plan with the largest gap among those not dominated and not much slower."""
+        """Return the number of the plan with maximum clearance among those not dominated and not much slower."""
         most = (1.0 + self.trade_off.most_time) * min(plan.duration for plan in self.plans)
         eligible = [
             number
@@ -226,11 +232,11 @@ class Judgement:
 
     @property
     def _same_gap(self) -> float:
-        """Difference below which two gaps count as equal [m]."""
+        """Difference up to which two clearances count as equal [m]."""
         return self.trade_off.same_gap * self.length
 
     def worth(self, plan: ParetoPlan) -> float:
-        """Return the least gap of a plan, capped at the largest preferred clearance [m]."""
+        """Return the minimum clearance of a plan, capped at the maximum preferred clearance [m]."""
         return min(plan.gap, self.most_gap)
 
     def _rank(self, plan: ParetoPlan) -> tuple[float, float]:

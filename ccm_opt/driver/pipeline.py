@@ -1,7 +1,7 @@
-"""The stages from a problem to a verified plan, and the retries around planning.
+"""The function ``solve``, from a problem to a verified plan, and its policies for repeated planning.
 
-Each retry policy (lowered costs, several seeds, robustness to joint errors) takes a function that plans a problem,
-calls it for one modified problem after another, and returns the best plan.
+Each policy (lowered costs, several seeds, robustness to joint errors) takes a function that plans a problem, calls the
+function for one modified problem after another, and returns the best plan.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,22 +45,22 @@ from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, Tolera
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 
 _CLEARANCE_SHARE = 0.9
-"""Share of the largest gap that any try keeps (counted up to the preferred clearance) that a try must keep to be
-eligible. Taste, like the share of the preferred clearance below which a record calls a motion short of clearance."""
+"""Fraction of the maximum clearance of all attempts, each capped at the preferred clearance, that an attempt must keep
+to be chosen. Taste, like ``ClearanceSettings.enough``."""
 
 _GAP_ROUNDS = 4
-"""Most times that a motion is replanned with a larger preferred clearance. Taste."""
+"""Maximum number of times that a motion is planned again with a larger preferred clearance. Taste."""
 _GAP_GROWTH = (1.2, 4.0)
-"""Least and greatest factor by which the preferred clearance grows in one round. Taste."""
+"""Minimum and maximum factor by which the preferred clearance grows in one round. Taste."""
 _GAP_BEYOND = 1.1
-"""Factor on top of the preferred clearance that scaling in proportion to the error gives. Taste."""
+"""Safety factor on the preferred clearance that follows by scaling in proportion to the joint error. Taste."""
 
 STAGE = "tolerance"
-"""Stage named in the diagnosis of a motion that does not survive the required joint errors."""
+"""Name of the stage in the diagnosis of a motion that does not tolerate the required joint error."""
 
 
 Plans: TypeAlias = Callable[[Problem, UserTerms | None], VerifiedPlan]
-"""Plans a problem with the user's constraints and costs, or raises with the reason why there is no plan."""
+"""Function that plans a problem with the user's constraints and costs, or raises an error with the reason."""
 
 
 def with_lowered_costs(
@@ -69,19 +69,19 @@ def with_lowered_costs(
     planned: Plans,
     shares: Sequence[float] = COST_SHARES,
 ) -> tuple[VerifiedPlan, float]:
-    """Plan with the user's costs scaled by the largest factor for which a plan is found; keep hard constraints.
+    """Return a plan made with the user's costs scaled by the largest of several factors for which a plan is found.
 
     Args:
-        problem: the problem to solve.
-        terms: the user's constraints and costs.
-        planned: function that plans a problem with given terms; the time limit of the problem is the CPU time left.
-        shares: factors of the costs' weights, tried in this order.
+        problem: the problem; its time limit applies to all attempts together.
+        terms: the user's constraints, which are not changed, and costs.
+        planned: function that plans a problem with given terms.
+        shares: factors of the weights of the costs, tried in this order.
 
     Returns:
-        The plan, and the factor of the costs' weights with which it was planned.
+        The plan, and the factor with which it was made.
 
     Raises:
-        NoPlanFound: there is no plan even with the last factor; or the goal is unreachable.
+        NoPlanFound: no plan was found even with the last factor, or the goal is unreachable.
         VerificationError: the verifier rejects the plan made with the last factor.
     """
     deadline = Deadline.after(problem.planner.time_limit)
@@ -108,21 +108,21 @@ def best_try(
     planned: Plans,
     draft_solution: Callable[[Problem, VerifiedPlan], Solution],
 ) -> VerifiedPlan:
-    """Plan with as many seeds as the problem asks for, and return the best plan; time is shared equally.
+    """Return the best of several plans made with successive seeds, as many as ``planner.tries`` says.
 
-    Try k uses the problem's seed plus k. A seed gives the same plan as long as no try runs out of its share of the
-    time.
+    The remaining time is divided equally among the remaining attempts. A seed always gives the same plan unless an
+    attempt runs out of time.
 
     Args:
-        problem: the problem to solve.
+        problem: the problem.
         terms: the user's constraints and costs.
-        planned: function that plans the problem once.
-        draft_solution: function that turns the best plan so far into a solution, for Ctrl-C.
+        planned: function that plans a problem once.
+        draft_solution: function that makes a solution of the best plan so far, for Ctrl-C.
 
     Raises:
-        NoPlanFound: no try found a plan; the error is that of the first try.
-        VerificationError: no try found a plan, and the verifier refused the plan of the first.
-        CancelledWithPlan: on Ctrl-C once a try has found a plan; it holds the best so far.
+        NoPlanFound: no attempt found a plan; the error is that of the first attempt.
+        VerificationError: no attempt found a plan, and the verifier rejected that of the first.
+        CancelledWithPlan: Ctrl-C was pressed after an attempt found a plan; the error holds the best so far.
     """
     asked = problem.planner.tries
     deadline = Deadline.after(problem.planner.time_limit)
@@ -147,18 +147,18 @@ def best_try(
 
 
 def least_gap(plan: VerifiedPlan) -> float:
-    """Return the least gap beyond the clearance that the verifier measured between any two bodies [m]."""
+    """Return the minimum clearance of a plan beyond the required one, between any two bodies, from its checks [m]."""
     return min(check.worst - check.limit for check in plan.checks if check.name in {"wall clearance", "self-collision"})
 
 
 @dataclass
 class _Tries:
-    """Results of the tries so far.
+    """Results of several planning attempts, which differ in their seeds.
 
     Attributes:
         wanted_gap: preferred clearance of the problem [m].
         plans: plans found so far, by seed.
-        failures: errors of the failed tries, by seed.
+        failures: errors of failed attempts, by seed.
     """
 
     wanted_gap: float
@@ -166,13 +166,13 @@ class _Tries:
     failures: dict[int, NoPlanFound | VerificationError] = field(default_factory=dict)
 
     def best(self) -> VerifiedPlan:
-        """Return the shortest plan among those that keep nearly the largest gap, with the record of all tries.
+        """Return the fastest of the plans with nearly the maximum clearance, with a record of all attempts.
 
-        Gaps count up to the preferred clearance.
+        Clearances are capped at the preferred clearance.
 
         Raises:
-            NoPlanFound: no try found a plan; the error is that of the first try.
-            VerificationError: no try found a plan, and the verifier rejected the plan of the first try.
+            NoPlanFound: no attempt found a plan; the error is that of the first attempt.
+            VerificationError: no attempt found a plan, and the verifier rejected that of the first.
         """
         if not self.plans:
             raise next(iter(self.failures.values()))
@@ -197,7 +197,7 @@ def _reason(failure: NoPlanFound | VerificationError) -> str:
 
 
 def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
-    """Return the diagnosis of a motion that survives smaller joint errors than its problem requires."""
+    """Return the diagnosis for a motion that tolerates smaller joint errors than the problem requires."""
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
     if not best.limited:
@@ -227,21 +227,21 @@ def _below(angle: float) -> str:
 def surviving_errors(
     problem: Problem, terms: UserTerms | None, planned: Plans, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> VerifiedPlan:
-    """Plan motions with growing preferred clearances until one survives the joint error that the problem requires.
+    """Return a plan that tolerates the required joint error, found by planning with growing preferred clearances.
 
-    Near contact, the joint error that an arm survives grows with its gap. Each round asks for the gap that the best
-    motion so far would need. The preferred clearance is a soft goal, so narrow passages do not keep a motion from being
-    found; the certificate, computed from the poses, decides.
+    Near contact, the tolerated joint error grows with clearance. Each round prefers the clearance that the best motion
+    so far would need. The preferred clearance is a soft constraint, so that narrow passages do not prevent a motion;
+    the certificate of tolerated errors decides.
 
     Args:
-        problem: the problem to solve.
+        problem: the problem.
         terms: the user's constraints and costs.
-        planned: function that plans a motion.
+        planned: function that plans a problem.
         settings: time limits of the rounds, and precision of the certificate.
 
     Raises:
-        NoPlanFound: no motion was found with the problem's own preferred clearance; or none of those found survives the
-            error, with the error that the best one survives and what limits it.
+        NoPlanFound: no motion was found with the problem's preferred clearance; or none tolerates the error, in which
+            case the diagnosis states the error that the best one tolerates and the limiting contact.
         VerificationError: the verifier rejects the plan.
     """
     deadline = Deadline.after(problem.planner.time_limit)
@@ -281,28 +281,27 @@ def solve(
     explain: bool = True,
     settings: Settings | None = None,
 ) -> Solution:
-    """Plan, time, verify and simulate a motion, in the plane or in space.
+    """Return a planned, timed, verified and simulated motion that solves a problem, planar or in space.
 
     Args:
-        problem: the problem to solve.
-        progress: called when a stage starts, and when the search turns to another candidate.
-        planner: another planner, in space one that plans spatial problems; when None the built-in planner for the
-            problem.
-        retimer: another method of timing the path; when None the one that the problem names.
-        constraints: constraints of the user; a planner given here does not receive them, but its plan is checked
-            against them.
-        costs: costs of the user; a planner given here does not receive them.
-        explain: whether the time left after a failure is used to find its cause and the changes that would help.
-        settings: settings of the stages that the problem does not set; the defaults when None.
+        problem: the problem.
+        progress: function called when a stage starts, and when the search turns to another candidate.
+        planner: planner that supports problems of this dimension; None for the built-in planner.
+        retimer: method of timing the path; None for the method that the problem names.
+        constraints: constraints of the user; not passed to ``planner``, but checked on its plan.
+        costs: costs of the user; not passed to ``planner``.
+        explain: whether to use the time left after a failure to find its cause and helpful changes.
+        settings: settings of the stages; None for the defaults.
 
     Returns:
         A verified solution; unverified ones are never returned.
 
     Raises:
-        ProblemError: the problem is invalid, or uses in space an option of the plane.
-        NoPlanFound: there is no plan within the limits; the error holds a diagnosis.
+        ProblemError: the problem is invalid, or sets an option that has no effect.
+        NoPlanFound: no plan was found within the limits; the error holds a diagnosis.
         VerificationError: the verifier rejects the plan, which is a defect of the planner.
-        CancelledWithPlan: on Ctrl-C once there is a verified plan, which the error holds; a ``KeyboardInterrupt``.
+        CancelledWithPlan: Ctrl-C was pressed after a plan was verified, which the error, a ``KeyboardInterrupt``,
+            holds.
     """
     Problem.expected(problem)
     if planner is None:

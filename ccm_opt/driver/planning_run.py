@@ -1,4 +1,4 @@
-"""Planning one problem repeatedly, and the built-in planner and retimer as objects for the user's own planners."""
+"""Repeated planning of one problem, and the built-in planner and retimer as objects for use in the user's planners."""
 
 import time
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ from ccm_opt.problem.solution import JointPath, JointTrajectory
 def default_planner(
     problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
 ) -> Planner:
-    """Return the built-in planner for a problem, given the user's constraints and costs.
+    """Return the built-in planner for a problem: curve-based optimisation, or the paper's hill climbing.
 
     Raises:
-        ProblemError: there are constraints or costs, and the method is hill climbing, which supports neither.
+        ProblemError: the method is hill climbing, and there are constraints or costs, which it does not support.
     """
     if problem.planner.method == "hill-climbing":
         if terms is not None:
@@ -45,19 +45,19 @@ def default_planner(
 
 @dataclass(frozen=True)
 class PlanningRun:
-    """The arguments of one call of ``solve``, shared by all plans that it makes.
+    """The arguments of one call of ``solve``, and planning of the problem and its variations with these arguments.
 
     Attributes:
-        problem: the problem as the caller posed it.
-        planner: planner given by the caller; None for the built-in one.
-        retimer: retimer given by the caller; None for the one that the problem names.
+        problem: the problem as posed.
+        planner: planner given by the caller; None for the built-in planner.
+        retimer: retimer given by the caller; None for the method that the problem names.
         constraints: constraints of the user.
         costs: costs of the user.
-        terms: constraints and costs, compiled; None when there are none.
-        stages: names and times the stages.
+        terms: constraints and costs, compiled; None where there are none.
+        stages: clock that names and times the stages.
         settings: settings of all stages.
-        deadline: end of the search for plans, and later of the search for changes that would help.
-        recorded: the paths found by the last plan, with their problems; reused when changes of the problem are tried.
+        deadline: time limit of planning, and later of the search for helpful changes.
+        recorded: paths of the last plan with their problems, reused when changes of the problem are tried.
     """
 
     problem: Problem
@@ -72,11 +72,11 @@ class PlanningRun:
     recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
 
     def planned(self, problem: Problem, terms: UserTerms | None) -> VerifiedPlan:
-        """Plan, time and verify a problem that differs from the original in its planner options only.
+        """Return a verified plan of a problem that differs from the original one in planner options only.
 
         Args:
-            problem: the problem to plan.
-            terms: terms passed to the planner; the plan is checked against all terms of the user.
+            problem: the problem.
+            terms: constraints and costs passed to the planner; all of the user's constraints are checked on the plan.
 
         Raises:
             NoPlanFound: no plan was found; the error holds a diagnosis.
@@ -89,11 +89,11 @@ class PlanningRun:
         return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
 
     def explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
-        """Return the failure with its causes and the changes that would help; its type stays.
+        """Return an error about a failure, of the type given, with proved causes and helpful changes added.
 
         Args:
-            failure: why there is no plan; reported at once as progress.
-            changes: whether changes are tried; if not, only proved causes are added.
+            failure: the error, which is reported as progress at once.
+            changes: whether to search for changes of the problem with which a plan is found.
         """
         with self.stages("diagnosis" if changes else "necessary checks"):
             return self._explained(failure, changes=changes)
@@ -121,7 +121,12 @@ class PlanningRun:
         return explained(self.problem, failure, trials, self.stages)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> VerifiedPlan:
-        """Plan, time and verify a problem that differs from the original in one respect; reuse paths already found."""
+        """Return a verified plan of a problem that differs from the original one in one respect, reusing paths.
+
+        Args:
+            changed: the changed problem.
+            dropped: name of a constraint or cost of the user that is left out; empty for none.
+        """
         refuse_impossible(changed)
         kept = [each for each in self.constraints if each.name != dropped]
         terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
@@ -131,12 +136,12 @@ class PlanningRun:
         return timed_and_verified(changed, legs, stages, self.retimer, terms, self.settings)
 
     def _held_again(self, changed: Problem, plan: object) -> VerifiedPlan:
-        """Time and verify the path of a plan for a problem that differs in one number, without a new search.
+        """Return a plan with its path timed and verified again, for a problem that differs in one number.
 
         Raises:
             ProblemError: the plan has more than one leg.
             NoPlanFound: the path cannot be timed.
-            VerificationError: the path does not solve the changed problem.
+            VerificationError: the motion does not solve the changed problem.
         """
         if not isinstance(plan, VerifiedPlan) or changed.stops:
             raise ProblemError("only the path of a plan with one leg can be verified for another problem")
@@ -147,7 +152,7 @@ class PlanningRun:
 
 
 def _ended(plan: object) -> FloatArray:
-    """Return the last configuration of a plan, shape (c,) [rad, m]."""
+    """Return the final configuration of a plan, with c coordinates, shape (c,) [rad, m]."""
     if not isinstance(plan, VerifiedPlan):
         raise ProblemError(f"expected a plan, got a {type(plan).__name__}")
     return np.asarray(plan.trajectory.positions[-1])
@@ -158,11 +163,10 @@ __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
 
 @dataclass(frozen=True)
 class BuiltInPlanner:
-    """The planner that ``solve`` takes when it is given none.
+    """The built-in planner, which ``solve`` uses by default, as an object.
 
-    The problem decides which planner that is: in space the spatial planner, in the plane the curve planner or the
-    paper's own by hill climbing. A planner of your own may ask it for a path, for the same problem or for a modified
-    one::
+    For arms in space this is the spatial planner, for planar arms the curve planner or the paper's hill climbing, as
+    the problem says. A user's planner may call it for the problem or a modified problem::
 
         class Roomy:
             def plan(self, problem):
@@ -172,9 +176,9 @@ class BuiltInPlanner:
         solution = ccm_opt.solve(problem, planner=Roomy())
 
     Attributes:
-        constraints: constraints of the user, which the paths keep. ``solve`` does not pass its own constraints on to
-            the planner that it is given, so pass them here too.
-        costs: costs of the user, to be passed here for the same reason.
+        constraints: constraints of the user, which paths satisfy. ``solve`` does not pass its constraints to a planner,
+            so they must be given here too.
+        costs: costs of the user, which must be given here too.
         settings: settings of the stages.
     """
 
@@ -186,14 +190,14 @@ class BuiltInPlanner:
         expect_arguments(settings=self.settings)
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan a certified path.
+        """Return a certified path for a problem.
 
         Args:
-            problem: problem with one goal; goals in sequence are planned leg by leg.
+            problem: problem with one goal; several goals are planned leg by leg.
 
         Raises:
-            ProblemError: the planner does not suit this problem.
-            NoPlanFound: there is no path within the limits; the error holds a diagnosis.
+            ProblemError: the planner does not support this problem.
+            NoPlanFound: no path was found within the limits; the error holds a diagnosis.
         """
         Problem.expected(problem)
         terms = compiled_terms(problem.arm, self.constraints, self.costs)
@@ -202,7 +206,7 @@ class BuiltInPlanner:
 
 @dataclass(frozen=True)
 class BuiltInRetimer:
-    """The timing that ``solve`` uses when it is given none: the method that ``problem.planner.retiming`` names.
+    """The built-in retimer, which ``solve`` uses by default, as an object: the method ``problem.planner.retiming``.
 
     Attributes:
         settings: settings of the stages.
@@ -214,14 +218,14 @@ class BuiltInRetimer:
         expect_arguments(settings=self.settings)
 
     def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
-        """Time a path from rest to rest within the limits; the motion passes the verifier.
+        """Return a verified motion along a path, from rest to rest within the limits.
 
         Args:
             problem: the problem that the path solves.
-            path: path from the problem's start to its goal.
+            path: path from the start to the goal of the problem.
 
         Raises:
-            RetimingError: there is no timing within the limits; the error holds a diagnosis.
+            RetimingError: no timing within the limits was found; the error holds a diagnosis.
             VerificationError: the path does not solve the problem.
         """
         Problem.expected(problem)

@@ -1,4 +1,4 @@
-"""Outcomes of the initial poses in a search for a pose at a goal, and why no pose was found, in words."""
+"""Outcomes of a search for a pose at a goal from several initial poses, and reasons why no pose was found."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,21 +25,21 @@ from ccm_opt.problem.solution import PoseOutcome
 from ccm_opt.scene.bad_pose import clearance_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
-"""Weights of half the squared violation of a user's constraint, as a turn of the whole arm [1/rad²], in the search for
-the pose that violates constraints least; applied in turn, each from the pose before. Measured: the first is solved
-where the last alone fails, and with the last, violations are exact to a thousandth."""
+"""Weights of half the squared violations of the user's constraints, converted to turns of the whole arm, in the search
+for the pose of minimum violation, applied in turn [1/rad²]. Measured: the solver fails with the last weight alone;
+with the last weight violations are exact to a thousandth."""
 _ELASTIC_SHARE = 0.02
-"""Share of the worst violation below which this pose's violation of a constraint is ignored. Taste."""
+"""Fraction of a pose's worst violation below which its other violations are ignored. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseTry:
-    """Poses found from one initial pose.
+    """Poses found from one initial pose by solving the nonlinear program (NLP) for poses at the goal.
 
     Attributes:
-        beginning: the initial pose, from which the first solution is started.
-        asked: the goal-pose NLP.
-        poses: solutions of the NLP, each started from the one before; empty without an initial pose.
+        beginning: the initial pose.
+        asked: the NLP.
+        poses: successive solutions of the NLP, each started from the one before; empty without an initial pose.
     """
 
     beginning: PoseBeginning
@@ -48,22 +48,22 @@ class PoseTry:
 
     @property
     def best(self) -> int | None:
-        """Index of the best feasible pose; None when none is feasible."""
+        """Index of the feasible pose of minimum cost; None where no pose is feasible."""
         feasible = [k for k, pose in enumerate(self.poses) if self.asked.feasible(pose)]
         return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
 
     @property
     def cost(self) -> float:
-        """Cost of the best pose; infinite without one."""
+        """Cost of the best feasible pose; infinite where no pose is feasible."""
         return np.inf if self.best is None else self.poses[self.best].answer.cost
 
     def begun(self, number: int) -> FloatArray:
-        """Return the configuration from which a solution was started, shape (c,) [rad, m]."""
+        """Return the configuration of c coordinates from which solution ``number`` was started, shape (c,) [rad, m]."""
         return np.asarray(self.poses[number - 1].q if number else self.beginning.q)
 
     @property
     def outcome(self) -> PoseOutcome:
-        """Outcome of the search from the initial pose, as a record."""
+        """Outcome of the search from this initial pose, for the user."""
         if self.best is None:
             return PoseOutcome(self.beginning.name, reason=self.reason)
         pose = self.poses[self.best]
@@ -71,7 +71,7 @@ class PoseTry:
 
     @property
     def reason(self) -> str:
-        """Violations or contact of the pose nearest to feasible, in words."""
+        """Violations or contact of the pose nearest to feasibility, in words."""
         if not self.poses:
             return "" if self.beginning.missing is None else self.beginning.missing.reason
         pose = min(self.poses, key=lambda pose: pose.answer.violation)
@@ -82,16 +82,22 @@ class PoseTry:
 
 
 def improved_poses(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
-    """Solve the goal-pose NLP from an initial pose."""
+    """Return the poses at the goal found from one initial pose.
+
+    Args:
+        asked: the nonlinear program for poses at the goal.
+        beginning: the initial pose.
+        deadline: time limit; None for no limit.
+    """
     return PoseTry(beginning, asked, () if beginning.q is None else asked.improved(beginning.q, deadline))
 
 
 def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound:
-    """Return the error that says why no pose at the goal was found.
+    """Return an error that states why no pose at the goal was found.
 
     Args:
-        asked: the goal-pose NLP.
-        tries: all tries, without a feasible pose among them.
+        asked: the nonlinear program for poses at the goal.
+        tries: poses found from all initial poses, none of them feasible.
     """
     problem = asked.problem
     findings = ranked(failed(problem))
@@ -119,7 +125,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
 
 
 def _advice(problem: Problem) -> tuple[str, ...]:
-    """Return advice that may help the search for a pose."""
+    """Return advice to the user that may help to find a pose at the goal."""
     more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
     room = clearance_advice(problem.arm.radius, problem.workspace.clearance)
     free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction free",)
@@ -129,15 +135,15 @@ def _advice(problem: Problem) -> tuple[str, ...]:
 def with_constraint_first(
     failure: NoPlanFound, problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
 ) -> NoPlanFound:
-    """Return a failure whose reason first names the user's constraints that no pose found at the goal satisfies.
+    """Return a planning error whose reason first names the user's constraints that no pose found at the goal satisfies.
 
-    In all other cases, for example if a pose satisfies all constraints, the failure is returned unchanged.
+    The error is returned unchanged in all other cases, for example if a pose satisfies all constraints.
 
     Args:
-        failure: the failed search for a motion.
+        failure: the error.
         problem: the problem as posed.
         terms: the user's constraints and costs.
-        settings: settings of poses at the goal.
+        settings: settings of all stages.
     """
     constrained = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
     if not constrained or isinstance(failure, UnreachableGoal) or problem.goal.whole(problem.arm) is not None:
@@ -157,16 +163,16 @@ def with_constraint_first(
 
 
 def describe_violations(missed: dict[str, float]) -> str:
-    """Return a sentence that lists the constraints violated at the goal, without claiming a proof."""
+    """Return a sentence about constraints violated at the goal, without proof, given the violations by name."""
     first = "; ".join(f"constraint '{name}', which the closest violates by {miss:.4g}" for name, miss in missed.items())
     return f"no goal pose was found that satisfies {first} (not proved: another pose may)"
 
 
 def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
-    """Return the violations of hard constraints by the pose that violates them least, the worst first.
+    """Return the violations of the user's hard constraints in the pose of minimum violation, by name, the worst first.
 
-    The initial poses are improved again with softened constraints. The result is empty if that yields no pose either:
-    then other rows are infeasible too.
+    The nonlinear program is solved again from all initial poses with softened constraints. The result is empty if this
+    yields no pose either, because other constraints are infeasible.
     """
     found = [misses for each in tries if each.poses and (misses := _goal_violations(each)) is not None]
     # The pose that violates the fewest constraints names those that cannot be satisfied.
@@ -175,9 +181,9 @@ def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
 
 
 def _goal_violations(each: PoseTry) -> dict[str, float] | None:
-    """Return the violations of the pose found from one initial pose with softened constraints.
+    """Return the violations of hard constraints in the pose found from one initial pose with softened constraints.
 
-    The result is None if no pose is found.
+    The result is None if no pose is found, or there are no constraints.
     """
     terms = each.asked.terms
     if terms is None or not terms.hard_at_goal:
@@ -195,7 +201,13 @@ def _goal_violations(each: PoseTry) -> dict[str, float] | None:
 
 
 def _worst_violations(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
-    """Return the hard constraints that a pose violates, except those violated little compared with the worst."""
+    """Return the violations of hard constraints in a pose, by name, without those much smaller than the worst.
+
+    Args:
+        terms: the user's constraints and costs.
+        softened: the constraints with weights, which convert violations to turns of the whole arm.
+        q: configuration with c coordinates, shape (c,) [rad, m].
+    """
     misses = terms.residuals_at_goal(q)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
     missed = {
@@ -215,7 +227,7 @@ def _violation(each: PoseTry) -> float:
 
 
 def _row_words(name: str, violation: float, asked: GoalPoses) -> str:
-    """Return a description of a violated row for the user."""
+    """Return words about a violated constraint row of the nonlinear program, given the row's name and violation."""
     length = asked.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":

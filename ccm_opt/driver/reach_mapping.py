@@ -1,4 +1,4 @@
-"""Maps where the tip can be, and with which headings, over a grid of the workspace, on one or more processes."""
+"""Reachability maps: positions and headings that the tip can reach, on a grid, computed by several processes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -38,7 +38,7 @@ from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _MOTION_TIME = 5.0
-"""CPU time for a motion to the goal, whose poses are initial poses of the map in space [s]. Taste."""
+"""CPU time limit of the search for a motion to the goal, whose poses are initial poses of a map in space [s]. Taste."""
 _EXACTLY = Tolerances(0.0, 0.0)
 
 
@@ -51,25 +51,26 @@ def reach_map(
     progress: Callable[[int, int], None] | None = None,
     settings: Settings | None = None,
 ) -> ReachMap:
-    """Map the tip positions and headings that the arm can reach, by continuing poses from cell to cell.
+    """Return a map of the tip positions and headings that an arm can reach, found by poses continued cell by cell.
 
-    Reach is static here: it takes a pose that keeps the joint limits and touches nothing. The first poses are the
-    problem's start, sampled ones, and in space those of a motion to the last goal if one is soon found. A cell without
-    a pose is not proved unreachable unless the map says so.
+    A cell counts as reachable if a collision-free pose within the joint limits has the tip at its centre; motions to
+    the pose are not considered. Initial poses are the start, sampled poses and, in space, those of a motion to the last
+    goal if one is found quickly. A cell without a pose is proved unreachable only where the map says so.
 
     Args:
-        problem: arm, workspace and start; in the plane with a fixed base.
-        step: width of a cell [m]; when None a fraction of the arm's length.
+        problem: problem with arm, workspace and start; a planar arm must have a fixed base.
+        step: width of a grid cell [m]; None for a fraction of the arm's length.
         headings: number of headings tried in each cell, evenly spaced over a full turn; in space the number of
             directions, evenly spaced over the sphere.
         workers: number of processes on this machine, or an object that opens an executor, such as ``DaskWorkers``; the
-            map does not depend on it.
-        progress: called after every task with the number of cells reached and the number not proved unreachable.
-        settings: settings; the defaults when None.
+            map does not depend on this choice.
+        progress: function called after every task, with the number of cells reached and that of cells not proved
+            unreachable.
+        settings: settings of the stages; None for the defaults.
 
     Raises:
-        ProblemError: the base of a planar arm moves, the grid is invalid, or the start in space touches something.
-        UnreachableGoal: the start touches something or breaks a joint limit.
+        ProblemError: a planar arm has a feed axis, the grid is invalid, or the start in space is in contact.
+        UnreachableGoal: the start in the plane is in contact, or the start exceeds a joint limit.
     """
     Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings)
@@ -114,10 +115,16 @@ def _flood(
     workers: Workers | int,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Search all cells of a flood fill, on the given workers or on processes of this machine.
+    """Search all grid cells by a flood fill, on several processes, and add the results to the flood fill.
+
+    Args:
+        flood: the flood fill, which yields tasks and receives their results.
+        look: function that searches the cells of one task.
+        workers: number of processes, or an object that opens an executor.
+        progress: function called after every task with two numbers of cells, see ``reach_map``; None for none.
 
     Raises:
-        BaseException: the search of a cell raised this exception.
+        BaseException: the search of a cell raised it.
     """
     crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
     for task, found in completed(crew, look, flood):
@@ -129,10 +136,10 @@ def _flood(
 
 
 def _expect_grid(step: object, headings: object, workers: object) -> None:
-    """Refuse an invalid cell width, number of headings, or workers.
+    """Raise an error for an invalid cell width, number of headings, or value of ``workers``.
 
     Raises:
-        ProblemError: an argument is invalid; the message names what was expected.
+        ProblemError: an argument is invalid; the message says what is expected.
     """
     expect_that(lambda: step is None or is_number(step), step, "a cell width [m] for step=")
     expect_that(lambda: headings is None or is_whole(headings), headings, "a whole number for headings=")
@@ -144,7 +151,12 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
 
 
 def _width(problem: Problem, usual: float, step: float | None) -> float:
-    """Return the width of a cell [m]: the given one, or the default fraction of the arm's length.
+    """Return the width of a grid cell [m].
+
+    Args:
+        problem: the problem, which gives the arm's length.
+        usual: default width, as a fraction of the arm's length.
+        step: requested width [m]; None for the default.
 
     Raises:
         ProblemError: the width is not positive, or exceeds twice the arm's length.
@@ -157,17 +169,23 @@ def _width(problem: Problem, usual: float, step: float | None) -> float:
 
 
 def _middles(low: FloatArray, high: FloatArray, width: float) -> list[FloatArray]:
-    """Return the cell centres along every axis, for the fewest cells that cover a box, centred on it."""
+    """Return the centres along every axis of the fewest grid cells that cover a box, with the grid centred on the box.
+
+    Args:
+        low: lower corner of the box, shape (d,) with d = 2 or 3 [m].
+        high: upper corner, shape (d,) [m].
+        width: width of a cell [m].
+    """
     counts = np.maximum(1, np.ceil((high - low) / width - ROUNDING).astype(int))
     middle = 0.5 * (low + high)
     return [m + width * (np.arange(n) - 0.5 * (n - 1)) for m, n in zip(middle, counts, strict=True)]
 
 
 def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[FloatArray, ...]:
-    """Return the cell centres over the part of the workspace within the arm's length.
+    """Return the centres of grid cells along every axis, over the part of the workspace within reach [m].
 
     Raises:
-        ProblemError: no place is within reach, or there are too many cells.
+        ProblemError: no position is within reach, or there are too many cells.
     """
     low, high = reach_box(problem.arm, problem.workspace.box)
     if np.any(high <= low):
@@ -184,12 +202,19 @@ def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[Floa
 
 
 def _directions(problem: Problem, asked: int | None, settings: ReachSettings) -> tuple[FloatArray, FloatArray]:
-    """Return headings [rad], shape (K,), empty in space, and the unit vectors tried, shape (K, d).
+    """Return the K directions of the last link that are tried in every cell of a reachability map.
 
-    The vectors are evenly spaced over a full turn in the plane, and over the sphere in space.
+    Args:
+        problem: the problem.
+        asked: requested number K; None for the default.
+        settings: settings, which give the default.
+
+    Returns:
+        Headings, shape (K,), empty in space [rad]; and unit vectors, shape (K, d) with d = 2 or 3, evenly spaced over
+        a full turn, in space over the sphere.
 
     Raises:
-        ProblemError: fewer than one heading is asked for in the plane.
+        ProblemError: fewer than one heading is requested in the plane.
     """
     if problem.dimension == 3:
         return np.zeros(0), spread_directions(settings.directions if asked is None else asked, 3)
@@ -202,11 +227,11 @@ def _directions(problem: Problem, asked: int | None, settings: ReachSettings) ->
 
 @on_one_thread()
 def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray]) -> tuple[TipLooker, BoolArray]:
-    """Return the searcher of cells, and the mask of cells proved unreachable.
+    """Return the object that searches grid cells, and a mask of the cells that are proved unreachable.
 
     Raises:
-        ProblemError: the start in space touches something.
-        UnreachableGoal: the start in the plane touches something.
+        ProblemError: the start in space is in contact.
+        UnreachableGoal: the start in the plane is in contact.
     """
     looker = question.looker
     if looker.task is not None:
@@ -218,7 +243,7 @@ def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray
 
 @on_one_thread()
 def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
-    """Seed the flood with the start, sampled poses, and a motion whose tip leads through ducts and holes."""
+    """Give a flood fill its initial poses: start, sampled poses, and poses of a motion through narrow passages."""
     along = np.zeros((0, len(looker.start)))
     if looker.task is not None and problem.goal.whole(problem.arm) is None:
         with suppress(NoPlanFound):
@@ -227,10 +252,10 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
 
 
 def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
-    """Return the mask of cells whose centres are proved unreachable for the tip.
+    """Return a mask of the grid cells whose centres the tip is proved not to reach.
 
-    Such cells are too far away, inside a body, outside the workspace, too close to a surface, or beyond the joint
-    limits.
+    Their centres are too far away, inside an obstacle, outside the workspace, too close to a surface, or beyond the
+    joint limits.
     """
     arm = problem.arm
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -253,12 +278,18 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
 
 
 def _parts(numbers: IntArray) -> Iterator[IntArray]:
-    """Yield cell numbers in batches of about a thousand, so that intermediate arrays stay small."""
+    """Yield indices of cells in batches of about a thousand, so that intermediate arrays stay small."""
     yield from np.array_split(numbers, max(len(numbers) // 1000, 1))
 
 
 def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArray) -> BoolArray:
-    """Return the mask of undecided cells to which every way through free space is proved too narrow or too long."""
+    """Return a mask of undecided cells to which every path through free space is proved too narrow or too long.
+
+    Args:
+        problem: the problem.
+        axes: centres of the cells along every axis [m].
+        unknown: mask of the undecided cells.
+    """
     closed = np.zeros_like(unknown)
     for cell in np.argwhere(unknown):
         place = np.array([middles[number] for middles, number in zip(axes, cell, strict=True)])
@@ -267,5 +298,5 @@ def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArr
 
 
 def _at(problem: Problem, place: FloatArray) -> Problem:
-    """Return the problem with the tip's goal moved to a position, to be reached exactly."""
+    """Return the problem with a goal for the tip at a given position, without tolerance."""
     return replace(problem, goal=TipGoal(place), tolerances=_EXACTLY, stops=())

@@ -1,4 +1,4 @@
-"""Checks that the record in a plan's folder agrees with the motion in it."""
+"""Checks that the record in a plan's output folder agrees with the motion in the folder's arrays."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -25,22 +25,23 @@ from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _SIMULATED_ANGLE = 1e-6
-"""Difference between a recorded simulation and a rerun that counts as rounding [rad, m]. Taste: machines and back ends
-were seen to differ by 1e-13."""
+"""Difference of positions between a recorded simulation and a rerun that counts as rounding [rad, m]. Taste: machines
+and back ends were found to differ by 1e-13."""
 _SIMULATED_TORQUE = 1e-6
-"""Such a difference of torques, as a share of the greatest torque."""
+"""Difference of torques between a recorded simulation and a rerun that counts as rounding, as a fraction of the peak
+torque."""
 _FIGURE_SHARE = 1e-6
-"""Relative difference allowed between a recorded figure and that of the arrays. Taste: far above rounding."""
+"""Allowed relative difference between a recorded figure of merit and the recomputed one. Taste: far above rounding."""
 _FIGURE_FLOOR = 1e-9
-"""Absolute difference that is always allowed: figures that are nothing but rounding count as equal. Taste."""
+"""Allowed absolute difference between figures of merit, so that mere rounding errors count as equal. Taste."""
 
 
 _OF_PLANNING = ("cost_", "residual_")
-"""Prefixes of figures that cannot be recomputed from a folder: of costs and constraints."""
+"""Prefixes of figures of merit, of costs and constraints, that cannot be recomputed from an output folder."""
 _OF_SIMULATION = ("tracking_error_rad", "tracking_error_m", "saturated_time_s")
-"""Suffixes of figures that are meaningless when nothing was simulated."""
+"""Suffixes of figures of merit that are meaningless where nothing was simulated."""
 _OF_USER = "constraint "
-"""Prefix of the checks of the user's constraints."""
+"""Prefix of the names of checks of the user's constraints."""
 
 
 def record_checks(
@@ -51,17 +52,17 @@ def record_checks(
     room: ClearanceRecord,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check everything that a folder records about a motion against the motion.
+    """Return the checks that everything recorded about a motion in an output folder agrees with the motion.
 
-    The simulation is rerun: it is reproducible to rounding as long as the arm follows its plan.
+    The simulation is rerun, which is reproducible to rounding as long as the arm follows the plan.
 
     Args:
         problem: the problem as posed.
-        motion: the motion in the folder, well-formed, with keyframes and simulation.
-        record: the other results in the folder.
+        motion: the motion in the folder, with keyframes and simulation.
+        record: the recorded results.
         checks: checks of the verifier, recomputed.
-        room: clearance that the motion keeps, recomputed.
-        settings: tolerances for agreement.
+        room: clearance of the motion over time, recomputed.
+        settings: tolerances of agreement.
     """
     settings = settings.for_problem(problem)
     trajectory, joints = motion.trajectory, motion.joints
@@ -88,7 +89,7 @@ def record_checks(
 
 
 def _curves(problem: Problem, motion: SavedMotion) -> Check:
-    """Check the recorded curves of a planar motion against its keyframes."""
+    """Return the check of the recorded backbone curves of a planar motion against its keyframes."""
     curves = recorded_curves(motion.arrays, problem.arm)
     if problem.planner.method != "nlp":
         return check_followed_curves(problem.arm, curves, motion.keyframes)
@@ -96,7 +97,7 @@ def _curves(problem: Problem, motion: SavedMotion) -> Check:
 
 
 def _at_rest(motion: SavedMotion) -> Check:
-    """Check that the record of an arm that was not simulated rests where the plan begins."""
+    """Return the check that the record of an arm that was not simulated rests in the start pose."""
     off = [
         np.abs(motion.simulated_angles - motion.joints.angles[:1]),
         np.abs(motion.simulated_torques),
@@ -107,7 +108,7 @@ def _at_rest(motion: SavedMotion) -> Check:
 
 
 def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: SimulatedMotion) -> Check:
-    """Check the recorded simulation against a rerun."""
+    """Return the check of the recorded simulation against a rerun."""
     name = "simulated arm against its plan"
     verdict = asdict(again.verdict)
     # If the arm does not follow its plan, only the outcome is reproducible; details of the verdict vary with the run.
@@ -136,10 +137,10 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
 
 
 def _samples_alike(time: FloatArray, verdict: SimulationVerdict) -> int:
-    """Return the number of leading samples at which reruns of the simulation agree to rounding.
+    """Return the number of leading samples at which two runs of a simulation agree to rounding.
 
-    If the arm does not follow its plan, rounding grows without bound. If an error grows exponentially from one unit in
-    the last place to a tenth of a radian, half of the digits still agree at half of that time.
+    If the arm does not follow the plan, rounding errors grow without bound. Half of the digits still agree after half
+    of the time in which an error grows exponentially from one unit in the last place to a tenth of a radian.
     """
     if verdict.followed:
         return len(time)
@@ -152,7 +153,7 @@ def _figures(
     figures: Mapping[str, float],
     settings: VerificationSettings,
 ) -> Check:
-    """Check the recorded figures of merit against those of the arrays; figures of planning cannot be recomputed."""
+    """Return the check of recorded figures of merit against recomputed ones, except figures of planning."""
     known = {name: value for name, value in figures.items() if name in recorded}
     wrong = [name for name in recorded if name not in figures and not name.startswith(_OF_PLANNING)]
     for name, value in known.items():
@@ -164,9 +165,9 @@ def _figures(
 
 
 def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: VerificationSettings) -> Check:
-    """Check the recorded checks against recomputed ones; checks missing from the record are ignored.
+    """Return the check of recorded checks against recomputed ones; those missing from the record are ignored.
 
-    The user's constraints are known by name only; for a solved plan, their recorded checks must pass.
+    The user's constraints are known by name only; their recorded checks must have passed.
     """
     wanted = {check.name: check for check in checks}
     names = [check.name for check in recorded]
@@ -190,7 +191,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
-    """Check that the motion survives each recorded error, by proving this again; larger errors are not tried."""
+    """Return the check that the motion tolerates each recorded error, proved again; larger errors are not tried."""
     models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
     for error in recorded:
@@ -206,7 +207,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
 
 
 def _room(recorded: Mapping[str, FloatArray], room: ClearanceRecord, settings: VerificationSettings) -> Check:
-    """Check the recorded gaps over time against recomputed ones."""
+    """Return the check of recorded clearances over time against recomputed ones."""
     wanted = {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
     wrong = [
         name

@@ -1,4 +1,4 @@
-"""Changes of the goal while the arm moves: the arm brakes along its path, and moves from rest to the new goal."""
+"""Change of the goal while the arm moves: the arm brakes along its path, then moves from rest to the new goal."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,7 +27,8 @@ from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
 
 LATER = (0.15, 0.4, 1.0)
-"""Shares of the remaining motion after which a fed arm brakes instead, if it cannot go on from the first rest."""
+"""Fractions of the remaining motion after which an arm on a feed axis brakes instead, tried in turn where no motion
+leads on from the earlier rest pose."""
 
 
 def retarget(
@@ -42,28 +43,28 @@ def retarget(
     progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
 ) -> Solution:
-    """Change the goal of a motion that is under way, in the plane or in space.
+    """Return a motion that leaves a plan in execution for a new goal, planar or in space.
 
     Args:
-        solution: the plan that the arm follows.
-        time: when the new goal becomes known, from the start of the motion [s].
+        solution: the plan that the arm executes.
+        time: time since the start of the motion at which the new goal is known [s].
         goal: the new goal, of the same dimension as the plan.
-        tolerances: tolerances of the new goal; those of the old one when None.
-        planner: another planner for the motion from rest; the problem's own when None.
-        constraints: constraints of the user for the motion from rest, as for ``solve``. A solution does not keep those
-            that it was solved with, so they are given again here.
-        costs: costs of the user for the motion from rest, also given again here.
-        progress: called when a stage starts, and when the search turns to another candidate.
-        settings: settings of the stages, as for ``solve``; the defaults when None.
+        tolerances: tolerances of the new goal; None for those of the old goal.
+        planner: planner for the motion from rest; None for the built-in planner.
+        constraints: constraints of the user for the motion from rest. A solution does not contain the constraints with
+            which it was solved, so they must be given again.
+        costs: costs of the user for the motion from rest, which must be given again too.
+        progress: function called when a stage starts, and when the search turns to another candidate.
+        settings: settings of the stages; None for the defaults.
 
     Returns:
-        The whole verified motion, as planned up to that time, braked to rest along the same path as soon as possible,
-        then on to the new goal. An arm on a feed axis that cannot go on from there rests a little later. That rest is
-        the last stop of the solution's problem; goals on the way that were not reached are left out.
+        The whole verified motion: as planned up to ``time``, then braked to rest along the planned path as soon as
+        possible, then on to the new goal. An arm on a feed axis that cannot go on from there rests a little later. The
+        rest is the last stop of the solution's problem; intermediate goals that were not reached are removed.
 
     Raises:
         ProblemError: the time is not within the motion, or jerk is limited.
-        NoPlanFound: the new goal cannot be reached from where the arm comes to rest; with a diagnosis.
+        NoPlanFound: no motion from rest to the new goal was found; the error holds a diagnosis.
         VerificationError: the verifier rejects the motion.
     """
     expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
@@ -104,19 +105,19 @@ def _retargeted(
     stages: Stages,
     settings: Settings,
 ) -> tuple[Problem, VerifiedPlan]:
-    """Return the problem with the rest as its last stop, and the whole motion that solves it.
+    """Return a motion that brakes and goes on to a new goal, and its problem, whose last stop is the rest.
 
     Args:
-        solution: the plan that the arm follows.
-        time: when braking begins [s].
-        problem: the solution's problem with the new goal.
-        reached: plans the motion from rest to the new goal.
+        solution: the plan that the arm executes.
+        time: time at which braking begins [s].
+        problem: the problem of the plan with the new goal.
+        reached: function that plans the motion from rest to the new goal.
         terms: the user's constraints and costs for the motion from rest.
-        stages: names and times the stages.
+        stages: clock that names and times the stages.
         settings: settings of all stages.
 
     Raises:
-        KeyboardInterrupt: on Ctrl-C; the motion from rest alone is no plan for an arm that is still moving.
+        KeyboardInterrupt: Ctrl-C was pressed; the motion from rest alone is no plan for an arm that still moves.
     """
     arm = problem.arm
     dynamics = InverseDynamics(arm, problem.simulation.gravity)
@@ -145,7 +146,13 @@ def _retargeted(
 
 
 def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
-    """Return one path for braking and the motion from rest, with the keyframes and curves of the motion from rest."""
+    """Return one path for braking and the motion from rest, with keyframes and curves of the motion from rest only.
+
+    Args:
+        first: the motion up to rest.
+        onward: path from rest to the new goal.
+        time: time at which braking begins, for the name of the path [s].
+    """
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward

@@ -1,4 +1,4 @@
-"""Robustness of a verified plan: certified against errors of geometry, simulated against errors of load."""
+"""Errors that a verified plan tolerates: errors of geometry by certificate, errors of load by simulation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,35 +16,35 @@ from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
 _MOST_AT_ONCE = 15_000
-"""Samples times links up to which every solve computes the survived joint error. Measured on the package's problems:
-about 0.1 s."""
+"""Number of samples times number of links up to which ``solve`` always computes the tolerated joint error. Measured on
+the example problems: about 0.1 s."""
 _DOUBLINGS = 6
-"""Most doublings of a load in search of one that is not survived. Taste."""
+"""Maximum number of times that a load is doubled in search of one that is not tolerated. Taste."""
 _LOAD_STEPS = 12
-"""Most bisection steps after that. Taste."""
+"""Maximum number of bisection steps between a tolerated and an untolerated load. Taste."""
 _LOAD_PRECISION = 0.05
-"""Relative width of the load interval at which bisection stops. Taste."""
+"""Relative width of the load interval at which the bisection stops. Taste."""
 _SMALL_LOAD = 0.1
-"""Share of a load that is not survived, tried while no survived load is known. Taste."""
+"""Fraction of an untolerated load that is tried next while no tolerated load is known. Taste."""
 
 FAILED = frozenset(("touched", "diverged", "not simulated"))
-"""Outcomes of a simulation that count as not survived; a drive at its limit that still follows survives."""
+"""Outcomes of a simulation that mean an untolerated load; a drive at its limit is tolerated."""
 NOT_SIMULATED = "not simulated"
-"""Outcome that says nothing about the arm: the simulation step is too long for the load."""
+"""Outcome of a simulation whose step is too long for the load, which says nothing about the arm."""
 
 
 def tolerance_of(
     solution: Solution, *, simulated: bool = True, settings: Settings | None = None
 ) -> tuple[SurvivedError, ...]:
-    """Return the largest error of each kind that a plan survives, one kind at a time.
+    """Return the maximum error of each kind that a plan tolerates, one kind at a time.
 
     Args:
         solution: the plan.
-        simulated: whether the survived payload and friction are computed too, by a few dozen simulations.
-        settings: settings; the defaults when None.
+        simulated: whether to compute maximum payload and friction too, by a few dozen simulations.
+        settings: settings of the stages; None for the defaults.
 
     Returns:
-        Survived errors of joints, link lengths, base heading, base position and walls, all certified; then payload and
+        Tolerated errors of joints, link lengths, base heading, base position and walls, all certified; then payload and
         friction.
     """
     expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
@@ -63,7 +63,15 @@ def motion_tolerance(
     simulated: bool = True,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[SurvivedError, ...]:
-    """Return the largest errors that a verified motion survives; see ``tolerance_of``."""
+    """Return the maximum errors that a verified motion tolerates, one kind at a time.
+
+    Args:
+        problem: the problem.
+        trajectory: the motion.
+        joints: states of all revolute joints over the motion.
+        simulated: whether to compute maximum payload and friction too, by simulation.
+        settings: settings of the stages.
+    """
     errors = survived_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors
@@ -83,7 +91,7 @@ def motion_tolerance(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
-    """Return the joint error that a motion survives, or an empty tuple if computing the error would be slow."""
+    """Return the joint error that a motion tolerates, or an empty tuple where computing it would take long."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (survived_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
@@ -97,10 +105,17 @@ def _survived_load(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> SurvivedError:
-    """Return the largest load unknown to the controller that the arm survives, by bisection.
+    """Return the maximum load, unknown to the controller, that the simulated arm tolerates, found by bisection.
 
-    ``first`` sets the order of magnitude. Only the loads tried are known to be survived: nothing is claimed about those
-    between them.
+    Only loads that were tried are known to be tolerated; nothing is claimed about loads in between.
+
+    Args:
+        name: "payload" or "friction".
+        unit: unit of the load.
+        first: first load tried, which sets the order of magnitude.
+        problem: the problem.
+        trajectory: the planned motion.
+        joints: states of all revolute joints over the planned motion.
     """
     failed = FOLLOWED
 
@@ -139,11 +154,11 @@ def _survived_load(
 
 
 def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
-    """Return a short description of where and when a plan fails under too great a load.
+    """Return words about where and when a plan fails under a load that is not tolerated.
 
     Args:
-        verdict: verdict on a simulation with too great a load.
-        names: names of all revolutes, three to a joint.
+        verdict: outcome of the simulation with that load.
+        names: names of all revolute joints, three per ball joint.
     """
     if verdict.outcome == NOT_SIMULATED:
         return "the simulation; a smaller simulation.step allows larger values"
@@ -158,6 +173,6 @@ def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
 def _verdict(
     problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates
 ) -> SimulationVerdict:
-    """Return the verdict on a simulation under disturbances."""
+    """Return the outcome of a simulation under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))
     return simulated_once(changed, trajectory, joints).motion.verdict

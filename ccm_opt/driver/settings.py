@@ -1,4 +1,4 @@
-"""Settings of all stages, as users exchange them."""
+"""Settings of all stages of planning, which users may replace."""
 
 from dataclasses import dataclass, field, fields
 
@@ -15,21 +15,21 @@ from ccm_opt.verification.verification_settings import VerificationSettings
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of every stage; each class documents the meaning and origin of its numbers.
+    """Settings of every stage of planning; each class documents the meaning and origin of its numbers.
 
     To change a number, replace the settings that contain it, for example
     ``Settings(timing=replace(TimingSettings(), grid=GridSettings(intervals=400)))``.
 
     Attributes:
-        curve: settings of the curve planner in the plane, from free space to the smooth path.
-        space: settings of the planner in space.
+        curve: settings of the planner of planar arms, from free space to the smooth path.
+        space: settings of the planner of arms in space.
         poses: settings of the search for the best pose at a goal.
-        reach: settings of the map of reachable tip positions.
-        timing: settings of timing along a path.
+        reach: settings of reachability maps.
+        timing: settings of the timing along a path.
         verification: tolerances of the verifier.
-        room: settings of the record of the clearance that a motion keeps.
-        tolerance: precision of the errors that a motion survives.
-        diagnosis: settings of the explanation of failures.
+        room: settings of the record of a motion's clearance.
+        tolerance: precision of the tolerated errors of a motion.
+        diagnosis: settings of the search for reasons of failures and for helpful changes.
     """
 
     curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)

@@ -1,7 +1,7 @@
-"""Builds a solution from a verified plan.
+"""Assembly of a solution from a verified plan: clearance over time, tolerated errors, simulation, figures of merit.
 
-Nothing that is measured or simulated here can invalidate a plan. A simulation that cannot be run yields a verdict; a
-defect of this package in a measurement is logged with its traceback, and the result of that measurement is missing.
+Nothing measured or simulated here can invalidate a plan. A simulation that cannot be run gives an outcome that says so;
+a defect of this package in a measurement is logged with its traceback, and its result is missing.
 """
 
 import logging
@@ -46,18 +46,18 @@ logger = logging.getLogger(__name__)
 
 
 def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> PossibleGap | None:
-    """Return the gap of an arm midway between the two closest walls that a pose passes between.
+    """Return an upper bound on the clearance of motions between the two closest obstacles that a pose passes between.
 
-    Where the axis crosses the shortest line between two walls, it is at most half that line's length from one of them.
-    So no motion that leads between the two has a larger gap.
+    Where the arm's axis crosses the shortest line between two obstacles, its distance from one of them is at most half
+    the length of that line. No motion between the two has a larger clearance.
 
     Args:
-        problem: problem with the walls.
-        points: joints and tip of the pose, shape (links + 1, 2) [m].
-        most: upper limit of interesting gaps [m]; larger gaps give None.
+        problem: the problem, which gives planar arm and obstacles.
+        points: positions of joints and tip of n links in the pose, shape (n + 1, 2) [m].
+        most: clearance above which a bound is of no interest [m].
 
     Returns:
-        The bound with the names of the walls; None where the pose does not pass between walls that close together.
+        The bound with the names of the obstacles; None where the pose passes between no obstacles that close together.
     """
     arm = problem.arm
     body = arm.radius + problem.workspace.clearance
@@ -76,7 +76,7 @@ def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> Poss
 
 
 def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
-    """Return the distance between two walls if the arm's axis crosses their shortest connecting line, else inf [m]."""
+    """Return the distance of two planar obstacles if the arm's axis crosses their shortest connection, else inf [m]."""
     line = shapely.shortest_line(one.core, other.core)
     if not shapely.intersects(line, axis):
         return float(np.inf)
@@ -89,12 +89,12 @@ def clearance_record(
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
 ) -> ClearanceRecord:
-    """Return the record of the clearance that a verified motion keeps.
+    """Return the clearance of a verified motion over time, with an upper bound on the clearance of any motion.
 
     Args:
         problem: the problem as posed.
         trajectory: the motion.
-        checks: checks of the verifier, which hold the least gaps.
+        checks: verifier's checks, which hold the minimum clearances.
         settings: settings of all stages.
     """
     room = clearance_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
@@ -114,7 +114,7 @@ def clearance_record(
 
 
 def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: ClearanceRecord) -> Iterator[PossibleGap]:
-    """Yield an upper bound of the wall gap at each passage with less than the preferred clearance."""
+    """Yield an upper bound on clearance for each passage in which a motion keeps less than the preferred clearance."""
     for part in room.short:
         if part.cause != "passage":
             continue
@@ -125,12 +125,12 @@ def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: Clearan
 
 
 PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
-"""Packages that a result depends on."""
+"""Names of the packages on which results depend."""
 
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Return the versions of Python and of the packages that a result depends on."""
+    """Return the versions of Python and of the packages on which results depend, by name."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
@@ -143,16 +143,16 @@ def draft_solution(
     room: ClearanceRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
 ) -> Solution:
-    """Return the solution for a verified plan, from the results known so far.
+    """Return the solution of a problem assembled from a verified plan and the results known so far.
 
     Args:
         problem: the problem as posed.
-        plan: a motion that passes every check.
-        stages: CPU time of every stage.
+        plan: the verified plan.
+        stages: clock with the CPU time of every stage.
         simulated: motion of the simulated arm; None if it was not simulated.
         figures: further figures of merit, of the simulation and the costs.
-        room: clearance that the motion keeps; None where it was not measured.
-        tolerance: errors that the motion survives.
+        room: clearance of the motion over time; None where it was not measured.
+        tolerance: errors that the motion tolerates.
     """
     if simulated is None:
         simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "skipped")
@@ -181,17 +181,17 @@ def described(
     settings: Settings = DEFAULT_SETTINGS,
     figures: Mapping[str, float] = MappingProxyType({}),
 ) -> Solution:
-    """Return the solution for a verified plan, with clearance over time, survived errors and simulation.
+    """Return the solution of a problem for a verified plan, with clearance over time, tolerated errors and simulation.
 
     Args:
-        problem: the problem that the plan solves.
-        plan: a plan that passes every check.
-        stages: names and times the stages, including those before.
+        problem: the problem.
+        plan: the verified plan.
+        stages: clock that names and times the stages, including earlier ones.
         settings: settings of all stages.
         figures: further figures of merit, by name.
 
     Raises:
-        CancelledWithPlan: on Ctrl-C, with the solution as far as it is known.
+        CancelledWithPlan: Ctrl-C was pressed; the error holds the solution as far as known.
     """
     room: ClearanceRecord | None = None
     tolerance: tuple[SurvivedError, ...] = ()
@@ -217,14 +217,14 @@ def described(
 
 
 def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], Result]) -> Result:
-    """Return the result of a stage that assesses a verified plan, or a substitute if the stage fails.
+    """Return the result of a stage that evaluates a verified plan, or a substitute if the stage raises an exception.
 
-    A failure is logged as a defect with its traceback.
+    The exception is logged as a defect with its traceback.
 
     Args:
         stage: function that computes the result.
-        what: description of the result that is missing after a failure.
-        instead: function that makes the substitute from the exception.
+        what: sentence about the missing result, for the log.
+        instead: function of the exception that returns the substitute.
     """
     try:
         return stage()
@@ -234,9 +234,9 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
 
 
 def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """Return the simulated motion and its figures.
+    """Return the simulation of a verified plan and its figures of merit.
 
-    If the simulation fails by a defect, the simulated arm is recorded as resting at the start.
+    If the simulation fails through a defect, the simulated arm is recorded as resting in the start pose.
     """
     stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))

@@ -1,4 +1,4 @@
-"""Timing of the paths of all legs, and verification of the resulting motion."""
+"""Timing of the paths of all legs of a motion, and verification of the whole motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TermResults:
-    """Results of the user's constraints and costs for a motion.
+    """Checks of the user's constraints, and values of the user's costs, for a motion.
 
     Attributes:
         checks: one check for each constraint.
@@ -43,12 +43,12 @@ class VerifiedPlan:
     """A motion that passes every check.
 
     Attributes:
-        path: the paths of all legs, end to end.
+        path: the paths of all legs, joined.
         trajectory: the timed motion.
-        joints: the timed motion of all drives.
+        joints: states of all revolute joints over the motion.
         checks: checks of the verifier.
-        of_terms: results of the user's constraints and costs.
-        tries: results of all tries, where several were asked for.
+        of_terms: checks of the user's constraints and values of the costs.
+        tries: results of all planning attempts, where several were requested.
     """
 
     path: JointPath
@@ -64,7 +64,13 @@ def evaluate_terms(
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> TermResults:
-    """Evaluate the user's constraints and costs over a motion; the result is empty without terms."""
+    """Return the checks of the user's constraints, and the values of the costs, for a motion; empty without terms.
+
+    Args:
+        terms: the user's constraints and costs; None for none.
+        path: the path of the motion.
+        trajectory: the timed motion.
+    """
     if terms is None:
         return TermResults()
     from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
@@ -73,7 +79,7 @@ def evaluate_terms(
 
 
 def worst_leg_checks(legs: Sequence[TermResults]) -> TermResults:
-    """Return the checks of all legs, named with their goals, and the value of largest magnitude of every figure."""
+    """Return the checks of all legs of a motion, named with their goals, and the largest magnitude of every figure."""
     checks = [
         replace(check, name=f"{check.name}, goal {number}")
         for number, leg in enumerate(legs, start=1)
@@ -85,12 +91,12 @@ def worst_leg_checks(legs: Sequence[TermResults]) -> TermResults:
 
 
 def failed_checks(checks: Sequence[Check]) -> list[str]:
-    """Return one message for each check that fails."""
+    """Return one message for each failed check."""
     return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
 
 
 def _value(check: Check) -> str:
-    """Return the worst value of a check as text, lengths in the unit of the problem's file."""
+    """Return the worst value of a check as text; lengths are in the unit of the problem file."""
     return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
 
 
@@ -100,10 +106,16 @@ def verified(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[Check, ...]:
-    """Verify a motion and return its checks; arguments as for ``verify``.
+    """Return the checks of a motion, all of which passed.
+
+    Args:
+        problem: the problem.
+        trajectory: the motion.
+        joints: states of all revolute joints over the motion.
+        settings: tolerances of the verifier.
 
     Raises:
-        VerificationError: the motion fails checks; the message names them.
+        VerificationError: a check failed; the message lists all failed checks.
     """
     checks = verify(problem, trajectory, joints, settings)
     if failures := failed_checks(checks):
@@ -119,14 +131,14 @@ def timed_and_verified(
     terms: "UserTerms | None" = None,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
-    """Time the paths of all legs, and verify them as one motion.
+    """Return a verified plan made by timing the paths of all legs and verifying them as one motion.
 
     Args:
         problem: the problem that the legs solve.
         legs: one leg to each goal.
-        stages: names and times the stages.
-        retimer: another method of timing a leg; when None the one that the problem names.
-        terms: the user's constraints and costs; they apply to every leg by itself.
+        stages: clock that names and times the stages.
+        retimer: method of timing a leg; None for the method that the problem names.
+        terms: the user's constraints and costs, which apply to every leg separately; None for none.
         settings: settings of all stages.
 
     Raises:
@@ -157,7 +169,7 @@ def _leg_in_time(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """Return the timed motion of a leg; the arm rests at corners of the path, such as those of joined paths."""
+    """Return the timed motion of a leg, in which the arm rests at corners between joined paths."""
     parts = leg.path.parts
     if not parts:
         return _timed(leg, dynamics, retimer, terms, settings)
@@ -178,10 +190,10 @@ def _timed(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """Return the first timing of a leg that passes all checks.
+    """Return the first timed motion of a leg that passes all checks.
 
     Raises:
-        RetimingError: there is no timing within the limits.
+        RetimingError: no timing within the limits was found.
     """
     problem = leg.problem
     if retimer is not None:
@@ -215,7 +227,7 @@ def _timed(
 
 
 def _broken_constraint(broken: list[str]) -> Diagnosis:
-    """Return the diagnosis of a motion that violates a constraint of the user."""
+    """Return the diagnosis for a motion that violates constraints of the user, given messages about the violations."""
     reason = f"the motion found violates a constraint: {broken[0]}"
     advice = ("relax the constraint, or make it soft", "move the goal")
     return Diagnosis(reason, "constraints", advice, {"failures": broken})
