@@ -1,1 +1,1 @@
-"""Comparison of planners on the same problems: suites, runs on workers, the journal, paired statistics."""
+"""Comparison of planners on the same problems: problem suites, runs in worker processes, journal, paired statistics."""

@@ -1,4 +1,4 @@
-"""Files of comparisons: problem files, and results."""
+"""Files of a comparison of planners: tables and statistics, and the problems as files."""
 
 import csv
 import io
@@ -31,12 +31,12 @@ PAGE = "comparison.html"
 
 
 def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
-    """Write the files of a comparison into a folder, each one atomically.
+    """Write table, statistics and HTML report of a comparison into a folder, each file atomically.
 
     Args:
         comparison: results to write.
         folder: existing folder that contains the journal.
-        page: content of the page; if empty, no page is written.
+        page: text of the HTML report; if empty, none is written.
 
     Raises:
         ProblemError: a file cannot be written.
@@ -47,9 +47,9 @@ def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
 
 
 def runs_csv(comparison: Comparison) -> str:
-    """Return a CSV table with one row per run: problem, method, outcome, figures, time, tactic, reason.
+    """Return a CSV table with one row per run: problem, method, outcome, figures, wall time, candidate, reason.
 
-    Figures have their units in the column names; missing values are empty.
+    Names of figures end in their unit; missing values are empty.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -63,7 +63,7 @@ def runs_csv(comparison: Comparison) -> str:
 
 
 def comparison_json(comparison: Comparison) -> str:
-    """Return the statistics as JSON: every method, every pair of methods, and every failure with its reason."""
+    """Return the statistics of a comparison as JSON text: every method, every pair of methods, and every failed run."""
     data = {
         "schema": 1,
         "level": LEVEL,
@@ -79,7 +79,7 @@ def comparison_json(comparison: Comparison) -> str:
 
 
 def medians(runs: Sequence[Run]) -> dict[str, float]:
-    """Return the median of every figure over the solved runs that have it, by key; NaN if none has."""
+    """Return the median of every figure over the solved runs that have it, by key; NaN where no run has it."""
     found = {
         item.key: [run.figures[item.key] for run in runs if run.solved and item.key in run.figures]
         for item in QUANTITIES
@@ -134,25 +134,27 @@ def _number(value: float) -> float | None:
 
 
 FOLDER = "problems"
-"""Folder of problem files in the folder of a comparison."""
+"""Name of the folder of problem files in the output folder of a comparison."""
 MESH_FOLDER = "meshes"
-"""Folder of meshes in the folder of problem files."""
+"""Name of the folder of mesh files in the folder of problem files."""
 _DIGITS = 12
-"""Digits of a mesh's hash in its file name."""
+"""Number of digits of a mesh's SHA-256 in its file name."""
 
 
 def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
-    """Write every problem as ``<name>.toml``; angles are converted to degrees, so last bits may differ.
+    """Write every problem as ``<name>.toml``, with its meshes, and return the paths of the files.
+
+    Angles are converted to degrees, so their last bits may differ.
 
     Args:
         cases: the problems.
-        folder: folder for the files, created if necessary; identical files in it are left as they are.
+        folder: folder for the files, created if necessary; identical files in the folder are not written again.
 
     Returns:
-        The files.
+        Paths of the problem files, in the order of ``cases``.
 
     Raises:
-        ProblemError: a file cannot be written, or exists with other content.
+        ProblemError: a file cannot be written, or exists with different content.
     """
     files = []
     for case in cases:
@@ -167,7 +169,7 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
 
 
 def problem_text(problem: Problem) -> str:
-    """Return the text of a problem file: the original if the file is self-contained, otherwise a newly written text."""
+    """Return the text of a problem file: the original one if it needs no other files, else a newly written text."""
     if problem.dimension == 3:
         return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
     data = recorded_data(problem)
@@ -178,7 +180,7 @@ def problem_text(problem: Problem) -> str:
 
 
 def mesh_files(problem: Problem) -> dict[str, bytes]:
-    """Return the meshes that a problem needs, by paths relative to its file.
+    """Return the contents of a problem's mesh files, by path relative to the problem file.
 
     Equal meshes have equal paths in all problems.
     """
@@ -186,7 +188,7 @@ def mesh_files(problem: Problem) -> dict[str, bytes]:
 
 
 def _mesh_name(body: Body) -> str:
-    """Return the path of a mesh; empty for other bodies."""
+    """Return the path of an obstacle's mesh file, relative to the problem file; empty for other solids."""
     if body.kind != "mesh":
         return ""
     file = PurePosixPath(body.file)
@@ -194,10 +196,10 @@ def _mesh_name(body: Body) -> str:
 
 
 def _write(file: Path, content: bytes) -> None:
-    """Write a file unless a file with the same content exists.
+    """Write a file unless it exists with identical content.
 
     Raises:
-        ProblemError: it cannot be written, or exists with other content.
+        ProblemError: the file cannot be written, or exists with different content.
     """
     try:
         written = file.read_bytes() if file.exists() else None

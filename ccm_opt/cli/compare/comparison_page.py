@@ -1,4 +1,4 @@
-"""The HTML page of a comparison, and formatting of its figures."""
+"""The HTML report of a comparison of planners, and formatting of compared figures."""
 
 import math
 from collections.abc import Mapping
@@ -10,17 +10,17 @@ from ccm_opt.cli.compare.statistics import ConfidenceInterval, FigurePair
 from ccm_opt.viz.document import NONE, Markup, element, html_document, joined, table, three_digits
 
 SCRIPTS = ("elements", "numbers", "sampled", "axes", "theme", "comparison_charts", "comparison_page")
-"""Scripts of the page, in loading order."""
+"""Names of the scripts of the report, in loading order."""
 
 DECIMALS = 3
-"""Most decimals of a figure; values below half of the last one are shown as 0."""
+"""Maximum number of decimals of a figure."""
 TIMES = "\N{MULTIPLICATION SIGN} "
 LEAST_P = 1e-3
-"""Probabilities below this are only shown as smaller."""
+"""Probability below which p values are only shown as smaller than this."""
 
 
 def display_unit(quantity: Quantity) -> tuple[str, float]:
-    """Return the unit in which a figure is shown, and the factor from the stored unit; lengths are in millimetres."""
+    """Return the unit in which a figure is displayed and the factor from its stored unit; lengths are in mm."""
     return ("mm", 1e3) if quantity.unit == "m" else (quantity.unit, 1.0)
 
 
@@ -30,14 +30,19 @@ def format_title(quantity: Quantity) -> str:
 
 
 def format_value(quantity: Quantity, figure: float) -> str:
-    """Return the value of a figure as text."""
+    """Return the value of a figure as text in its display unit."""
     return three_digits(display_unit(quantity)[1] * figure, DECIMALS)
 
 
 def format_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
-    """Return the difference of two methods in a figure, such as ``× 0.95`` or ``+1.2``.
+    """Return the ratio or difference of two methods in a figure as text, such as ``× 0.95`` or ``+1.2``.
 
-    A dash if there are too few problems.
+    The text is a dash if the value is unknown, for lack of problems.
+
+    Args:
+        quantity: the figure.
+        value: the ratio or difference.
+        times: text before a ratio.
     """
     if not math.isfinite(value):
         return NONE
@@ -49,7 +54,7 @@ def format_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
 
 
 def format_interval(quantity: Quantity, interval: ConfidenceInterval) -> str:
-    """Return the confidence interval of an effect as text."""
+    """Return the confidence interval of a ratio or difference as text."""
     ends = [format_effect(quantity, value, "") for value in (interval.low, interval.high)]
     return NONE if NONE in ends else " to ".join(ends)
 
@@ -62,12 +67,12 @@ def probability(value: float) -> str:
 
 
 def percents(share: float) -> str:
-    """Return a fraction as text, in percent."""
+    """Return a fraction as text in percent."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else NONE
 
 
 def success_words(pair: Pair) -> str:
-    """Return a sentence on the paired success of two methods."""
+    """Return a sentence that compares how many problems two methods solve, with McNemar's test."""
     success = pair.success
     p_value = probability(success.p_value)
     return (
@@ -79,11 +84,11 @@ def success_words(pair: Pair) -> str:
 
 
 PAIR_HEADS = ("solved by both", "pairs", "first", "second", "", "paired median", "95 %", "first better", "p")
-"""Column heads of the table of two methods."""
+"""Column heads of the table that compares two methods."""
 
 
 def comparison_page(comparison: Comparison) -> str:
-    """Return the HTML page of a comparison, which loads no other files."""
+    """Return the HTML report of a comparison of planners, which loads no other files."""
     count, problems = len(comparison.methods), len(comparison.problems)
     title = f"{count} method{'s' if count > 1 else ''} on {problems} problems"
     sections = (
@@ -97,9 +102,9 @@ def comparison_page(comparison: Comparison) -> str:
 
 
 def _data(comparison: Comparison) -> dict[str, object]:
-    """Return the data that the page's scripts read.
+    """Return the data that the report's scripts read.
 
-    Lengths have linear axes, since gaps may be 0.
+    Lengths have linear axes, since clearances may be 0.
     """
     intervals = {name: comparison.solved(name)[1] for name in comparison.methods}
     return {
@@ -124,7 +129,7 @@ def _figures(run: Run) -> dict[str, float]:
 
 
 def _without_dust(key: str, value: float) -> float:
-    """Return a figure rounded to the least difference that counts, so that axes do not show rounding errors."""
+    """Return a figure rounded to the difference that counts as a tie, so that charts do not show rounding errors."""
     tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
     return tie * round(value / tie) if tie > 0.0 else value
 
@@ -166,7 +171,7 @@ def _pair_section(pair: Pair, number: int) -> Markup:
 
 
 def _row(item: FigurePair) -> tuple[str, ...]:
-    """Return the table row for one figure of two methods."""
+    """Return a table row with the comparison of two methods in one figure."""
     quantity = item.quantity
     return (
         format_title(quantity),

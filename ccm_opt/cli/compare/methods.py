@@ -1,4 +1,4 @@
-"""The methods that are compared, and digests of their code."""
+"""Planning methods that can be compared, and hashes of their code."""
 
 import hashlib
 import sys
@@ -21,13 +21,13 @@ from ccm_opt.problem.options import PlannerOptions
 
 @dataclass(frozen=True)
 class Method:
-    """A way to solve problems: changes of a problem's planner options, or an external planner.
+    """A planning method for comparisons: changes of a problem's planner options, or an external planner.
 
     Attributes:
         name: name in tables and options.
         summary: description for people.
-        options: changes of the problem's planner options.
-        make: makes an external planner; when None the options select the planner.
+        options: changes of the problem's planner options, by name.
+        make: function that returns an external planner; None if the options select the planner.
     """
 
     name: str
@@ -36,17 +36,17 @@ class Method:
     make: Callable[[], Planner] | None = None
 
     def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
-        """Return the problem with this method's options, and with a limit of CPU time [s] unless that is None."""
+        """Return a problem with this method's planner options, and with a CPU time limit [s] unless that is None."""
         options = dict(self.options)
         if time_limit is not None:
             options["time_limit"] = time_limit
         return replace(problem, planner=replace(problem.planner, **options))  # type: ignore[arg-type]
 
     def planner(self, prepared: Problem) -> Planner:
-        """Return the planner for a prepared problem.
+        """Return the planner for a problem returned by ``prepared``.
 
         Raises:
-            ProblemError: this method works in the plane only, and the problem is in space.
+            ProblemError: this method supports planar problems only.
         """
         if self.make is not None:
             return self.make()
@@ -74,7 +74,7 @@ _OF_THE_PAPER: Mapping[str, object] = {
     **{name: getattr(PlannerOptions(), name) for name in ("optimiser", "seed", "tries", "wanted_gap", "weights")},
     "method": "hill-climbing",
 }
-"""Options of the paper's planner; it supports no others."""
+"""Options of the paper's planner; options that it does not support are reset to their defaults."""
 
 METHODS: Mapping[str, Method] = {
     method.name: method
@@ -88,20 +88,20 @@ METHODS: Mapping[str, Method] = {
         Method("hill-climbing-paul", "planner and timing of the paper", {**_OF_THE_PAPER, "retiming": "paul"}),
     )
 }
-"""Built-in methods by name."""
+"""Built-in methods, by name."""
 DEFAULT = ("nlp", "hill-climbing")
-"""Methods compared when none are named."""
+"""Names of the methods compared by default."""
 
 
 def method_named(name: str) -> Method:
     """Return a built-in method, or a method that wraps the planner given as ``module:attribute``.
 
     Args:
-        name: name of a method, or a reference to a planner or to something that returns one when called without
-            arguments.
+        name: name of a method, or reference to a planner, or to a class or function that returns a planner when called
+            without arguments.
 
     Raises:
-        ProblemError: there is no such method.
+        ProblemError: no method has this name.
     """
     if name in METHODS:
         return METHODS[name]
@@ -111,10 +111,10 @@ def method_named(name: str) -> Method:
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names without duplicates; reject unknown methods, and planners that cannot be made, before any run.
+    """Return names of methods without duplicates, after checking that all methods exist and their planners can be made.
 
     Raises:
-        ProblemError: there is no such method, or a planner cannot be made.
+        ProblemError: a method does not exist, or a planner cannot be made.
     """
     for method in map(method_named, names):
         if method.make is not None:
@@ -124,7 +124,7 @@ def check_methods(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _made(name: str) -> Any:
-    """Return the planner that a reference names; a class or function that makes a planner is called first."""
+    """Return the planner to which ``module:attribute`` refers; a class or function is called to make one."""
     module, _, attribute = name.partition(":")
     value: Any = import_module(module)
     for part in attribute.split("."):
@@ -141,21 +141,21 @@ def _loaded(name: str) -> Planner:
 
 
 DIGITS = 16
-"""Digits of the digest that are kept."""
+"""Number of digits of a hash that are kept."""
 OURS = "ccm_opt"
-"""The package whose planners, timing and verifier take part in every run."""
+"""Name of the package whose planners, timing and verifier are used in every run."""
 NOT_MET = ("cli/", "viz/")
-"""Parts of the package that take no part in runs, except planners of OMPL; random suites have their own version."""
+"""Parts of the package that do not affect runs, except OMPL planners; random suites have a separate version."""
 _OMPL = "cli/compare/ompl_"
 SOURCES = frozenset((".py", ".c", ".h", ".so", ".pyd"))
-"""Suffixes of code files."""
+"""Suffixes of files that contain code."""
 
 
 @cache
 def code_of(method: str) -> str:
-    """Return the hexadecimal digest of the code that a method runs on this machine.
+    """Return a hash of the code that a method runs on this machine, in hexadecimal digits.
 
-    For an external planner it covers the planner's package too.
+    For an external planner the hash covers the planner's package too.
 
     Args:
         method: name of a method, or ``module:attribute``.
@@ -181,7 +181,7 @@ def _package_digest(name: str, left_out: tuple[str, ...]) -> str:
 
 
 def _sources(name: str) -> Iterator[tuple[str, Path]]:
-    """Yield every source file of a module or package in order, with its relative path; nothing if it has no files."""
+    """Yield relative path and path of every source file of a module or package, in order; none if it is absent."""
     spec = find_spec(name) if name not in sys.modules else sys.modules[name].__spec__
     if spec is None:
         return

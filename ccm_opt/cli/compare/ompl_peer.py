@@ -1,9 +1,8 @@
-"""OMPL's RRT-Connect (extra ``ompl``) as a peer, in the plane and in space.
+"""Planner that uses RRT-Connect of OMPL (extra ``ompl``), for comparison, for planar arms and arms in space.
 
-Only the search is compared. The arm, its limits, poses at the goal, the proof that a motion touches nothing, the smooth
-path, timing and verification are those of our planner. Our certificate proves motions that are straight in the bends,
-at all times and not just at samples; so OMPL meets the same standard and checks motions by the same means as our
-planner.
+Only the search is compared. Goal poses, collision checking of motions, smoothing, timing and verification are those of
+the built-in planner. Its certificate proves straight motions in joint space collision-free at all times, not only at
+samples, so that OMPL meets the same standard.
 """
 
 from collections.abc import Iterator
@@ -37,9 +36,9 @@ from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 NAME = "RRT-Connect of OMPL"
-"""Name of the search in records."""
+"""Name of the planner in records."""
 _ADVICE = ("raise planner.time_limit", "use planner.method nlp")
-"""Advice when the search finds nothing."""
+"""Advice to the user when no path is found."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +46,20 @@ class OmplSettings:
     """Settings of the OMPL planner.
 
     Attributes:
-        planning_share: fraction of the time limit for planning; timing and verification need the rest. Taste: as
-            for the baseline.
-        goal_share: fraction of the time limit for finding poses at a tip goal. Taste.
-        goal_poses: number of such poses that is enough. Taste: trees grow from all of them.
-        simplifying_share: fraction of the time limit reserved for OMPL's path shortening. Taste.
-        searched_gap: gap beyond contact that OMPL's paths keep, as a fraction of the arm's length. Taste.
-        certified_gap: gap that the smooth path in the plane keeps; at corners the smooth path may deviate by the
-            difference of the two gaps. Taste: as for the baseline.
-        longest_turn: largest change of a bend in one leg of a path, so that refining a corner affects a short stretch
-            only [rad]. Taste.
-        beyond_tube: distance behind the guide tube at which joints begin to bend, in link lengths. Taste: so that a
-            smooth path may begin to bend them a little earlier.
-        refinements: rounds in which the smooth path is refined in the plane. Derived: a corner between legs of the
-            longest turn is refined until the tip deviates by less than the difference of the two gaps.
+        planning_share: fraction of the time limit for planning; the rest is for timing and verification. Taste: as for
+            the paper's planner.
+        goal_share: fraction of the time limit for finding poses at a goal for the tip. Taste.
+        goal_poses: maximum number of goal poses, from all of which trees grow. Taste.
+        simplifying_share: fraction of the time limit reserved for shortening the path. Taste.
+        searched_gap: clearance beyond contact that paths of OMPL keep, as a fraction of the arm's length. Taste.
+        certified_gap: clearance beyond contact that the smooth planar path keeps, as a fraction of the arm's length; at
+            corners it may deviate from the path of OMPL by the difference. Taste: as for the paper's planner.
+        longest_turn: maximum change of a joint angle between two keyframes, so that refining a corner affects only a
+            short part of the path [rad]. Taste.
+        beyond_tube: distance beyond the guide tube at which joints begin to bend, in link lengths. Taste: a smooth path
+            may begin to bend them a little earlier.
+        refinements: maximum number of refinements of the smooth planar path. Derived: they reduce the deviation at a
+            corner of maximum turn below the difference of the two clearances.
         motion: settings of goal poses, certificate and smooth path in space.
     """
 
@@ -77,15 +76,15 @@ class OmplSettings:
 
 
 DEFAULT_OMPL = OmplSettings()
-"""Default settings of the OMPL planner."""
+"""Default settings of the planner that uses OMPL."""
 
 
 @dataclass(frozen=True)
 class OmplPlanner:
-    """Plans with OMPL; satisfies the ``Planner`` protocol.
+    """Planner with the search RRT-Connect of OMPL; implements the ``Planner`` protocol.
 
     Attributes:
-        settings: fractions of the time limit, and gaps that motions keep.
+        settings: fractions of the time limit, and clearances that motions keep.
     """
 
     settings: OmplSettings = DEFAULT_OMPL
@@ -95,12 +94,12 @@ class OmplPlanner:
         ompl_modules()
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan a certified motion.
+        """Return a certified path for a problem.
 
         Raises:
-            ProblemError: the problem has a feed axis in the plane, or via points, which this planner does not support;
-                or its start cannot be represented.
-            NoPlanFound: no motion was found in time.
+            ProblemError: the problem has a planar arm with a feed axis, or via points, which are not supported; or the
+                start cannot be represented in the coordinates of the sampler.
+            NoPlanFound: no path was found in time.
         """
         if problem.dimension == 3:
             return self._path(_InSpace(problem, self.settings))
@@ -131,7 +130,13 @@ class OmplPlanner:
         return path
 
     def _way(self, query: "_Query", start: FloatArray, goals: list[FloatArray]) -> FloatArray:
-        """Return the sampler coordinates along a certified path, shape (K ≥ 2, c), with exact ends."""
+        """Return the K vertices of a certified path of OMPL, in c sampler coordinates with exact ends, shape (K, c).
+
+        Args:
+            query: the planning query.
+            start: sampler coordinates of the start, shape (c,).
+            goals: sampler coordinates of poses at the goal, each of shape (c,).
+        """
         base, geometric, util = ompl_modules()
         util.noOutputHandler()
         planner_options = query.problem.planner
@@ -160,18 +165,18 @@ class OmplPlanner:
 
 @dataclass(frozen=True)
 class SampledJoints:
-    """The coordinates in which a sampler works, and the configurations that they represent.
+    """Transformation between the c coordinates in which OMPL samples and configurations of the arm.
 
-    A guide tube holds joints straight, and a sampler never samples a bend of exactly zero. So every bend is scaled by
-    how far its joint is out of the tube: by 0 inside, by 1 from one link beyond. Without a feed axis the coordinates
-    are the bends themselves. The unit of the feed is a twenty-fourth of the arm's length.
+    The guide tube of a feed axis holds joints straight, but a sampler never samples an angle of exactly zero. Every
+    joint angle is therefore scaled by a factor that grows from 0 inside the tube to 1 one link length beyond. Without a
+    feed axis, sampler coordinates are the joint angles. The unit of the feed is a twenty-fourth of the arm's length.
 
     Attributes:
         arm: the arm.
-        lower: lower limit of every coordinate of the configuration, shape (c,) [rad, m].
-        upper: upper limit, shape (c,) [rad, m].
-        longest_turn: largest change of a bend between consecutive keyframes [rad].
-        beyond_tube: distance behind the tube at which joints begin to bend, in link lengths.
+        lower: lower limits of the configuration, shape (c,) [rad, m].
+        upper: upper limits of the configuration, shape (c,) [rad, m].
+        longest_turn: maximum change of a joint angle between consecutive keyframes [rad].
+        beyond_tube: distance beyond the tube at which joints begin to bend, in link lengths.
     """
 
     arm: Arm
@@ -191,13 +196,17 @@ class SampledJoints:
         return self.upper / self._units
 
     def configuration(self, drawn: FloatArray) -> FloatArray:
-        """Return the configurations for sampler coordinates, shape (..., c) [rad, m]."""
+        """Return the configurations, shape (..., c) [rad, m], that sampler coordinates of shape (..., c) represent."""
         q = drawn * self._units
         q[..., self.arm.coordinates.bends] *= self._out(q)
         return q
 
     def drawn(self, q: FloatArray) -> FloatArray | None:
-        """Return the sampler coordinates for a configuration, shape (c,); None if they would exceed the limits."""
+        """Return the sampler coordinates, shape (c,), of a configuration, shape (c,) [rad, m], or None.
+
+        The result is None if the coordinates would be outside the range of the sampler or would not represent this
+        configuration.
+        """
         out = np.append(self._out(q), np.ones(len(self.arm.base_axes)))
         drawn = np.where(out > 0.0, q / np.where(out > 0.0, out, 1.0), 0.0) / self._units
         slack = 1e-9
@@ -205,7 +214,12 @@ class SampledJoints:
         return np.clip(drawn, self.low, self.high) if fits and np.allclose(self.configuration(drawn), q) else None
 
     def keyframes(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return configurations along a straight line in sampler coordinates, shape (k ≥ 2, c) [rad, m]."""
+        """Return configurations along a segment in sampler coordinates, with both ends, shape (k ≥ 2, c) [rad, m].
+
+        Args:
+            before: sampler coordinates of the first end, shape (c,).
+            after: sampler coordinates of the second end, shape (c,).
+        """
         bends = self.arm.coordinates.bends
         count = max(1, int(np.ceil(float(np.abs((after - before)[bends]).max()) / self.longest_turn)))
         shares = [np.linspace(0.0, 1.0, count + 1)]
@@ -224,15 +238,15 @@ class SampledJoints:
 
     @property
     def _leaving(self) -> FloatArray:
-        """Feed position from which each joint may bend, slightly beyond the tube, shape (links,) [m].
+        """Feeds at which the joints of n links begin to bend, slightly beyond the guide tube, shape (n,) [m].
 
-        A smooth path begins to bend a joint somewhat earlier than the sampled path does.
+        A smooth path begins to bend a joint a little earlier than the sampled path.
         """
         beyond = self.beyond_tube * self.arm.link_length
         return np.asarray(self.arm.hole + beyond - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
 
     def _out(self, q: FloatArray) -> FloatArray:
-        """Return the factor from 0 to 1 by which each bend is scaled, shape (..., joints)."""
+        """Return the factors in [0, 1] that scale the b joint angles of configurations (..., c), shape (..., b)."""
         coordinates = self.arm.coordinates
         if not self.arm.base_axes:
             return np.ones(coordinates.joints)
@@ -241,7 +255,7 @@ class SampledJoints:
 
 
 class _InPlane:
-    """A planning query in the plane, in units of the arm's length."""
+    """Query to OMPL for a planar arm: start, goals, collision check and smoothing; lengths in arm lengths."""
 
     def __init__(self, problem: Problem, settings: OmplSettings) -> None:
         arm = problem.arm
@@ -259,7 +273,7 @@ class _InPlane:
         self._searched = _certificate(problem, ends, settings.searched_gap)
 
     def goals(self) -> Iterator[FloatArray]:
-        """Yield a few configurations at the goal, each of shape (c,) [rad, m], from all of which trees are grown."""
+        """Yield several configurations at the goal from which trees grow, each of shape (c,) [rad]."""
         arm, settings = self.problem.arm, self._settings
         if self._ends.goal_pose is not None:
             yield self._ends.goal_pose
@@ -288,12 +302,12 @@ class _InPlane:
 
 
 def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
-    """Return whether a configuration, shape (c,), is proved to be free of contact."""
+    """Return whether a configuration, shape (c,) [rad, m], is proved collision-free by a certificate."""
     return len(certificate.failures(np.stack((q, q)), depth=0)) == 0
 
 
 def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
-    """Return the sampling coordinates for all shapes within the joint limits; a clamped base keeps its heading."""
+    """Return coordinates for sampling all configurations within the joint limits; a clamped base keeps its heading."""
     arm = problem.arm
     free = np.eye(arm.links)
     if ends.clamped:
@@ -307,7 +321,13 @@ def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
 
 
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
-    """Return the certificate for a gap, as a fraction of the arm's length, if both ends keep it; else for no gap."""
+    """Return the certificate for a clearance if start and goal pose keep it, else the certificate for contact.
+
+    Args:
+        problem: the problem.
+        ends: start and goal.
+        gap: clearance beyond contact, as a fraction of the arm's length.
+    """
     with_gap = Certificate(problem.arm, problem.workspace, gap * problem.arm.length)
     known = [pose for pose in (ends.start, ends.goal_pose) if pose is not None]
     free = all(_stands_free(with_gap, pose) for pose in known)
@@ -315,7 +335,7 @@ def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
 
 
 class _InSpace:
-    """A planning query in space."""
+    """A query to OMPL for an arm in space: start, goals, collision check and smoothing."""
 
     def __init__(self, problem: Problem, settings: OmplSettings) -> None:
         arm = problem.arm
@@ -341,9 +361,10 @@ class _InSpace:
         return space_task(self.problem, self._tree, until, self._settings.motion)
 
     def _where_ours_ends(self) -> FloatArray | None:
-        """Return the end pose of ccm-opt's own search, whose time is not charged to OMPL; None if the search fails.
+        """Return the final configuration of the built-in planner's motion, shape (c,) [rad, m]; None if it finds none.
 
-        In ducts, hardly any pose sampled at a goal is free of contact, and a sampler without a goal can only fail.
+        In ducts, hardly any sampled goal pose is collision-free, and OMPL can only fail without one. The time of this
+        search is not charged to OMPL.
         """
         if self.problem.goal.whole(self.problem.arm) is not None or self.problem.goal.via:
             return None
@@ -354,7 +375,7 @@ class _InSpace:
         return None if self.joints.drawn(found) is None else found
 
     def goals(self) -> Iterator[FloatArray]:
-        """Yield a few configurations at the goal, each of shape (c,) [rad, m], from all of which trees are grown."""
+        """Yield several configurations at the goal from which trees grow, each of shape (c,) [rad, m]."""
         if self._given is not None:
             yield self._given
             return
@@ -372,21 +393,32 @@ class _InSpace:
                 return
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Return whether the straight motion between two configurations is proved free of contact."""
+        """Return whether the straight motion in joint space between two configurations is proved collision-free.
+
+        Args:
+            before: the first configuration, shape (c,) [rad, m].
+            after: the second configuration, shape (c,) [rad, m].
+            depth: maximum number of bisections of the motion; None for the default.
+        """
         return self._searched.safe(before, after, depth=depth)
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        """Return a certified smooth path near keyframes of shape (K, c) [rad, m]; None if none was found."""
+        """Return a certified smooth path near K keyframes, shape (K, c) [rad, m]; None if none was found."""
         spline = path_near_configurations(keyframes, self._task)
         return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.spare)
 
 
 _Query: TypeAlias = _InPlane | _InSpace
-"""A query to OMPL: start, goals, the check of motions, and smoothing of the path."""
+"""A query to OMPL: start, goals, collision check of motions, and smoothing of the path."""
 
 
 def _information(base: Any, query: _Query) -> Any:
-    """Return OMPL's space information, in which the certificate checks states and motions."""
+    """Return the space information of OMPL in which the certificate checks states and motions.
+
+    Args:
+        base: module ``base`` of OMPL.
+        query: the planning query.
+    """
     joints = query.joints
     low, high = joints.low, joints.high
     count = len(low)
@@ -403,10 +435,10 @@ def _information(base: Any, query: _Query) -> Any:
         return query.safe(q, q, depth=0)
 
     class CertifiedMotions(base.MotionValidator):  # type: ignore[misc]
-        """OMPL motion validator that checks motions with the certificate."""
+        """Motion validator of OMPL that proves motions collision-free with the certificate."""
 
         def checkMotion(self, one: Any, other: Any) -> bool:  # noqa: N802 - OMPL's name
-            """Return whether the straight motion between two states is proved free of contact."""
+            """Return whether the straight motion between two states is proved collision-free."""
             keyframes = joints.keyframes(_drawn(one, count), _drawn(other, count))
             return all(query.safe(before, after) for before, after in pairwise(keyframes))
 
@@ -417,7 +449,7 @@ def _information(base: Any, query: _Query) -> Any:
 
 
 def _state(information: Any, drawn: FloatArray) -> Any:
-    """Return an OMPL state with sampler coordinates, shape (c,)."""
+    """Return an OMPL state with given sampler coordinates, shape (c,)."""
     state = information.allocState()
     for k, value in enumerate(drawn):
         state[k] = float(value)
@@ -429,7 +461,7 @@ def _drawn(state: Any, count: int) -> FloatArray:
 
 
 def ompl_modules() -> tuple[Any, Any, Any]:
-    """Return OMPL's modules ``base``, ``geometric`` and ``util``.
+    """Return the modules ``base``, ``geometric`` and ``util`` of OMPL.
 
     Raises:
         ProblemError: OMPL is not installed.

@@ -1,8 +1,7 @@
-"""Comparisons of methods, with runs in supervised processes.
+"""Comparison of planning methods, with every run in a supervised process.
 
-Whatever a planner does, its run yields a record: if a process dies, or is killed for its time or memory, that is the
-result of this run alone, and the next run gets a new process. A well-behaved process is reused, with its libraries
-loaded.
+Every run gives a record, whatever a planner does: if the process dies, or is killed for excessive time or memory, that
+is the result of this run, and the next run gets a new process. Other processes are reused, with libraries loaded.
 """
 
 import atexit
@@ -39,15 +38,15 @@ from ccm_opt.core.executors import Workers, completed
 
 @dataclass(frozen=True)
 class SupervisionSettings:
-    """Limits on a run that do not depend on the planner's cooperation.
+    """Limits of time and memory of a run, enforced from outside the process.
 
     Attributes:
-        time_factor: wall time for planning, as a multiple of the planner's CPU time limit. Derived: the wall guard of
-            our own deadlines.
+        time_factor: wall time for planning, as a multiple of the planner's CPU time limit. Derived: the built-in
+            planners stop after this multiple too.
         spare_time: additional wall time for timing, verification and simulation [s]. Taste.
-        most_memory: maximum resident memory of a run [B]. Taste: our planners take less than a tenth.
-        look_every: time between two checks of a run's memory [s]. Taste.
-        last_words: time in which a process may end before it is killed [s]. Taste.
+        most_memory: maximum resident memory of a run [bytes]. Taste: the built-in planners need less than a tenth.
+        look_every: interval between checks of a run's memory [s]. Taste.
+        last_words: maximum time to wait for a process to end [s]. Taste.
     """
 
     time_factor: float = 3.0
@@ -62,11 +61,11 @@ DEFAULT_SUPERVISION = SupervisionSettings()
 
 
 _ALONE = threading.Lock()
-"""CPU time is measured per run, so a worker makes one run at a time, however many threads it has."""
+"""Lock that makes runs exclusive in a process with several threads, since CPU time is measured per process."""
 
 
 class RunProcess:
-    """A separate process that makes runs, one after the other."""
+    """A child process that makes one run of a comparison after the other."""
 
     def __init__(self) -> None:
         # The child finds planners on the same path as this process.
@@ -89,11 +88,17 @@ class RunProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether the process can make a run."""
+        """Whether the process still exists and can make a run."""
         return self._process.poll() is None
 
     def run(self, task: Task, limit: float, settings: SupervisionSettings) -> Run:
-        """Make a run; end the process if it exceeds a wall time [s] or takes too much memory."""
+        """Return the result of a run, ending the process if it exceeds its wall time or memory.
+
+        Args:
+            task: the run to make.
+            limit: maximum wall time [s].
+            settings: limits of time and memory.
+        """
         begin = time.monotonic()
         try:
             pickle.dump(task, self._tasks)
@@ -109,7 +114,7 @@ class RunProcess:
         return replace(ended, outcome=outcome, reason=reason, wall=time.monotonic() - begin)
 
     def end(self, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> None:
-        """End the process, even in the middle of a run."""
+        """Kill the process, even during a run."""
         self._process.kill()
         # Unsent data no longer matters.
         with suppress(OSError):
@@ -122,7 +127,7 @@ class RunProcess:
         return cast("IO[bytes]", self._process.stdin)
 
     def _listen(self) -> None:
-        """Put answers into the queue until the process ends or sends something unreadable."""
+        """Put results into the queue until the process ends or sends unreadable data, then None."""
         with cast("IO[bytes]", self._process.stdout) as answers:
             while True:
                 try:
@@ -133,7 +138,13 @@ class RunProcess:
                 self._answers.put(answer)
 
     def _watched(self, until: float, limit: float, settings: SupervisionSettings) -> Run | tuple[Outcome, str]:
-        """Return the answer of the process, or the outcome of a run that ended without an answer."""
+        """Return the result that the process sends, or outcome and reason of a run that ended without a result.
+
+        Args:
+            until: monotonic time at which the run is ended [s].
+            limit: maximum wall time, for the reason [s].
+            settings: limits of time and memory.
+        """
         while True:
             with suppress(Empty):
                 answer = self._answers.get(timeout=settings.look_every)
@@ -156,7 +167,7 @@ class RunProcess:
 
 
 def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> Run:
-    """Make a run in a separate process; any failure of that process is recorded as the result."""
+    """Return the result of a run made in a child process; a failure of that process is the result of the run."""
     with _ALONE:
         try:
             limit = wall_limit(task, settings)
@@ -166,7 +177,7 @@ def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -
 
 
 def wall_limit(task: Task, settings: SupervisionSettings) -> float:
-    """Return the wall time after which a run is ended [s]."""
+    """Return the wall time after which a run is ended from outside [s]."""
     limit = task.time_limit if task.time_limit is not None else task.case.problem().planner.time_limit
     return settings.time_factor * limit + settings.spare_time
 
@@ -175,7 +186,7 @@ _kept: list[RunProcess] = []
 
 
 def _process() -> RunProcess:
-    """Return the process of earlier runs, or a new process if the earlier one has ended."""
+    """Return the child process of earlier runs, or a new one if that has ended."""
     if _kept and not _kept[0].alive:
         _kept.pop().end()
     if not _kept:
@@ -190,7 +201,7 @@ def _end_kept() -> None:
 
 
 def _resident_memory(process: int) -> int:
-    """Return the resident memory of a process [B]; 0 where the system does not report it."""
+    """Return the resident memory of a process [bytes], given its id; 0 where the system does not report it."""
     try:
         pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
     except (OSError, IndexError):
@@ -200,13 +211,13 @@ def _resident_memory(process: int) -> int:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two methods compared on the same problems.
+    """Comparison of two methods on the same problems.
 
     Attributes:
         first: name of the first method.
         second: name of the second method.
-        success: how many problems each method solves.
-        figures: comparison of the figures on the problems that both methods solve.
+        success: comparison of the problems solved.
+        figures: comparison of every figure on the problems that both methods solve.
     """
 
     first: str
@@ -236,7 +247,7 @@ class Comparison:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """Comparison of every two methods, in order."""
+        """Comparisons of every two methods, in order."""
         found = []
         for one, other in combinations(self.methods, 2):
             first = self.method_runs(one)
@@ -245,20 +256,25 @@ class Comparison:
         return tuple(found)
 
     def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
-        """Return how many problems a method solves, and the confidence interval of the solved fraction."""
+        """Return the number of problems that a method solves, and the confidence interval of the fraction solved."""
         count = sum(run.solved for run in self.method_runs(method))
         return count, success_interval(count, len(self.problems))
 
     @property
     def failures(self) -> tuple[Run, ...]:
-        """Every run that did not solve its problem."""
+        """All runs that did not solve their problem."""
         return tuple(run for row in self.runs for run in row if not run.solved)
 
 
 def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
-    """Return, by method, the number of journalled runs on the problems that were made with other code, if not zero.
+    """Return for each method the number of runs in a journal that were made with other code, where not zero.
 
-    Such runs stay in the journal but no longer count; they are made again.
+    Such runs remain in the journal but are made again.
+
+    Args:
+        journal: the journal.
+        cases: problems of the comparison; runs on other problems are ignored.
+        methods: names of the methods.
     """
     names = {case.name for case in cases}
     old = Counter(
@@ -278,15 +294,17 @@ def compare(
     time_limit: float | None = None,
     progress: Callable[[Run], None] | None = None,
 ) -> Comparison:
-    """Run every method on every problem, except for runs in the journal; crashed runs are made again.
+    """Return the comparison of methods on problems, after making all runs that are not in the journal.
+
+    Runs that crashed are made again.
 
     Args:
-        cases: the problems; no two may have the same name.
-        methods: names of methods.
-        workers: where the runs are made.
+        cases: the problems, with distinct names.
+        methods: names of the methods.
+        workers: processes that make the runs.
         journal: receives every run as soon as it is finished.
-        time_limit: CPU time of every planner [s]; None keeps each problem's.
-        progress: called after every run.
+        time_limit: CPU time limit of every planner [s]; None for that of each problem.
+        progress: function called with every finished run.
 
     Raises:
         ProblemError: a method is unknown, the journal cannot be written, or the cluster is gone.

@@ -1,8 +1,8 @@
-"""Runs of one method on one problem: tasks for workers, their records, the journal, and the figures compared.
+"""Runs of a method on a problem: tasks for worker processes, results, journal, and the figures compared.
 
-A line of the journal is appended by one call, so that a process that is killed leaves whole lines and at most one
-partial one, which is cut off when the journal is opened again. Runs are identified by their keys; of two with the same
-key the first counts, unless it crashed: a crash is a defect that may have been fixed since.
+Each line of the journal is appended by one system call, so that a killed process leaves whole lines and at most one
+partial line, which is removed when the journal is opened again. Runs are identified by keys; of two with equal keys the
+first counts, unless it crashed, since a crash is a defect that may have been fixed.
 """
 
 import hashlib
@@ -33,26 +33,28 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 
 Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
-"""Verified motion; no plan; time limit reached; rejected by the verifier; not for this method; a defect."""
+"""Outcome of a run: a verified motion; no plan; time limit reached; rejected by the verifier; problem not supported by
+the method; a crash."""
 _ALONE = threading.Lock()
-"""Compiled functions and IPOPT are not thread-safe, and workers of a cluster may have several threads."""
+"""Lock that makes runs exclusive in a process with several threads, since compiled functions and IPOPT are not
+thread-safe."""
 LONGEST_REASON = 400
-"""Most characters of a reason that are kept."""
+"""Maximum length of a reason that is kept [characters]."""
 MICROMETRE = 1e-6
-"""One micrometre [m]: no arm is built more exactly, so smaller differences of lengths are ties."""
+"""One micrometre, the difference up to which lengths count as equal, since no arm is built more exactly [m]."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A figure by which methods are compared.
+    """A figure of merit in which methods are compared.
 
     Attributes:
-        key: key in records and files, with the unit.
+        key: key in records and files, which ends in the unit.
         title: title in tables.
         unit: unit of the values.
         scale: whether two values are compared by ratio or by difference.
-        more_is_better: whether the greater value is better.
-        tie: greatest difference that counts as a tie, in ``unit``.
+        more_is_better: whether larger values are better.
+        tie: maximum difference that counts as a tie, in ``unit``.
     """
 
     key: str
@@ -72,18 +74,18 @@ QUANTITIES = (
     Quantity("planning_cpu_s", "planning CPU", "s"),
     Quantity("cpu_s", "total CPU", "s"),
 )
-"""Figures compared on the problems that both methods solve."""
+"""Figures that are compared on the problems that both methods solve."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run to be made: a method on a problem.
+    """A run to be made: one method on one problem.
 
     Attributes:
         case: the problem.
         method: name of the method.
-        time_limit: CPU time of the planner [s]; None keeps the problem's.
-        code: digest of the code that is expected; empty for any.
+        time_limit: CPU time limit of the planner [s]; None for that of the problem.
+        code: expected hash of the code; empty for any code.
     """
 
     case: Case
@@ -93,7 +95,7 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """Key that identifies the run, by which a resumed comparison recognises finished runs."""
+        """Key that identifies the run, so that a resumed comparison recognises finished runs."""
         options = sorted(method_named(self.method).options.items())
         # Everything that affects the result: an edited problem or changed code makes another run.
         parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, self.code)
@@ -102,18 +104,18 @@ class Task:
 
 @dataclass(frozen=True)
 class Run:
-    """The result of a task.
+    """The result of a run of one method on one problem.
 
     Attributes:
         key: key of the task.
         problem: name of the problem.
         method: name of the method.
-        outcome: how the run ended.
-        reason: why the problem is not solved; empty when it is.
-        figures: figures by the keys of ``QUANTITIES``; those of the motion only when solved.
+        outcome: outcome of the run.
+        reason: reason why the problem was not solved; empty where it was.
+        figures: figures by the keys of ``QUANTITIES``; those of the motion only where the problem was solved.
         wall: wall time of the run [s].
-        tactic: name of the tactic that found the motion.
-        code: digest of the code that was expected.
+        tactic: name of the planner's candidate that found the motion.
+        code: expected hash of the code.
     """
 
     key: str
@@ -132,15 +134,15 @@ class Run:
         return self.outcome == "solved"
 
     def figure(self, key: str) -> float:
-        """Return a figure, NaN if the run does not have it."""
+        """Return a figure by its key; NaN if the run does not have it."""
         return self.figures.get(key, math.nan)
 
 
 class ClockedPlanner:
-    """Wrapper of a planner that measures the CPU time of planning, even if planning fails.
+    """Planner that calls another planner and measures its CPU time, even if planning fails.
 
     Attributes:
-        seconds: CPU time of this process while planning [s].
+        seconds: CPU time of planning so far [s].
     """
 
     def __init__(self, planner: Planner) -> None:
@@ -148,7 +150,11 @@ class ClockedPlanner:
         self.seconds = 0.0
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan with the wrapped planner."""
+        """Return the path that the wrapped planner finds.
+
+        Raises:
+            TypeError: the planner returned no path.
+        """
         begin = time.process_time()
         try:
             # External planners are untyped, so the result is checked below.
@@ -161,9 +167,9 @@ class ClockedPlanner:
 
 
 def execute(task: Task) -> Run:
-    """Run a task; any error becomes the result.
+    """Return the result of a run made in this process; any error becomes the result.
 
-    CPU time is that of this process, so tasks run one at a time.
+    CPU time is measured for the whole process, so runs are made one at a time.
     """
     with _ALONE:
         _load_libraries()
@@ -199,10 +205,10 @@ def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
 
 
 def _refuse_other_code(task: Task) -> None:
-    """Reject a task if this machine's code differs from the expected code, as on a worker with another version.
+    """Raise an error if the code on this machine differs from the expected code, as on a worker with another version.
 
     Raises:
-        RuntimeError: the code differs; the run counts as a crash, so it is made again once the worker is updated.
+        RuntimeError: the code differs; the run counts as a crash, so that it is made again once the worker is updated.
     """
     here = code_of(task.method)
     if task.code and here != task.code:
@@ -213,13 +219,13 @@ def _refuse_other_code(task: Task) -> None:
 
 
 def failed_run(task: Task, error: BaseException) -> Run:
-    """Return the record of a task that ended in an error."""
+    """Return the result of a run that ended in an error."""
     outcome, reason = _run_outcome(error)
     return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON], code=task.code)
 
 
 def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
-    """Return how a run ended, and why, in one line."""
+    """Return outcome and reason, in one line, of a run that ended in an error."""
     if isinstance(error, NoPlanFound):
         outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
         return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
@@ -236,16 +242,17 @@ def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
 
 @cache
 def _load_libraries() -> None:
-    """Load libraries that are otherwise loaded on first use, so that no run is charged for the loading."""
+    """Import libraries that are otherwise imported on first use, so that their time is charged to no run."""
     for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
         import_module(name)
 
 
 def answer_tasks() -> None:
-    """Run tasks from standard input until there are no more; the main function of run processes.
+    """Make runs until standard input ends; the main function of child processes that make runs.
 
-    Pickled tasks are read from standard input, and each is answered with the pickled record of its run. Output of
-    planners is redirected to standard error, so that it cannot be mistaken for an answer. Ctrl-C is left to the parent.
+    Pickled tasks are read from standard input, and the pickled result of each is written to standard output. Output of
+    planners is redirected to standard error, so that it is not mistaken for a result. Ctrl-C is left to the parent
+    process.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
@@ -260,10 +267,10 @@ def answer_tasks() -> None:
 
 
 def _end_with(pipe: int) -> None:
-    """End this process when the other end of a pipe is closed, as happens when the parent dies for any reason.
+    """Make this process end when the other end of a pipe is closed, which happens when the parent process dies.
 
-    The system then sends a signal whose default action ends the process, without any Python thread having to run. (Its
-    signal on the death of the parent is of no use: that is sent when the parent's thread ends.)
+    The system then sends a signal whose default action ends the process, even if no Python thread runs. (The Linux
+    signal on the death of the parent is unsuitable, since it is sent when the parent's thread ends.)
     """
     import fcntl  # noqa: PLC0415 - not on every system
 
@@ -274,7 +281,7 @@ def _end_with(pipe: int) -> None:
 
 
 class Journal:
-    """File that holds every finished run of a comparison once.
+    """A file of all finished runs of a comparison, which can be resumed from the file.
 
     Args:
         path: the file; it is created if it does not exist.
@@ -292,11 +299,11 @@ class Journal:
                 self.runs[run.key] = run
 
     def has(self, key: str) -> bool:
-        """Return whether a run with this key counts: it exists and did not crash."""
+        """Return whether the journal has a run with a given key that did not crash."""
         return key in self.runs and self.runs[key].outcome != "crashed"
 
     def append(self, run: Run) -> None:
-        """Append a run, unless one with its key counts already.
+        """Append a run, unless the journal has one with an equal key that did not crash.
 
         Raises:
             ProblemError: the run cannot be written.
@@ -326,10 +333,10 @@ class Journal:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[Journal]:
-    """Open a journal for one writer; a second writer is rejected until the first has finished.
+    """Yield the journal at a path, locked against other comparisons for the duration of a ``with`` block.
 
     Raises:
-        ProblemError: the file cannot be used, is in use by another comparison, or is not a journal.
+        ProblemError: the file cannot be written, is in use by another comparison, or is no journal.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -345,14 +352,14 @@ def open_journal(path: Path) -> Iterator[Journal]:
 
 
 def json_line(run: Run) -> bytes:
-    """Return a run as a line of JSON; figures that are not finite are omitted."""
+    """Return a run as a line of JSON, without figures that are not finite."""
     finite = {key: value for key, value in run.figures.items() if math.isfinite(value)}
     data = vars(run) | {"figures": finite}
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _lock(path: Path, descriptor: int) -> None:
-    """Lock the file against other comparisons until the process ends; without effect on systems without such locks."""
+    """Lock a file against other comparisons until the process ends; without effect on systems without file locks."""
     try:
         import fcntl  # noqa: PLC0415 - not on every system
     except ImportError:
@@ -364,7 +371,7 @@ def _lock(path: Path, descriptor: int) -> None:
 
 
 def _whole_lines(descriptor: int) -> list[bytes]:
-    """Return the complete lines of the file, and remove a partial line from its end."""
+    """Return the complete lines of a file, and remove a partial line at its end."""
     size = os.fstat(descriptor).st_size
     # A duplicate, since closing the file closes its descriptor.
     with os.fdopen(os.dup(descriptor), "rb") as file:

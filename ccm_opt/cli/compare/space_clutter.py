@@ -1,8 +1,8 @@
-"""Random problems in space: clutter, and shipped jobs with perturbed ends; and the arms for both.
+"""Random problems in space: random obstacles (clutter), and example problems with perturbed start and goal.
 
-The arm in clutter has a length of 1 m and a radius of 15 mm, with its base at the origin; the clutter consists of
-balls, boxes at any orientation, and bars with flat or round ends, all within reach of the arm. A seed gives the same
-scene on every machine.
+The arm in clutter has a length of 1 m and a radius of 15 mm, with its base at the origin. Clutter consists of spheres,
+boxes of any orientation, cylinders and capsules, all within reach of the arm. A seed gives the same scene on every
+machine.
 """
 
 from collections.abc import Mapping
@@ -26,27 +26,33 @@ from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 USUAL_LINKS = 24
-"""Number of links of the shipped problems."""
+"""Number of links of the example problems."""
 MASS = 0.5
 """Mass of a whole arm [kg]."""
 JOINT_LIMIT = float(np.deg2rad(45.0))
-"""Limit of each bend for arms with the usual number of links or more [rad]."""
+"""Joint limit of each bend angle for arms with at least the usual number of links [rad]."""
 LENGTH = 1.0
 """Length of the arm [m]."""
 RADIUS = 0.015
-"""Radius of its links [m]."""
+"""Radius of the arm [m]."""
 KEPT_OFF = 0.01
-"""Least gap of the start and goal poses to bodies and between links [m]."""
+"""Minimum clearance of start and goal pose to obstacles and between links [m]."""
 BEND = 3.0
 """Standard deviation of the curvature of random poses, in each direction [1/m]."""
 VELOCITY = 1.0
-"""Velocity limit of every revolute [rad/s]."""
+"""Velocity limit of every revolute joint [rad/s]."""
 ACCELERATION = 2.0
-"""Acceleration limit of every revolute [rad/s²]."""
+"""Acceleration limit of every revolute joint [rad/s²]."""
 
 
 def arm_of_links(links: int, length: float, radius: float) -> Arm:
-    """Return an arm at the origin along x, whose base may bend in any direction."""
+    """Return an arm in space with its base at the origin, straight along x; the first joint bends in any direction.
+
+    Args:
+        links: number of links.
+        length: length of the arm [m].
+        radius: radius of the arm [m].
+    """
     coarse = Arm(
         links=2,
         link_length=0.5 * length,
@@ -65,9 +71,9 @@ def arm_of_links(links: int, length: float, radius: float) -> Arm:
 
 
 def with_links(arm: Arm, links: int) -> Arm:
-    """Return an arm with another number of links, all with equal drives, but the same length, radius and mass.
+    """Return an arm with another number of links and equal drives, but unchanged length, radius and mass.
 
-    With fewer links, joints may bend more, up to a right angle, as the same curve requires.
+    With fewer links, joints may bend more, up to a right angle, so that the arm can follow equal curves.
     """
     masses = np.full(links, float(np.sum(arm.masses)) / links)
     axial, transverse = cylinder_inertia(masses, arm.radius, arm.length / links)
@@ -85,9 +91,12 @@ def with_links(arm: Arm, links: int) -> Arm:
 
 
 def random_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Sample the bends of a smooth random pose, shape (c,) [rad].
+    """Return the joint angles of a smooth random pose, with c coordinates, shape (c,) [rad].
 
-    The curvature has the standard deviation ``bend`` [1/m] in each direction.
+    Args:
+        rng: random generator.
+        arm: the arm, planar or in space.
+        bend: standard deviation of the curvature in each direction [1/m].
     """
     middles = (np.arange(arm.links) + 0.5) / arm.links
     # Six normally distributed curvatures in each direction, interpolated linearly: smooth but arbitrary.
@@ -101,7 +110,10 @@ def random_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Floa
 
 
 def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Sample the bends of a smooth random pose without self-contact, shape (c,) [rad]."""
+    """Return the joint angles of a smooth random pose without self-collision, with c coordinates, shape (c,) [rad].
+
+    Arguments are those of ``random_bends``.
+    """
     while True:
         q = random_bends(rng, arm, bend)
         if links_apart(arm, arm.joint_positions_at(q), KEPT_OFF):
@@ -109,30 +121,36 @@ def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Float
 
 
 def links_apart(arm: Arm, points: FloatArray, gap: float) -> bool:
-    """Return whether non-adjacent links are farther apart than a gap [m], for points of shape (links + 1, d) [m]."""
+    """Return whether links that are not close along the arm keep a minimum clearance from each other.
+
+    Args:
+        arm: the arm of n links.
+        points: positions of joints and tip, shape (n + 1, d) with d = 2 or 3 [m].
+        gap: the clearance [m].
+    """
     i, j = arm.distant_pairs
     apart = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
     return bool(np.all(apart > 2.0 * arm.radius + gap))
 
 
 def axes_of(points: FloatArray) -> FloatArray:
-    """Return the axes of links as segments, shape (links, 2, 3) [m]."""
+    """Return the axes of n links as line segments, shape (n, 2, 3) [m], from joints and tip, shape (n + 1, 3) [m]."""
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
 def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
-    """Return a random problem among clutter in space.
+    """Return a random problem in space among random obstacles.
 
-    Start and goal pose are sampled first, then bodies within the arm's reach that touch neither pose.
+    Start and goal pose are sampled first, then obstacles within the arm's reach that touch neither pose.
 
     Args:
         seed: seed of the scene.
-        count: number of bodies.
+        count: number of obstacles.
         links: number of links of the arm.
         name: name of the problem.
 
     Returns:
-        The problem: from the start pose to the position and direction of the tip in the goal pose.
+        The problem of moving from the start pose to the tip position and direction of the goal pose.
     """
     rng = np.random.default_rng(seed)
     arm = arm_of_links(links, LENGTH, RADIUS)
@@ -156,9 +174,9 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
 
 
 def _random_body(rng: np.random.Generator, middle: FloatArray) -> Body:
-    """Sample a ball, a box or a bar of random size at a given position.
+    """Return a sphere, box, cylinder or capsule of random size and orientation at a given position, shape (3,) [m].
 
-    Balls and boxes are 60 to 180 mm thick; bars are 20 to 60 mm thick and 0.1 to 0.4 m long.
+    Spheres and boxes are 60 to 180 mm thick; cylinders and capsules are 20 to 60 mm thick and 0.1 to 0.4 m long.
     """
     kind = int(rng.integers(4))
     if kind == 0:
@@ -177,25 +195,25 @@ JOBS: Mapping[str, Mapping[str, float]] = {
     "wing-box": {"base": 0.02, "fed": 0.05, "goal": 0.02, "turn": 0.25, "room": 0.004},
     "blade-row": {"base": 0.003, "fed": 0.1, "goal": 0.01, "turn": 0.15, "room": 0.002},
 }
-"""Greatest perturbations of the ends of shipped problems, by name: the base across its direction [m], the feed at the
-start [m], the goal [m] and its direction [rad]; and the least gap of the straight arm at the start and of the last link
-at the goal [m]. Taste, all of them: fractions of the clearance that there is."""
+"""Maximum perturbations of example problems, by name: base across its direction [m], feed at the start [m], goal
+position [m] and direction [rad]; and minimum clearance of the straight arm at the start and of the last link at the
+goal [m]. Taste: fractions of the available clearance."""
 MOST_DRAWS = 1000
-"""Most samples of the ends; if all touch something, the perturbation is too large for the scene."""
+"""Maximum number of samples of start and goal; if all are in contact, the perturbation is too large for the scene."""
 
 
 def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> Problem:
-    """Return a shipped problem with base, start and goal perturbed at random so that both ends are clear.
+    """Return an example problem in space with base, start and goal perturbed at random, without contact.
 
     Args:
         seed: seed of the perturbation.
-        job: name of the shipped problem.
+        job: name of the example problem.
         links: number of links of the arm.
-        folder: folder of the shipped problems in space.
+        folder: folder of the example problems in space.
         name: name of the new problem.
 
     Raises:
-        ProblemError: no clear ends were sampled.
+        ProblemError: all samples of start and goal are in contact.
     """
     problem, tree = _shipped(folder / f"{job}.toml")
     goal, whole = problem.goal, problem.arm
@@ -231,13 +249,13 @@ def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
 
 
 def _limits(limits: Limits, links: int) -> Limits:
-    """Return limits for another number of links; those of the shipped problems are equal for all revolutes."""
+    """Return limits for another number of links; those of the example problems are equal for all revolute joints."""
     given = {key: getattr(limits, key) for key in ("velocity", "acceleration", "torque", "jerk")}
     whole = {key: np.full(3 * links, float(values[0])) for key, values in given.items() if values is not None}
     return replace(limits, **whole)  # type: ignore[arg-type]
 
 
 def _in_ball(rng: np.random.Generator) -> FloatArray:
-    """Sample a point uniformly in the unit ball, shape (3,)."""
+    """Return a point sampled uniformly from the unit ball, shape (3,)."""
     way = rng.normal(size=3)
     return np.asarray(rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way))

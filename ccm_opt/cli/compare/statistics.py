@@ -1,4 +1,4 @@
-"""Paired tests and confidence intervals for two methods, exact where possible."""
+"""Paired tests and confidence intervals for the comparison of two methods, exact where possible."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ from ccm_opt.cli.compare.runs import QUANTITIES, Quantity, Run
 from ccm_opt.core.arrays import FloatArray
 
 LEVEL = 0.95
-"""Confidence level of every interval."""
+"""Confidence level of all intervals."""
 
 
 @dataclass(frozen=True)
 class ConfidenceInterval:
-    """A confidence interval; infinite where the sample does not bound it."""
+    """A confidence interval with its two ends, which are infinite where the sample is too small."""
 
     low: float
     high: float
@@ -24,14 +24,14 @@ class ConfidenceInterval:
 
 @dataclass(frozen=True)
 class SuccessPair:
-    """Paired success of two methods on the same problems.
+    """Paired comparison of how many problems two methods solve.
 
     Attributes:
-        both: problems that both solve.
-        first_only: problems that only the first solves.
-        second_only: problems that only the second solves.
-        neither: problems that neither solves.
-        p_value: p value of McNemar's exact test that both solve equally often.
+        both: number of problems that both solve.
+        first_only: number of problems that only the first solves.
+        second_only: number of problems that only the second solves.
+        neither: number of problems that neither solves.
+        p_value: p value of McNemar's exact test of the hypothesis that both solve equally many.
         difference: fraction solved by the first minus fraction solved by the second.
         interval: confidence interval of the difference.
     """
@@ -47,17 +47,17 @@ class SuccessPair:
 
 @dataclass(frozen=True)
 class FigurePair:
-    """Paired values of a figure on the problems that both methods solve.
+    """Paired comparison of two methods in one figure, on the problems that both solve.
 
     Attributes:
         quantity: the figure.
         pairs: number of problems.
         first: median of the first method.
         second: median of the second method.
-        effect: median over the problems of the ratio, or the difference, of the first's value to the second's.
-        interval: confidence interval of that median.
-        better: fraction of the problems on which the first is better; ties count half.
-        p_value: p value of Wilcoxon's signed-rank test; NaN without pairs that differ.
+        effect: median over the problems of the ratio, or difference, between first and second method.
+        interval: confidence interval of ``effect``.
+        better: fraction of the problems on which the first method is better; ties count half.
+        p_value: p value of Wilcoxon's signed-rank test; NaN where no values differ.
     """
 
     quantity: Quantity
@@ -71,7 +71,12 @@ class FigurePair:
 
 
 def success_interval(solved: int, count: int) -> ConfidenceInterval:
-    """Return Clopper and Pearson's interval of a proportion, of at least the stated level (Biometrika 26, 1934)."""
+    """Return the confidence interval of a proportion by Clopper and Pearson's exact method (Biometrika 26, 1934).
+
+    Args:
+        solved: number of successes.
+        count: number of trials.
+    """
     if count == 0:
         return ConfidenceInterval(0.0, 1.0)
     found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
@@ -79,10 +84,10 @@ def success_interval(solved: int, count: int) -> ConfidenceInterval:
 
 
 def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
-    """Compare the success of two methods on the same problems, in the same order.
+    """Return the paired comparison of how many problems two methods solve, given their runs in equal order.
 
-    McNemar's test in its exact form: each problem that only one method solves is the first's with probability ½ if both
-    are equally good.
+    The test is McNemar's in its exact form: if both methods are equally good, each problem that only one solves is
+    solved by the first with probability ½.
     """
     one = np.array([run.solved for run in first], dtype=bool)
     other = np.array([run.solved for run in second], dtype=bool)
@@ -99,10 +104,16 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
 
 
 def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> ConfidenceInterval:
-    """Return the confidence interval of the difference of two paired proportions, by Newcombe's method 10.
+    """Return the confidence interval of the difference of two paired proportions (Newcombe's method 10).
 
-    The method combines Wilson's intervals of both proportions, squared and added, with the correlation of the pairs,
-    corrected for continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
+    The method combines the squared half widths of Wilson's intervals of both proportions with the correlation of the
+    pairs, corrected for continuity if positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
+
+    Args:
+        both: number of problems that both methods solve.
+        first_only: number of problems that only the first solves.
+        second_only: number of problems that only the second solves.
+        neither: number of problems that neither solves.
     """
     count = both + first_only + second_only + neither
     if count == 0:
@@ -122,7 +133,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
 
 
 def _combined(first: float, second: float, phi: float) -> float:
-    """Return the half width of a difference's interval, from the half widths of both correlated terms."""
+    """Return the half width √(a² − 2 φ a b + b²) of the interval of a difference, with correlation φ."""
     return math.sqrt(max(0.0, first**2 - 2.0 * phi * first * second + second**2))
 
 
@@ -132,9 +143,9 @@ def _wilson(solved: int, count: int) -> tuple[float, float]:
 
 
 def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
-    """Return the correlation of the two methods' success, corrected for continuity when positive.
+    """Return the correlation φ of the success of two methods, corrected for continuity if positive.
 
-    The correlation is 0 when undefined.
+    The result is 0 where the correlation is undefined.
     """
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
@@ -147,7 +158,7 @@ def _correlation(both: int, first_only: int, second_only: int, neither: int) -> 
 
 
 def compare_figures(first: Sequence[Run], second: Sequence[Run]) -> tuple[FigurePair, ...]:
-    """Compare two methods in every figure, on the problems that both solve and for which the figure exists."""
+    """Return the paired comparison of two methods in every figure, on the problems that both solve."""
     pairs = [(one, other) for one, other in zip(first, second, strict=True) if one.solved and other.solved]
     return tuple(_figure_pair(quantity, pairs) for quantity in QUANTITIES)
 
@@ -185,9 +196,9 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
 
 
 def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tuple[FloatArray, FloatArray]:
-    """Return the values of a figure for two methods on the problems where both have it, each of shape (P,).
+    """Return the values of a figure for two methods on the P problems for which both have a value, each of shape (P,).
 
-    Figures compared by ratio also have to be positive.
+    Values compared by ratio must also be positive.
     """
     first = np.array([one.figure(quantity.key) for one, _ in pairs], dtype=np.float64)
     second = np.array([other.figure(quantity.key) for _, other in pairs], dtype=np.float64)
@@ -198,11 +209,11 @@ def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tupl
 
 
 def median_interval(values: FloatArray) -> ConfidenceInterval:
-    """Return a distribution-free confidence interval of a median, from order statistics.
+    """Return a distribution-free confidence interval of a median from n samples, shape (n,), by order statistics.
 
-    The number of values below the median is binomial with ½, so the k-th values from both ends bound the median with a
-    probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric Statistics,
-    section 3.2). Fewer than six values give no bounds.
+    The number B of values below the median is binomial with probability ½, so the k-th values from both ends enclose
+    the median with probability 1 − 2 P(B < k); the largest k that keeps the level is taken (Conover, Practical
+    Nonparametric Statistics, section 3.2). Fewer than six values give an infinite interval.
     """
     count = len(values)
     # ppf gives the least k with P(B <= k) of at least the tail, so that P(B < k) stays below it.

@@ -1,7 +1,7 @@
-"""Suites of problems, by name.
+"""Named suites of problems for comparisons: example problems, and random problems from seeds.
 
-The arm has a length of 1 m and a radius of 15 mm; clutter consists of polygons of 3–8 vertices, 30–90 mm from their
-centre. A seed gives the same scene on every machine.
+The arm of planar random problems has a length of 1 m and a radius of 15 mm; random obstacles (clutter) are polygons of
+3–8 vertices, 30–90 mm from their centre. A seed gives the same scene on every machine.
 """
 
 import hashlib
@@ -47,23 +47,23 @@ SPACE_SUITES = (
     *(f"{SPACE}clutter-{count}" for count in (20, 40, 80, 160, 320)),
     *(f"{SPACE}{job}" for job in JOBS),
 )
-"""Suites in space with the usual number of links; for any other even number, add a suffix such as ``-8-links``."""
+"""Names of suites in space with the usual number of links; a suffix such as ``-8-links`` gives another even number."""
 _NAME = re.compile(rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)}))(-(?P<links>\d{{1,3}})-links)?")
 
 
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
-"""Boundary of every planar scene, out of the arm's reach [m]."""
+"""Workspace boundary of every random planar scene, out of the arm's reach [m]."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm among walls, with a start and a goal pose that touch nothing.
+    """A planar arm of n links among obstacles, with collision-free start and goal poses.
 
     Attributes:
         arm: the arm.
-        workspace: its workspace.
-        start: link headings of the start pose, shape (links,) [rad].
-        goal: link headings of the goal pose, shape (links,) [rad].
+        workspace: boundary and obstacles.
+        start: headings of the links in the start pose, shape (n,) [rad].
+        goal: headings of the links in the goal pose, shape (n,) [rad].
     """
 
     arm: Arm
@@ -73,17 +73,17 @@ class Scene:
 
     @property
     def goal_tip(self) -> TipGoal:
-        """Position and heading of the tip in the goal pose."""
+        """Position and heading of the tip in the goal pose, as a goal."""
         return TipGoal(self.arm.joint_positions(self.goal)[-1], heading=float(self.goal[-1]))
 
     def problem(
         self, goal: TipGoal | JointPose | None = None, time_limit: float = 60.0, name: str = "scene"
     ) -> Problem:
-        """Return the scene as a problem.
+        """Return the problem of moving the arm of this scene from the start pose to a goal.
 
         Args:
-            goal: goal of the motion; the tip of the goal pose when None.
-            time_limit: time limit of the planner [s].
+            goal: goal of the motion; None for the tip position and heading of the goal pose.
+            time_limit: CPU time limit of the planner [s].
             name: name of the problem.
         """
         count = 3 * self.arm.links
@@ -99,7 +99,13 @@ class Scene:
 
 
 def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
-    """Return an arm with a length of 1 m and a mass of 0.5 kg, its base at the origin, heading along x."""
+    """Return a planar arm with a length of 1 m and a mass of 0.5 kg, its base at the origin, straight along x.
+
+    Args:
+        links: number of links.
+        radius: radius of the arm [m].
+        changes: other values of attributes of the arm, by name.
+    """
     arm = Arm(
         links=links,
         link_length=LENGTH / links,
@@ -118,20 +124,26 @@ def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
 
 
 def random_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Sample the link headings of a smooth random pose, shape (links,) [rad].
+    """Return the headings of the n links of a planar arm in a smooth random pose, shape (n,) [rad].
 
-    The curvature has the standard deviation ``bend`` [1/m].
+    Args:
+        rng: random generator.
+        arm: the arm.
+        bend: standard deviation of the curvature [1/m].
     """
     return arm.headings(random_bends(rng, arm, bend))
 
 
 def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Sample the link headings of a smooth random pose without self-contact, shape (links,) [rad]."""
+    """Return the headings of the n links of a planar arm in a random pose without self-collision, shape (n,) [rad].
+
+    Arguments are those of ``random_headings``.
+    """
     return arm.headings(clear_bends(rng, arm, bend))
 
 
 def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Polygon:
-    """Sample a polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
+    """Return a random polygon with 3–8 vertices at distances of 30–90 mm from a point, shape (2,) [m]."""
     while True:
         corners = rng.integers(3, 9)
         # With corners in angular order, the outline seldom crosses itself.
@@ -143,7 +155,13 @@ def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Poly
 
 
 def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
-    """Return a random scene: start, goal, and ``count`` polygons within reach that touch neither of the two poses."""
+    """Return a random planar scene with ``count`` polygons within reach that touch neither start nor goal pose.
+
+    Args:
+        seed: seed of the scene.
+        count: number of polygons.
+        links: number of links of the arm.
+    """
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     start = clear_headings(rng, arm)
@@ -158,16 +176,24 @@ def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
 
 
 def open_space(seed: int, links: int = 24) -> Scene:
-    """Return a scene without obstacles: from the straight arm to a random pose (open-space problem of section 3)."""
+    """Return a planar scene without obstacles, from the straight arm to a random pose (section 3 of the paper).
+
+    Args:
+        seed: seed of the goal pose.
+        links: number of links of the arm.
+    """
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     return Scene(arm, Workspace(ROOM), np.zeros(links), clear_headings(rng, arm))
 
 
 def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
-    """Return a scene with a duct to the right of the base, at a random height.
+    """Return a planar scene with a horizontal duct at a random height, into which the arm must move its end.
 
-    The arm starts outside and has to put its end into the duct.
+    Args:
+        seed: seed of the scene.
+        width: width of the duct [m].
+        links: number of links of the arm.
     """
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
@@ -182,7 +208,7 @@ def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
 
 
 def _into_duct(arm: Arm, height: float) -> FloatArray:
-    """Return the link headings of an S-shaped pose that ends horizontally at a height, shape (links,) [rad]."""
+    """Return the headings of an S-shaped pose whose tip is horizontal at a given height [m], shape (links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
     # The wanted height lies between those of the full pose downwards and upwards.
@@ -192,33 +218,34 @@ def _into_duct(arm: Arm, height: float) -> FloatArray:
 
 
 SHARED = "shared"
-"""Name of the suite of the problem files that come with the package."""
+"""Name of the suite of planar example problems that come with the package."""
 ON_AXIS = "feed-"
-"""Prefix of shared problems with a feed axis; they are left out, since the baseline does not support one."""
+"""Prefix of the file names of example problems with a feed axis, which are left out, since the paper's planner does not
+support one."""
 GENERATOR = 1
-"""Version of the random scenes: runs on other versions are other runs."""
+"""Version of the generator of random scenes, part of the fingerprint of every random problem."""
 DEFAULT_COUNT = 20
-"""Number of random problems of a suite when none is asked for."""
+"""Default number of problems from a random suite."""
 
 SUITES: Mapping[str, Callable[[int], Scene]] = {
     "open-space": open_space,
     **{f"clutter-{count}": partial(clutter, count=count) for count in (20, 40, 80)},
     "duct": corridor,
 }
-"""Functions that make a scene from a seed, by name of the suite; ``clutter-N`` stands for any number of polygons."""
+"""Functions that make a scene from a seed, by name of the suite; ``clutter-N`` also exists for other numbers N."""
 _CLUTTER = re.compile(r"clutter-(\d{1,4})")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One problem of a comparison; a random problem is generated where it is solved.
+    """One problem of a comparison; random problems are generated from their seed by the process that solves them.
 
     Attributes:
         name: name of the problem, unique within a comparison.
         suite: name of the suite; "files" for a problem file.
-        seed: seed of a random scene.
-        given: the problem read from a file; None for a random problem.
-        fingerprint: hash that distinguishes different problems of the same name.
+        seed: seed of a random problem.
+        given: problem read from a file; None for a random problem.
+        fingerprint: text that distinguishes different problems of equal name.
     """
 
     name: str
@@ -228,20 +255,20 @@ class Case:
     fingerprint: str = field(default="")
 
     def problem(self) -> Problem:
-        """Return the problem, generating a random one from its seed."""
+        """Return the problem, generated from its seed if it is random."""
         if self.given is not None:
             return self.given
         return problem_maker(self.suite)(self.seed, self.name)
 
 
 def problem_maker(suite: str) -> Callable[[int, str], Problem]:
-    """Return the function that makes problems of a random suite from seeds and names.
+    """Return the function of seed and name that makes the problems of a random suite.
 
     Args:
-        suite: name of a suite, or a function of a seed and a name as ``module:attribute``.
+        suite: name of a suite, or a reference ``module:attribute`` to such a function.
 
     Raises:
-        ProblemError: there is no such suite.
+        ProblemError: no suite has this name.
     """
     if ":" in suite:
         module, _, attribute = suite.partition(":")
@@ -268,15 +295,15 @@ def problem_maker(suite: str) -> Callable[[int, str], Problem]:
 
 
 def suite_cases(suite: str, count: int | None = None, first_seed: int = 0) -> tuple[Case, ...]:
-    """Return the problems of a suite.
+    """Return problems of a suite, random ones not yet generated.
 
     Args:
         suite: name of the suite.
-        count: number of problems; None for all shared problems, or ``DEFAULT_COUNT`` random ones.
-        first_seed: seed of the first random problem; the others follow.
+        count: number of problems; None for all example problems, or ``DEFAULT_COUNT`` random ones.
+        first_seed: seed of the first random problem; the others have the following seeds.
 
     Raises:
-        ProblemError: there is no such suite, or it has fewer problems.
+        ProblemError: no suite has this name, or the suite has fewer problems.
     """
     if suite == SHARED:
         files = sorted(shared_folder().glob("*.toml"))
@@ -294,11 +321,11 @@ def suite_cases(suite: str, count: int | None = None, first_seed: int = 0) -> tu
 
 
 def cases_from_files(files: Sequence[Path], *, allow_outside: bool = False) -> tuple[Case, ...]:
-    """Return the problems of problem files.
+    """Return the problems in problem files as cases of a comparison.
 
     Args:
         files: the files.
-        allow_outside: whether drawings may lie outside the folders of the files.
+        allow_outside: whether drawings and meshes may lie outside the folders of the files.
 
     Raises:
         ProblemError: a file is invalid.
@@ -312,15 +339,15 @@ def cases_from_files(files: Sequence[Path], *, allow_outside: bool = False) -> t
 
 
 def _content_hash(problem: Problem) -> str:
-    """Return the hash of a problem's content, including drawings and meshes, so that an edited file counts as new."""
+    """Return a hash of a problem, including drawings and meshes, so that an edited file counts as another problem."""
     return hashlib.sha256(strict_text(problem_data(problem)).encode()).hexdigest()
 
 
 def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
-    """Return the cases without duplicates.
+    """Return cases of a comparison without duplicates.
 
     Raises:
-        ProblemError: two different problems have the same name.
+        ProblemError: two different problems have equal names.
     """
     kept: dict[str, Case] = {}
     for case in cases:
@@ -332,6 +359,6 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
 
 
 def shared_folder() -> Path:
-    """Return the folder of the shared problem files: in the installed package, or next to it in its source tree."""
+    """Return the folder of the example problems, in the installed package or in its source tree."""
     installed = Path(__file__).with_name("problems")
     return installed if installed.is_dir() else Path(__file__).parents[3] / "problems"
