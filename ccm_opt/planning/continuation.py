@@ -1,4 +1,4 @@
-"""Continuation: leading an arm along a guide step by step, and settling it onto the goal."""
+"""Continuation: leading an arm along a guide by QP steps, and settling the tip onto the goal."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,34 +14,34 @@ from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
 _PATIENCE = 60
-"""Steps without progress after which a guide is abandoned. Taste."""
+"""Number of steps without progress after which a guide is abandoned. Taste."""
 
 _SETTLE_MOVED = 1e-5
 """Turn of a link below which settling counts as having stopped [rad]. Taste."""
 
 
 class Guide(Protocol):
-    """Determines where the arm goes next, and when the arm has arrived."""
+    """Interface of a guide, which chooses the targets of successive QP steps and says when the arm has arrived."""
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that pull the arm onwards from a pose."""
+        """Return the least-squares terms of a QP step that pull the arm from a pose towards the guide's target."""
         ...
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the guide's target if the arm keeps up, and return whether the target was advanced."""
+        """Advance the guide's target if the arm is near it, and return whether the target advanced."""
         ...
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the guide has led the arm as far as it can."""
+        """Return whether the guide's last target is reached."""
         ...
 
     def describe(self, pose: Pose) -> str:
-        """Describe how far the guide has led the arm."""
+        """Return a message that says how far the guide has led the arm."""
         ...
 
 
 class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
-    """Raised when a guide makes no progress.
+    """Exception raised when a guide makes no progress.
 
     The message says how far the guide led the arm; ``poses`` holds the motion up to that point.
     """
@@ -61,20 +61,20 @@ def follow(
     into: GoalPose | None = None,
     steps: int | None = None,
 ) -> list[Pose]:
-    """Follow a guide from a given pose, and return all poses from that one to where the guide ends.
+    """Return the poses of a motion that follows a guide from a given pose, inclusive, to the end of the guide.
 
     Args:
-        stepper: computes each step.
+        stepper: solver of QP steps.
         guide: guide to follow.
         pose: pose to begin at.
         deadline: time limit.
-        patience: steps without progress after which the guide is abandoned.
-        into: goal; if it is a set, the motion stops at the first member that the arm reaches. None follows the guide
+        patience: number of steps without progress after which the guide is abandoned.
+        into: goal; if it is a set, the motion stops at the first member that the arm reaches. None to follow the guide
             to its end.
         steps: maximum number of steps; None for no bound.
 
     Raises:
-        Stalled: when the guide makes no progress, or the deadline passes.
+        Stalled: the guide makes no progress, or the deadline has passed.
     """
     poses = [pose]
     waiting = 0
@@ -88,16 +88,17 @@ def follow(
             poses.append(pose)
         moved = guide.progress(pose)
         waiting = 0 if moved else waiting + 1
-        fixed = pose is before and not moved  # the next step would repeat this one
+        fixed = pose is before and not moved  # the next step would be identical
         if fixed or waiting > patience or deadline.passed():
             raise Stalled(guide.describe(pose), poses)
     return poses
 
 
 def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
-    """Return a motion without poses in which no link has turned by ``least`` [rad] since the last pose kept.
+    """Return a motion without poses that hardly differ from the previous one.
 
-    Both ends are kept. An advance of the base by a link length counts as a turn of one radian.
+    A pose is kept if a link has turned by at least ``least`` [rad] since the last pose kept; an advance of the base by
+    a link length counts as a turn of one radian. Both ends are kept.
     """
     kept = [poses[0]]
     for pose in poses[1:]:
@@ -112,12 +113,18 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
 
 
 def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from a pose near the goal to a pose exactly on the goal.
+    """Return the poses of a motion from a pose near the goal to a pose exactly on the goal.
 
-    Where Newton's method does not bring the arm onto the goal, the last pose is only within the goal's tolerance.
+    If Newton's method does not bring the arm onto the goal, the last pose is only within the tolerance of the goal.
+
+    Args:
+        stepper: solver of QP steps.
+        goal: goal of the tip, with further limits.
+        pose: pose to begin at.
+        deadline: time limit.
 
     Raises:
-        Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
+        Stalled: a wall, the arm itself or a joint limit keeps the tip off the goal.
     """
     poses = [pose]
     space = stepper.space
@@ -150,7 +157,7 @@ def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline
 
 
 def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose moved exactly onto the goal; None where the pose is too far away or the move is not safe."""
+    """Return a pose moved exactly onto the goal by Newton's method, or None if it is too far away or not safe."""
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
@@ -166,11 +173,11 @@ def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pos
 
 @dataclass(frozen=True)
 class GuideCandidate:
-    """A guide to try, with follow-up guides for when it ends or stalls.
+    """Candidate of the search: a guide, with follow-up guides for when the first one ends or stalls.
 
     Attributes:
         name: name for messages.
-        make_guide: makes the guide to follow.
+        make_guide: function that makes the guide to follow.
         resume: functions that make follow-up guides, each from the first guide and a pose. The first function gets the
             pose where that guide ended or stalled, each of the others the pose where the previous guide stalled.
     """

@@ -1,4 +1,4 @@
-"""Routes from the base to the goal, and first guesses of goal configurations along them."""
+"""Routes of a planar arm from the base to the goal, and guesses of goal configurations along the routes."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,46 +24,52 @@ from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
 
 _ROUTE_INFLATION = 0.001
-"""Inflation of obstacles for routes in excess of radius and clearance, as a share of the arm's length. Taste."""
+"""Inflation of obstacles for routes beyond radius and clearance, as a fraction of the arm's length. Taste."""
 _RUN_IN = (2.0, 1.0, 0.5, 0.0)
-"""Lengths of the straight run onto the goal along its heading that are tried, longest first, in nominal links.
+"""Lengths of the straight approach to the goal along its heading that are tried, longest first, in nominal links.
 Taste."""
 _RUN_IN_SAMPLES = 9
-"""Number of places on the run that are checked for being free. Taste."""
+"""Number of points on the straight approach that are checked for being free. Taste."""
 
 _LEAST_MARGIN = 1e-3
-"""Share of that inflation that is always kept, so that free space never degenerates to zero width. Taste."""
+"""Fraction of the inflation that is always kept, so that free space never degenerates to zero width. Taste."""
 _ROUNDING = 1e-9
-"""Rounding allowed when the length of a route at full stretch is compared with the arm's, as a share of it. Derived."""
+"""Relative rounding allowed when the length of a route is compared with that of the stretched arm. Derived."""
 _CONFIGURATIONS = 2
-"""Number of routes for which the NLP is asked for a goal configuration. Taste."""
+"""Number of routes for which a goal configuration is sought by the NLP. Taste."""
 _ATTEMPTS = 2
-"""Attempts of the NLP at one configuration. Derived: its first guess with the surplus length on either side."""
+"""Number of attempts of the NLP at one configuration. Derived: the first guess with the surplus length on either
+side."""
 
 _GATE_WIDTH = 4e-3
-"""Width of free space, as a share of the arm's length, below which the tip is led straight through a gate. Taste: a
-link with more play than that can pass askew."""
+"""Width of free space, as a fraction of the arm's length, below which the tip is led straight through a gate. Taste: a
+link with more clearance can pass askew."""
 _GATE_RUN = 0.6
-"""Straight run before and behind such a gate, in links, or in nominal links where these are longer. Measured: with 0.3
+"""Straight piece before and behind a narrow gate, in links, or nominal links where these are longer. Measured: with 0.3
 one of three scenes of doors and none of three gates is solved, and one takes six times as long; with 0.6 and 1.0 all
 six are solved, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
 _LONGEST_ROUTE = 0.985
-"""Routes longer than this share of the arm's length are discarded. Taste: the arm needs some length to bend."""
+"""Length of a route, as a fraction of the arm's length, above which it is discarded. Taste: the arm needs length to
+bend."""
 CURVATURE_SHARE = 0.9
-"""Share of the tightest bend (joint limit over link length) that the curve may use. Taste: links on a curve bend
-slightly more than the curve."""
+"""Fraction of the greatest curvature (joint limit over link length) that the curve may use. Taste: links on a curve
+bend slightly more than the curve."""
 FULL_CURVATURE_SHARE = 1.0
-"""Share of the tightest bend for another guess where there is none with ``CURVATURE_SHARE``. Taste."""
+"""Fraction of the greatest curvature for another guess if there is none with ``CURVATURE_SHARE``. Taste."""
 FURTHER_ATTEMPTS = 4
-"""Attempts at a configuration when the search asks for more of them. Taste."""
+"""Number of attempts at a configuration when the search needs further ones. Taste."""
 
 
 def route_room(problem: Problem, ends: Ends) -> FreeSpace:
-    """Return the free space for routes, without walls that no pose at the goal comes near.
+    """Return the free space for routes of a planar arm, without walls that no pose at the goal comes near.
 
     Walls are inflated by slightly more than the arm needs, but not beyond the clearance at the goal. If base, tip at
     the start and goal are then disconnected, walls are inflated by hardly more than the arm needs; if the three are
     still disconnected, the corners of walls are also rounded more finely.
+
+    Args:
+        problem: the problem.
+        ends: start and goal in the form that planning uses.
     """
     least = problem.arm.radius + problem.workspace.clearance
     inflation = _ROUTE_INFLATION * problem.arm.length
@@ -84,9 +90,9 @@ def route_room(problem: Problem, ends: Ends) -> FreeSpace:
 
 
 def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
-    """Return whether base, tip at the start and goal lie in the same connected piece of free space.
+    """Return whether base, tip at the start and goal lie in one connected component of free space.
 
-    Each of the three is assigned to the nearest piece. For a goal set, one accessible member is enough.
+    Each of the three is assigned to the nearest component. For a goal set, one accessible member is enough.
     """
     pieces = shapely.get_parts(room.polygons)
     places = [problem.arm.base, problem.arm.joint_positions_at(ends.start)[-1]]
@@ -102,13 +108,13 @@ def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
 
 
 def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:
-    """Return the routes from the base to the goal, ending with the straight run onto it, shortest first.
+    """Return the routes from the base to the goal, each ending with a straight approach, shortest first.
 
     For a goal set, the routes lead to several members.
 
     Args:
         problem: the problem.
-        ends: ends of the motion.
+        ends: start and goal of the motion.
         room: free space.
 
     Returns:
@@ -133,7 +139,7 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
 
 
 def member_routes(problem: Problem, member: GoalMember, room: FreeSpace, count: int) -> list[Route]:
-    """Return the routes to one member of the goal that are not too long for the arm, shortest first."""
+    """Return at most ``count`` routes to one member of the goal that are not too long for the arm, shortest first."""
     arm = problem.arm
     entry = run_in(room, member.position, member.heading, arm.length / NOMINAL_LINKS)
     longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
@@ -149,12 +155,12 @@ def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
 
 
 def run_in(room: FreeSpace, place: FloatArray, heading: float | None, nominal_length: float) -> FloatArray:
-    """Return the beginning of the straight run onto a goal position along the goal's heading, shape (2,) [m].
+    """Return the point at which the straight approach to a goal position along the goal's heading begins, (2,) [m].
 
     Args:
         room: free space.
-        place: position at which the run ends, shape (2,) [m].
-        heading: heading of the last link there [rad]; None for no run.
+        place: position of the goal, shape (2,) [m].
+        heading: heading of the last link at the goal [rad]; None for no approach.
         nominal_length: length of a nominal link [m].
     """
     if heading is None:
@@ -172,17 +178,17 @@ def tip_paths_along(
     routes: tuple[Route, ...],
     room: FreeSpace,
 ) -> tuple[TipPath, ...]:
-    """Return tip paths, one per homotopy class: along every route, or along a given goal pose.
+    """Return tip paths, one per homotopy class: along every route, or along the arm in a given goal pose.
 
     Args:
         problem: the problem.
-        ends: ends of the motion.
+        ends: start and goal of the motion.
         routes: routes from the base to the goal.
-        room: free space in which the routes were found; free space of the tip has the same inflation and settings.
+        room: free space in which the routes were found; that of the tip has equal inflation and settings.
 
     Returns:
-        The tip paths. Empty where the tip has no path in free space; because its corners are approximated, that does
-        not prove that there is no path.
+        The tip paths. Empty if the tip has no path in free space, whose corners are approximated; that does not prove
+        that there is no path.
     """
     arm = problem.arm
     points = arm.joint_positions_at(ends.start)
@@ -208,9 +214,9 @@ def find_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Yield at most one configuration at the goal.
+    """Yield at most one guess of a configuration (c,) at the goal.
 
-    This is a whole-arm goal itself, or the configuration of a curve along one of the first routes.
+    The guess is a goal of the whole arm itself, or the configuration of a curve along one of the first routes.
     """
     if ends.goal_pose is not None:
         yield ends.goal_pose
@@ -230,7 +236,7 @@ def further_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Yield configurations at the goal along every route, with more attempts for each than ``find_guesses`` makes."""
+    """Yield configurations (c,) at the goal along every route, with more attempts for each than ``find_guesses``."""
     for route in routes:
         guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS, CURVATURE_SHARE)
         if guess is not None:
@@ -245,9 +251,17 @@ def guess_along(
     attempts: int,
     share: float,
 ) -> FloatArray | None:
-    """Return a configuration at the goal along a route; None when the NLP finds no curve that links can follow.
+    """Return a configuration (c,) at the goal along a route, or None if the NLP finds no curve that links can follow.
 
-    None is not a failure: the motion search can lead the tip to the goal without such a configuration.
+    None is not a failure: the search for a motion can lead the tip to the goal without such a configuration.
+
+    Args:
+        problem: the problem.
+        ends: start and goal of the motion.
+        room: free space.
+        route: route from the base to the goal.
+        attempts: maximum number of attempts of the NLP.
+        share: fraction of the greatest curvature that the curve may use.
     """
     try:
         task = configuration_task(problem, ends, room, route, share)
@@ -264,14 +278,14 @@ def configuration_task(
     route: Route,
     share: float = CURVATURE_SHARE,
 ) -> ConfigurationTask:
-    """Return the task of the configuration NLP along one route.
+    """Return the task of finding a curve of the arm's length along a route to the goal, for the configuration NLP.
 
     Args:
-        problem: arm, goal and weights.
-        ends: ends of the motion.
+        problem: problem with arm, goal and weights.
+        ends: start and goal of the motion.
         room: free space.
         route: route from the base to the goal.
-        share: fraction of the tightest bend that the curve may use.
+        share: fraction of the greatest curvature (joint limit over link length) that the curve may use.
     """
     arm = problem.arm
     # Of a goal set, the configuration takes the member that the route leads to.
@@ -294,7 +308,7 @@ def configuration_task(
 
 
 def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
-    """Return, for each region, the distance from each of its sides to the inflated walls behind it [m].
+    """Return for each region of a corridor the distances from its sides to the inflated walls behind, (sides,) [m].
 
     Distances are measured where a side is nearest to the route, and positive for sides that touch no wall.
     """
@@ -312,7 +326,7 @@ def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
 
 
 def base_heading_range(problem: Problem, ends: Ends) -> tuple[float, float]:
-    """Return the least and greatest heading of the curve at the base [rad]."""
+    """Return the lower and upper bound on the heading of the curve at the base [rad]; equal for a clamped base."""
     arm = problem.arm
     if ends.clamped:
         heading = float(arm.headings(ends.start)[0])

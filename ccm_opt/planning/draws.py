@@ -1,6 +1,6 @@
-"""RRT-Connect in the link headings, and the random poses that it samples at the goal and elsewhere.
+"""RRT-Connect for planar arms in the space of link headings, with samplers of poses at the goal and elsewhere.
 
-A straight motion in the coordinates of the curve is also one in the link headings.
+A motion that is linear in the coordinates of the curve is also linear in the link headings.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,50 +23,51 @@ from ccm_opt.planning.shortcuts import Shortcuts, dense
 from ccm_opt.robot.arm import Arm
 
 _GOAL_DRAWS = 64
-"""Random poses that Newton's method moves onto the goal at a time. Taste."""
+"""Number of random poses that Newton's method moves onto the goal at a time. Taste."""
 _NEWTON_STEPS = 15
-"""Steps of Newton's method. Measured: poses that have not arrived by then seldom do."""
+"""Number of steps of Newton's method. Measured: poses that have not converged by then seldom do."""
 _NEWTON_TURN = 0.5
-"""Largest turn of a link in one of its steps [rad]. Taste."""
+"""Largest turn of a link in one step of Newton's method [rad]. Taste."""
 _ARRIVED = 1e-06
-"""Tip's distance [arm lengths] or turn [rad] that counts as arrived. Derived: well inside what the polish can
-correct."""
+"""Distance of the tip from the goal [arm lengths] or turn [rad] up to which a pose counts as arrived. Derived: well
+inside what the final correction can repair."""
 _APART = 0.1
-"""Least root mean square of the turns of all links between two poses at the goal that count as different [rad].
-Taste."""
+"""Root mean square of the turns of all links between two poses at the goal above which the poses count as different
+[rad]. Taste."""
 
 _RANGE = 1.5
-"""Longest extension of arms of few links, as the root mean square turn of the links [rad]. Measured: on scenes of 4 to
+"""Longest extension for arms of few links, as the root mean square turn of the links [rad]. Measured: on scenes of 4 to
 8 links half as much takes half as long again."""
 _WINDING = 2.0 * np.pi
-"""How far the base may turn beyond its directions at the ends [rad]. Taste: a whole turn leaves both ways round."""
+"""Angle by which the base may turn beyond its headings at the ends [rad]. Taste: a whole turn permits both
+directions."""
 _KNOTS = 12
-"""Number of knots between which the curvature of a smooth target is linear. Measured on the hardest of these scenes: 12
-finds a path in 6 of 6 searches of 60 000 extensions, 9 in 5, and with 6 searches are half as long again."""
+"""Number of knots between which the curvature of a smooth target is linear. Measured on the hardest of four scenes of
+24 links: 12 finds a path in 6 of 6 searches of 60 000 extensions, 9 in 5; with 6, searches are half as long again."""
 _TURNING = 25.0
 """Largest turn of a smooth target along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5 takes 5 s,
 because an arm that curls up gets out from behind them."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Least and greatest width of a bump, a stretch that is turned aside, as shares of the arm's length. Taste."""
+"""Minimum and maximum width of a part of the arm that is turned aside, as fractions of the arm's length. Taste."""
 
 _SMOOTH_RANGE = 0.4
-"""Longest extension of arms of more links, as the root mean square turn of the links [rad]. Measured on four hard
+"""Longest extension for arms of more links, as the root mean square turn of the links [rad]. Measured on four hard
 scenes of 24 links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds
 nothing in two of them by 60 000."""
 _BUMPED = 0.2
-"""Share of targets that are poses of the tree with part of the arm turned aside. Taste."""
+"""Fraction of targets that are poses of the tree with a part of the arm turned aside. Taste."""
 _ATTRACTED = 0.1
-"""Share of targets that are poses of the other tree. Taste."""
+"""Fraction of targets that are poses of the other tree. Taste."""
 _BUMP = 0.8
-"""Standard deviation of the turn of a bump [rad]. Taste."""
+"""Standard deviation of the angle by which a part of the arm is turned aside [rad]. Taste."""
 
 
 _RANK = 1e-6
-"""Singular values below this share of the largest count as zero."""
+"""Fraction of the largest singular value below which a singular value counts as zero."""
 
 
 _BATCH = (4, 32)
-"""Least and greatest number of targets sampled at once. Taste: a plain scene is solved by a few extensions, a hard one
+"""Minimum and maximum number of targets sampled at once. Taste: a plain scene is solved by a few extensions, a hard one
 by tens of thousands, which NumPy processes together."""
 _KEYFRAME_TURN = 0.15
 """Largest turn of a link between two keyframes [rad]. Derived: that of a step of the continuation."""
@@ -74,17 +75,17 @@ _KEYFRAME_TURN = 0.15
 
 @dataclass(frozen=True)
 class TargetDraws:
-    """Samples targets in the link space of a motion.
+    """Sampler of target shapes for the extensions of search trees, within the shapes that the curve can take.
 
     Attributes:
         arm: the arm.
-        projector: matrix that projects changes of link headings onto those that the coordinates can make, shape
-            (links, links).
-        offsets: link headings when all coordinates of the curve are 0, with the blend coordinates at 0 (start) and at 1
-            (whole-arm goal), each of shape (links,) [rad].
-        limits: bounds of the sampled bends, shape (links,) [rad].
-        base: least and greatest sampled bend of the first joint [rad].
-        batch: least and greatest number of targets sampled at once.
+        projector: matrix that projects changes of link headings onto those that the coordinates of the curve can
+            produce, shape (links, links).
+        offsets: link headings for zero coordinates of the curve, with the coordinate that blends into a goal for the
+            whole arm at 0 (start) and at 1 (goal), each of shape (links,) [rad].
+        limits: bounds on the magnitudes of sampled bends, shape (links,) [rad].
+        base: lower and upper bound on the sampled bend of the first joint [rad].
+        batch: minimum and maximum number of targets sampled at once.
     """
 
     arm: Arm
@@ -105,8 +106,8 @@ class TargetDraws:
         """Return a sampler of targets for a motion between known ends.
 
         Args:
-            space: the link space, possibly with a coordinate that blends in a whole-arm goal.
-            ends: configurations, each of shape (links,) [rad], of the start and, for a whole-arm goal, of the goal.
+            space: map from coordinates to configurations, possibly with a coordinate that blends into a goal.
+            ends: configurations, each of shape (links,) [rad], of the start and, for a goal of the whole arm, the goal.
             curve_columns: number of coordinates of the curve alone.
             share: fraction of the joint limits that is used; bends that occur at an end are allowed in any case.
         """
@@ -124,9 +125,9 @@ class TargetDraws:
         return cls(arm, projector, (offset, blended), limits, (low, high))
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Return the link headings of targets for the extension of a tree, shape (count, links) [rad].
+        """Return the link headings of random targets for the extension of a tree, shape (count, links) [rad].
 
-        Several targets are poses of the other tree, so that this tree grows towards that one.
+        A fraction of the targets are poses of the other tree, so that the trees grow towards each other.
         """
         targets = self.shapes(rng, count)
         kind = rng.random(count)
@@ -153,9 +154,9 @@ class TargetDraws:
         return self._in_space(rng, arm.headings(bends))
 
     def _bumped(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Return the link headings of poses with a part of the arm turned aside, shape (m, links) [rad].
+        """Return the link headings of given poses, shape (m, links) [rad], with a random part of the arm turned aside.
 
-        In an arm of few links the bend of one joint is changed; in an arm of many links, the headings of a stretch.
+        In an arm of few links the bend of one joint is changed; in an arm of many links, the headings of several.
         """
         arm = self.arm
         count = len(headings)
@@ -173,28 +174,31 @@ class TargetDraws:
         return self.arm.headings(bends)
 
     def _in_space(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Project link headings onto the space, with a random fraction of a whole-arm goal's offset blended in."""
+        """Return link headings (m, links) projected onto those that the curve can produce [rad].
+
+        A random fraction of the difference between the offsets of start and goal is added.
+        """
         share = rng.random((len(headings), 1))
         offset = self.offsets[0] + share * (self.offsets[1] - self.offsets[0])
         return offset + (headings - offset) @ self.projector.T
 
 
 _RIDGE = 1e-9
-"""Added to the diagonal of Newton's equations, in squared arm lengths: at full stretch they are singular."""
+"""Value added to the diagonal of Newton's equations, in squared arm lengths, which are singular at full stretch."""
 
 _INSIDE = 0.99
-"""Share of the goal's tolerance in which members are sampled, so that the rounding of Newton's method leaves none
+"""Fraction of the goal's tolerance in which members are sampled, so that the rounding of Newton's method leaves none
 outside."""
 
 
 @dataclass(frozen=True)
 class GoalDraws:
-    """Samples poses at a goal for the tip.
+    """Sampler of random poses of a planar arm with the tip at a goal.
 
     Attributes:
-        draws: sampler of random poses of the link space.
+        draws: sampler of random shapes of the arm.
         goal: goal for the tip.
-        check: the sampled, cheap check of poses.
+        check: fast collision check of poses by samples.
     """
 
     draws: TargetDraws
@@ -202,9 +206,9 @@ class GoalDraws:
     check: SampledCheck
 
     def poses(self, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Yield batches of link headings of distinct poses at the goal that the check does not refute.
+        """Yield batches of distinct poses at the goal without detected collision, as link headings (m, links) [rad].
 
-        Each batch has shape (m, links) [rad] and may be empty.
+        A batch may be empty.
         """
         known = np.zeros((0, self.draws.arm.links))
         while True:
@@ -219,9 +223,9 @@ class GoalDraws:
             yield np.array(new).reshape(-1, self.draws.arm.links)
 
     def _members(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Return positions and headings of the tip that meet the goal, shape (count, 3) [m, rad].
+        """Return random positions and headings of the tip that satisfy the goal, shape (count, 3) [m, rad].
 
-        For a goal set, the members are distributed uniformly over the set.
+        For a goal set, they are distributed uniformly over the set.
         """
         distance, turn = self.goal.room
         away = rng.uniform(0.0, 2.0 * np.pi, count)
@@ -231,9 +235,13 @@ class GoalDraws:
         return np.column_stack((places, middle + _INSIDE * rng.uniform(-turn, turn, count)))
 
     def _brought(self, headings: FloatArray, members: FloatArray) -> FloatArray:
-        """Return the poses moved onto members of the goal by Newton's method with least turns of the links.
+        """Return the link headings of poses moved onto members of the goal by Newton's method with least link turns.
 
         Poses that do not converge, or exceed the limits of the bends, are left out.
+
+        Args:
+            headings: link headings of the poses, shape (m, links) [rad].
+            members: positions and headings of the tip, shape (m, 3) [m, rad].
         """
         arm = self.draws.arm
         projector = self.draws.projector
@@ -251,10 +259,14 @@ class GoalDraws:
         return brought
 
     def _equations(self, headings: FloatArray, members: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the tip's derivatives with respect to the link headings, and its errors, in arm lengths and radians.
+        """Return the derivatives of tip position and heading with respect to the link headings, and the tip errors.
+
+        Args:
+            headings: link headings of m poses, shape (m, links) [rad].
+            members: required positions and headings of the tip, shape (m, 3) [m, rad].
 
         Returns:
-            Shapes (m, 2 or 3, links) and (m, 2 or 3).
+            Derivatives, shape (m, 2 or 3, links), and errors, shape (m, 2 or 3) [arm lengths, rad].
         """
         arm = self.draws.arm
         tip = arm.joint_positions(headings)[:, -1]
@@ -270,14 +282,15 @@ class GoalDraws:
 
 @dataclass(frozen=True)
 class Connecting:
-    """The inputs of a search by RRT-Connect.
+    """Search for a motion of a planar arm by RRT-Connect in link headings.
 
     Attributes:
-        task: task of the search.
-        space: link space of the motion.
+        task: search task.
+        space: map from coordinates of the curve to configurations.
         start: pose at the start.
-        goal: goal, with the coordinates of a whole-arm goal.
-        known_goals: returns an iterator over poses at a goal for the tip from other methods, each computed on demand.
+        goal: goal, with coordinates if it is a pose of the whole arm.
+        known_goals: function that returns an iterator over poses at a goal of the tip from other methods, each computed
+            on demand.
     """
 
     task: MotionTask
@@ -287,10 +300,10 @@ class Connecting:
     known_goals: Callable[[], Iterator[Pose]]
 
     def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
-        """Return a certified motion; None when no search finds one in time.
+        """Return a certified motion from the start to the goal, or None if no search finds one in time.
 
         Args:
-            budgets: maximum numbers of extensions, one for each search in turn.
+            budgets: maximum number of extensions of each search in turn.
             seed: seed of every random choice.
         """
         task = self.task
@@ -307,7 +320,7 @@ class Connecting:
         return None
 
     def _motion(self, way: FloatArray) -> Motion | None:
-        """Return the motion along a path of link headings; None when it fails to be certified once more."""
+        """Return the certified motion along a path of link headings (K, links), or None if it cannot be certified."""
         coordinates = self._coordinates(dense(way, _KEYFRAME_TURN))
         q = self.space.configurations(coordinates)
         # This is the searched motion up to rounding and the last correction onto the goal.
@@ -316,7 +329,7 @@ class Connecting:
         return Motion(self.space, coordinates, q, CONNECT)
 
     def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
-        """Return a search whose first tree holds the start alone."""
+        """Return a search by two trees, in which the start is the only node."""
         task = self.task
         ends = [self.start.q]
         if self.goal.coordinates is not None:
@@ -332,7 +345,7 @@ class Connecting:
         )
 
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Yield link headings of a whole-arm goal, or of poses with the tip at the goal, shape (m, links) [rad]."""
+        """Yield batches of link headings (m, links) of the goal pose, or of sampled poses at the tip's goal [rad]."""
         arm = self.task.arm
         if self.goal.coordinates is not None:
             yield arm.headings(self.space.configurations(self.goal.coordinates))[None]
@@ -346,7 +359,7 @@ class Connecting:
         yield from drawn
 
     def _coordinates(self, way: FloatArray) -> FloatArray:
-        """Return coordinates, shape (K, p), for a path of link headings, shape (K, links), with exact ends."""
+        """Return the coordinates of the curve (K, p) for a path of link headings (K, links), with exact ends."""
         space = self.space
         start = self.start.v
         end = self.goal.coordinates
@@ -357,7 +370,7 @@ class Connecting:
         return np.stack((start, *(self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)), end))
 
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the coordinates near given ones that reproduce given link headings."""
+        """Return coordinates (p,) near given ones that reproduce given link headings (links,)."""
         space = self.space
         missed = headings - space.arm.headings(space.configurations(near))
         # Few links leave many curves with the same headings: take the smoothest, then correct what it misses.

@@ -1,4 +1,4 @@
-"""The goal of the tip, the terms that pull the tip to it, and Newton's method onto it."""
+"""Goal of the tip, the terms that pull the tip to the goal, and Newton's method onto the goal."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,23 +11,22 @@ from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, least_change
 from ccm_opt.planning.settings import GoalSettings
 
 _POLISH_STEPS = 12
-"""Most steps of Newton's method. Taste: it converges in four or never."""
+"""Maximum number of steps of Newton's method. Taste: the method converges in four or never."""
 _INWARDS = 0.1
-"""Share of the tolerance of a goal's position, and of its direction, by which a tip outside is led in beyond the edge.
-Taste."""
+"""Fraction of the tolerance of position and direction by which a tip is led beyond the edge into a goal set. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPose:
-    """A goal for the tip, or for the whole arm.
+    """Goal for the tip, a pose or a set of poses, or for the whole arm.
 
     Attributes:
         position: position of the tip, shape (d,) [m].
-        direction: direction of the last link, a unit vector of shape (d,), or None where any is acceptable.
-        coordinates: unknowns of the curve of a whole-arm goal, or None.
+        direction: direction of the last link, a unit vector of shape (d,), or None if any is acceptable.
+        coordinates: unknowns of the curve at a goal for the whole arm, shape (p,), or None.
         room: distance [m] and turn [rad] by which a pose may deviate from position and direction. If not zero, the goal
-            is a set, any member of which is acceptable; zeros for a goal that is to be met exactly.
-        near_enough: distance [m] and turn [rad] that are still accepted where no pose meets the goal exactly.
+            is a set, any member of which is acceptable; zeros for a goal that has to be met exactly.
+        near_enough: distance [m] and turn [rad] that are still accepted if no pose meets the goal exactly.
         limits: further limits that apply at the goal; usually none.
         settings: settings of the pull and of Newton's method.
     """
@@ -42,7 +41,7 @@ class GoalPose:
 
     @property
     def heading(self) -> float | None:
-        """Heading of the last link in the plane [rad]; None where any direction is acceptable."""
+        """Heading of the last link at the goal in the plane [rad]; None if any direction is acceptable."""
         return None if self.direction is None else float(np.arctan2(self.direction[1], self.direction[0]))
 
     @property
@@ -68,7 +67,7 @@ class GoalPose:
         return replace(self, position=tip + self._offset_to_room(tip), direction=towards, room=(0.0, 0.0))
 
     def offset(self, pose: Pose) -> FloatArray:
-        """Return the vector from the tip to the nearest acceptable position, shape (d,) [m]; 0 within the tolerance."""
+        """Return the vector from a pose's tip to the nearest acceptable position, (d,) [m]; 0 within the tolerance."""
         return self._offset_to_room(pose.tip)
 
     def _offset_to_room(self, tip: FloatArray) -> FloatArray:
@@ -79,9 +78,9 @@ class GoalPose:
         return np.asarray(towards * (1.0 - self.room[0] / distance))
 
     def turn(self, pose: Pose) -> FloatArray:
-        """Return the turn of the last link to the nearest acceptable direction, shape (d − 1,) [rad].
+        """Return the turn of a pose's last link to the nearest acceptable direction, shape (d − 1,) [rad].
 
-        The components of the turn are towards the second and further axes of the link.
+        The components of the turn are towards the second and further axes of the link's frame.
         """
         if self.direction is None:
             return np.zeros(len(pose.tip) - 1)
@@ -91,11 +90,11 @@ class GoalPose:
         return np.asarray(max(float(np.arctan2(sine, along)) - self.room[1], 0.0) * axis)
 
     def errors(self, pose: Pose) -> tuple[float, float]:
-        """Return the remaining distance [m] and turn [rad] to the goal."""
+        """Return the distance [m] and the turn [rad] of a pose's tip to the nearest acceptable tip pose."""
         return float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose is near enough to the goal and meets the limits that apply at the goal."""
+        """Return whether a pose is within the accepted distance of the goal and satisfies the limits at the goal."""
         distance, turn = self.errors(pose)
         return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
 
@@ -105,23 +104,29 @@ class GoalPose:
         return max(distance / pose.length, turn) <= self.settings.on_goal
 
     def limits_met(self, pose: Pose) -> bool:
-        """Return whether a pose meets the further limits that apply at the goal."""
+        """Return whether a pose satisfies the further limits that apply at the goal."""
         return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
 
     def describe_limits(self, pose: Pose) -> str:
-        """Describe which limits at the goal are violated or at their bound; empty when none are."""
+        """Return a message about limits at the goal that a pose violates or has at their bound, or ""."""
         return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
 
     def terms(self, space: CurveUnknowns, pose: Pose, weight: float) -> list[Term]:
-        """Return the terms that pull the tip onto the goal, weighted by ``weight``."""
+        """Return the least-squares terms of a QP step that pull the tip onto the goal.
+
+        Args:
+            space: map from the unknowns to configurations.
+            pose: pose from which the step starts.
+            weight: weight of the terms.
+        """
         settings = self.settings
         unit = space.nominal_length
         terms = []
         error = self.offset(pose)
         distance = float(np.linalg.norm(error))
         if self.room[0] == 0.0 or distance > 0.0:
-            # Some way into the set, or the tip would only creep up to its edge. A far goal is approached in stretches:
-            # beyond that the linearised tip is useless.
+            # Slightly into the set, or the tip would only creep up to its edge. A far goal is approached in bounded
+            # steps, within which the linearised tip is valid.
             asked = min(distance + _INWARDS * self.room[0], settings.distance_step * unit)
             terms.append(Term(pose.moving[-1] / unit, asked / max(distance, TINY) * error / unit, weight))
         turn = self.turn(pose)
@@ -136,7 +141,7 @@ class GoalPose:
         return terms
 
     def rows(self, pose: Pose, unit: float) -> FloatArray:
-        """Return the derivatives of the tip's position and direction with respect to the unknowns, shape (k, p).
+        """Return the derivatives of a pose's tip position and direction with respect to the unknowns, shape (k, p).
 
         The position is in multiples of ``unit`` [m]; the direction has rows only if the goal prescribes one.
         """
@@ -144,9 +149,9 @@ class GoalPose:
         return place if self.direction is None else np.concatenate((place, pose.tip_turning))
 
     def equations(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of the tip for Newton's method, shape (k, p), and their required changes, shape (k,).
+        """Return the derivatives (k, p) and required changes (k,) of a pose's tip for Newton's method onto the goal.
 
-        A position or direction that is already within the tolerance has no rows.
+        A position, in multiples of ``unit`` [m], or direction that is already within the tolerance has no rows.
         """
         offset = self.offset(pose) / unit
         turn = self.turn(pose)
@@ -157,11 +162,11 @@ class GoalPose:
 
 
 def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: float = np.inf) -> Pose:
-    """Move a pose onto the goal by Newton's method with least change of the links, ignoring obstacles.
+    """Return a pose moved onto a goal by Newton's method with least change of the links, ignoring obstacles.
 
     Args:
-        space: the map from the unknowns to configurations.
-        goal: goal of the tip.
+        space: map from the unknowns to configurations.
+        goal: goal of the tip, with further limits.
         pose: pose to begin at.
         largest_turn: largest turn of a link in one step of the method [rad].
 

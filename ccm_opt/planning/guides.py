@@ -1,14 +1,14 @@
-"""Guides that lead the tip, or the whole arm.
+"""Guides, which choose the targets of successive QP steps: for the tip along a path, or for the whole arm.
 
-With the tip's target at arc length a of the track x, a step minimises, with lengths in nominal links,
+With the tip's target at arc length a of a tip path (track) x, a step minimises, with lengths in nominal links,
 
     |J_tip δ - (x(a) - P_tip)|² + w Σ_k e^(-d_k²) (δφ_k - τ_k)² + small motions,
 
 where link k should lie on the chord between x(a - (n - k) l) and x(a - (n - k - 1) l): τ_k is its turn onto that chord
-and d_k the distance of its middle from the chord's. Links that are not on the track yet are free to go anywhere.
+and d_k the distance of its middle from that of the chord. Links that are not on the track yet move freely.
 
-Towards a whole-arm pose the target moves along v(u) = (1 - u) v_a + u v_b, u from 0 to 1, and every link is turned to
-it.
+Towards a pose of the whole arm the target moves along v(u) = (1 - u) v_a + u v_b, u from 0 to 1, and every link is
+turned to its heading at the target.
 """
 
 from dataclasses import dataclass, field
@@ -22,48 +22,48 @@ from ccm_opt.core.polyline import arc_lengths, nearest_place, path_length, point
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 
 _UNKNOWN_WEIGHT = 0.0001
-"""Weight of the unknowns themselves, which fixes those that turn no link. Taste."""
+"""Weight of the unknowns themselves, which determines those that turn no link. Taste."""
 _LONGEST_ERROR = 1.0
-"""Largest error of the tip that a step is asked to correct, in nominal links. Taste."""
+"""Largest error of the tip that a step aims to correct, in nominal links. Taste."""
 _TURN_WEIGHT = 0.01
-"""Weight of every link's turn, per nominal link: the arm moves as little as it can. Taste."""
+"""Weight of every link's turn, per nominal link, so that the arm moves as little as possible. Taste."""
 _MOTION_WEIGHT = 0.01
 """Weight of every joint's displacement, per nominal link. Taste."""
 _LEASH = 1.5
-"""Lag of the tip at which the target waits, in nominal links. Taste."""
+"""Distance of the tip from its target beyond which the target waits, in nominal links. Taste."""
 _TRACK_LEASH = 1.0
-"""Lag of the tip at which the target waits where all joints are pulled onto the track, in nominal links. Measured: with
-the longer one an arm of 16 links among ribs does not get through in a minute, with this one in 3 s."""
+"""Distance of the tip from its target beyond which the target waits if all joints are pulled onto the track, in nominal
+links. Measured: with 1.5 an arm of 16 links among ribs does not get through in a minute, with 1 in 3 s."""
 _ADVANCE = 0.4
 """Advance of the tip's target in one step, in nominal links. Taste."""
 _FOLLOWING_WEIGHT = 0.1
 """Weight of the heading of a link that lies on the track, per nominal link. Taste."""
 ONTO_TRACK = 0.1
-"""Weight on distances from the track where all joints are pulled onto it."""
+"""Weight on distances of joints from the track if all joints are pulled onto the track."""
 
 _TURN_LEASH = 0.4
-"""Largest lag of any link at which the target waits [rad]. Taste."""
+"""Turn between any link and its target beyond which the target waits [rad]. Taste."""
 _ARRIVED = 0.1
-"""Largest turn between a link and the end at which a pose counts as reached [rad]. Taste; the rest is left to settling
-or to another guide."""
+"""Largest turn between any link and its target at which the end pose counts as reached [rad]. Taste; the rest is left
+to settling or to another guide."""
 _UNKNOWN_STEP = 1.0
-"""Largest change of an unknown that is asked for in one step. Taste."""
+"""Largest change of an unknown at which one step aims. Taste."""
 _TURN_ADVANCE = 0.1
 """Turn of the fastest link by which the target advances in one step [rad]. Taste; below the step's own limit, so that
 the arm can keep up."""
 
 _FINE = 0.05
-"""Spacing of the places at which links on a track are tabulated, in links."""
+"""Spacing of the arc lengths at which links on a track are tabulated, in link lengths."""
 _LONGEST = 2.0
-"""Longest arc of which a link is assumed to be a chord, in links; a half circle that it spans has π / 2."""
+"""Longest arc of which a link is assumed to be a chord, in link lengths; a half circle over a link has π / 2."""
 
 
 @dataclass(frozen=True, eq=False)
 class TipTrack:
-    """A path of the tip.
+    """Path along which a guide leads the tip, a polyline.
 
     Attributes:
-        points: vertices of a polyline, shape (k, d) [m].
+        points: vertices, shape (k, d) [m].
     """
 
     points: FloatArray
@@ -75,24 +75,24 @@ class TipTrack:
 
     @cached_property
     def arcs(self) -> FloatArray:
-        """Arc lengths of the points, shape (k,) [m]."""
+        """Arc lengths of the vertices, shape (k,) [m]."""
         return arc_lengths(self.points)
 
     @property
     def length(self) -> float:
-        """Total length [m]."""
+        """Total length of the track [m]."""
         return float(self.arcs[-1])
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Return the points, shape (..., d) [m], at arc lengths, shape (...) [m], clipped to the ends of the track."""
+        """Return the points (..., d) of the track at arc lengths (...) [m], which are clipped to its ends."""
         return points_at(self.points, self.arcs, arcs)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return a mask of the arc lengths, shape (m,), at which the track exists: those from its beginning on."""
+        """Return a mask of the arc lengths (m,) [m] at which a link may follow the track: not before its start."""
         return arcs >= 0.0
 
     def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
-        """Return the arc length nearest to a point, shape (d,), among evenly spaced samples [m].
+        """Return the arc length of the point of the track nearest to a given point, among evenly spaced samples [m].
 
         Args:
             point: the point, shape (d,) [m].
@@ -104,21 +104,20 @@ class TipTrack:
 
 
 def tip_path(points: FloatArray) -> FloatArray:
-    """Return a polyline without repeated points, shape (k, d) [m].
+    """Return a polyline without repeated points, shape (k, d) [m], which has at least two points.
 
-    The polyline has at least two points, even where the tip is at its goal already.
+    A polyline of a single point gets a tiny leg in an arbitrary direction.
     """
     points = without_repeats(points, ROUNDING)
-    # The direction is arbitrary.
     return points if len(points) > 1 else np.vstack((points, points[-1] + ROUNDING * np.eye(points.shape[1])[0]))
 
 
 @dataclass(frozen=True, eq=False)
 class ArmTrack(TipTrack):
-    """A track from behind the arm's base along the arm to its tip, and then along a path of the tip.
+    """Track that runs along the arm from its base to its tip, and then along a path of the tip.
 
     Attributes:
-        start: arc length of the tip when the motion begins [m].
+        start: arc length of the tip on the track when the motion begins [m].
     """
 
     start: float
@@ -126,9 +125,9 @@ class ArmTrack(TipTrack):
 
     @classmethod
     def behind(cls, joints: FloatArray, way: FloatArray) -> "ArmTrack":
-        """Return the track that follows an arm to its tip, and then a path of the tip.
+        """Return the track along an arm to its tip, and then along a path of the tip.
 
-        A path that begins away from the tip is joined to it by a straight piece.
+        A path that begins away from the tip is joined to the tip by a straight piece.
 
         Args:
             joints: joints and tip of the arm, shape (links + 1, d) [m].
@@ -138,16 +137,13 @@ class ArmTrack(TipTrack):
         return cls(without_repeats(corners, 1e-9 * max(path_length(corners), 1e-9)), path_length(joints))
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Return the points, shape (..., d) [m], at arc lengths, shape (...) [m].
-
-        The track is prolonged straight before its beginning.
-        """
+        """Return the points (..., d) of the track at arc lengths (...) [m]; before its start, the track is straight."""
         first = self.points[1] - self.points[0]
         before = np.minimum(arcs, 0.0)[..., None] / np.linalg.norm(first)
         return np.asarray(super().at(arcs) + before * first)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return True for every arc length, shape (m,), because the track begins behind the arm's base."""
+        """Return True for every arc length, shape (m,), because the track is extended straight before its start."""
         return np.ones(len(arcs), dtype=bool)
 
     def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
@@ -171,12 +167,16 @@ class ArmTrack(TipTrack):
         return arcs
 
     def _chords(self, link: float) -> tuple[FloatArray, FloatArray]:
-        """Return the arc lengths of the ends of links on the track, and of their starts, shape (m,) each [m]."""
+        """Return a table of links on the track: arc lengths of their outer and inner ends, each of shape (m,) [m].
+
+        ``link`` is the length of a link [m].
+        """
         if link not in self._chord_tables:
             ends = np.arange(0.0, self.length, _FINE * link)
             behind = link * np.arange(1.0, _LONGEST, _FINE)
             apart = np.linalg.norm(self.at(ends[:, None] - behind) - self.at(ends)[:, None], axis=2)
-            # The first place behind that is a link away, and the share by which it is beyond.
+            # The first sample before the link's end that is at least a link away, and the fraction by which it is
+            # farther.
             first = np.argmax(apart >= link, axis=1)
             rows = np.arange(len(ends))
             before = np.maximum(first - 1, 0)
@@ -188,24 +188,25 @@ class ArmTrack(TipTrack):
 
 
 def shortened(error: FloatArray, longest: float) -> FloatArray:
-    """Return a vector, shape (d,), in the same direction with its length capped at ``longest``."""
+    """Return a vector, shape (d,), scaled so that its length is at most ``longest``."""
     distance = float(np.linalg.norm(error))
     return error * min(1.0, longest / max(distance, 1e-12))
 
 
 @dataclass
 class TipLed:
-    """Leads the tip along a track.
+    """Guide that leads the tip along a track, while links on the track turn into it and others move little.
 
     Attributes:
-        space: the map from the unknowns to configurations.
+        space: map from the unknowns to configurations.
         track: track of the tip.
-        arc: arc length of the target on the track [m].
-        still: whether to add terms that move the arm as little as possible; not needed where every step does so.
-        largest_turn: largest turn of a link onto the track requested in one step [rad]. Taste.
-        at_once: whether the target advances at once as far ahead of the tip as its leash permits, instead of by one
-            increment per step. Measured: one increment per step makes motions in space a twentieth longer in the mean;
-            at once, other motions are found in the plane.
+        arc: arc length of the tip's target on the track [m].
+        still: whether terms are added that move the arm as little as possible; not needed if every QP step has such
+            terms.
+        largest_turn: largest turn of a link onto the track at which one step aims [rad]. Taste.
+        at_once: whether the target advances at once as far ahead of the tip as permitted, instead of by one increment
+            per step. Measured: one increment per step makes motions in space a twentieth longer in the mean; at once,
+            other motions are found in the plane.
     """
 
     space: CurveUnknowns
@@ -220,10 +221,10 @@ class TipLed:
         self._end = self.track.length
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that lead the arm onwards.
+        """Return the least-squares terms of a QP step that lead the tip along the track.
 
-        They pull the tip to the target, turn links on the track into the track's direction, and move all other links as
-        little as possible.
+        They pull the tip to its target, turn links on the track into the direction of the track, and move all other
+        links as little as possible.
         """
         unit = self.space.nominal_length
         per_link = self.space.nominal_per_link
@@ -231,7 +232,7 @@ class TipLed:
         error = shortened(self.track.at(self.arc) - pose.tip, _LONGEST_ERROR * unit)
         turn, on_track = self._following(pose)
         terms = [
-            # The tip goes to its target, and links that lie on the track turn into it;
+            # The tip goes to its target, and links that lie on the track turn into its direction;
             Term(pose.moving[-1] / unit, error / unit, 1.0),
             Term(pose.swinging.reshape(-1, p), turn.ravel(), _FOLLOWING_WEIGHT * per_link * on_track.ravel()),
         ]
@@ -244,9 +245,9 @@ class TipLed:
         return terms
 
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the turn of every link onto its chord of the track, and the weight of each turn.
+        """Return the turn of every link of a pose onto its chord of the track, and the weight of each turn.
 
-        The components of a turn are towards the second and further axes of the link.
+        The components of a turn are towards the second and further axes of the link's frame.
 
         Returns:
             Both of shape (links, d − 1); turns [rad], weights in [0, 1].
@@ -259,7 +260,7 @@ class TipLed:
         angle = np.minimum(np.arctan2(aside, chords[:, 0]), self.largest_turn)
         turn = chords[:, 1:] * (angle / np.maximum(aside, TINY))[:, None]
 
-        # A link far from its place on the track would be turned in vain, and pull the tip off its path.
+        # A link far from its chord on the track would be turned in vain, and pull the tip off its path.
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
         chord_middles = 0.5 * (places[:-1] + places[1:])
         away = np.linalg.norm(middles - chord_middles, axis=1) / self.space.nominal_length
@@ -268,7 +269,7 @@ class TipLed:
         return turn, np.broadcast_to(on_track[:, None], turn.shape)
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the target if the tip keeps up, and return whether the target was advanced."""
+        """Advance the tip's target along the track if the tip is near it, and return whether the target advanced."""
         step = _ADVANCE * self.space.nominal_length
         moved = False
         while self.arc != self._end and self._keeps_up(pose):
@@ -279,17 +280,17 @@ class TipLed:
         return moved
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the target is at the end of the track and the tip near the target."""
+        """Return whether the tip's target is at the end of the track and the tip near the target."""
         return self.arc == self._end and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
-        """Describe how far along its path the tip has come."""
+        """Return a message with the distance that the tip has been led along its track, and its lag."""
         lag = short_length(self._lag(pose))
         done, way = (long_length(abs(arc - self._first)) for arc in (self.arc, self._end))
         return f"the tip stopped {lag} short of {done} along its path of {way}"
 
     def _keeps_up(self, pose: Pose) -> bool:
-        """Return whether the tip lags behind the target by less than its leash."""
+        """Return whether the tip is so near to its target that the target may advance."""
         return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
@@ -298,14 +299,14 @@ class TipLed:
 
 
 class TrackLed(TipLed):
-    """Leads the tip along a track, forwards or backwards, with all joints kept on the track.
+    """Guide that leads the tip along a track, forwards or backwards, with all joints kept near the track.
 
-    Joints may slide along the track but are pulled back when they move sideways off it.
+    Joints may slide along the track but are pulled back when they move sideways.
 
     Args:
-        space: the map from the unknowns to configurations.
-        track: track of the tip, which begins with the shape that the arm has at first.
-        end: arc length at which the tip ends, smaller or larger than at its start; the end of the track when None [m].
+        space: map from the unknowns to configurations.
+        track: track of the tip, which begins with the initial shape of the arm.
+        end: arc length at which the tip ends, smaller or larger than at its start; the end of the track if None [m].
         weight: weight on the distances of the joints from the track.
     """
 
@@ -319,13 +320,13 @@ class TrackLed(TipLed):
             self._end = end
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that pull the tip to its target and all joints onto the track."""
+        """Return the least-squares terms of a QP step that pull the tip to its target and all joints onto the track."""
         unit = self.space.nominal_length
         track = self._behind
         joints, d, p = pose.moving.shape
         # Constant over all poses, so that the track's table can be reused.
         link = track.start / (joints - 1)
-        # The place on the track, near the target, that is nearest to the tip.
+        # The point of the track, near the target, that is nearest to the tip.
         near = self.arc + unit * np.linspace(-2.0, 2.0, 41)
         tip = float(near[np.argmin(np.linalg.norm(track.at(near) - pose.tip, axis=1))])
         arcs = track.joints_behind(tip, link, joints - 1)
@@ -340,18 +341,18 @@ class TrackLed(TipLed):
         ]
 
     def _keeps_up(self, pose: Pose) -> bool:
-        """Return whether the tip lags behind the target by less than its leash."""
+        """Return whether the tip is near enough to its target for the target to advance, with joints on the track."""
         return self._lag(pose) < _TRACK_LEASH * self.space.nominal_length
 
 
 @dataclass
 class PoseLed:
-    """Leads the arm along the straight line between two vectors of unknowns.
+    """Guide that leads the whole arm along the straight line between two vectors of unknowns (interpolation).
 
     Attributes:
-        space: the map from the unknowns to configurations.
-        start: unknowns v_a where the line begins, shape (p,).
-        end: unknowns v_b where the line ends, shape (p,).
+        space: map from the unknowns to configurations.
+        start: unknowns at which the line begins, shape (p,).
+        end: unknowns at which the line ends, shape (p,).
         u: progress of the target along the line, in [0, 1].
     """
 
@@ -361,7 +362,10 @@ class PoseLed:
     u: float = 0.0
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that turn every link to its target, and move redundant unknowns towards the target too."""
+        """Return the least-squares terms of a QP step that turn every link to its heading at the target.
+
+        A weak term moves unknowns that turn no link towards the target too.
+        """
         missing = self._missing(pose)
         turning = turn_rows(self.space.arm, pose)
         return [
@@ -372,7 +376,7 @@ class PoseLed:
         ]
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the target if all links keep up, and return whether the target was advanced."""
+        """Advance the target along the line if all links are near it, and return whether the target advanced."""
         if self.u >= 1.0 or self.lag(pose) > _TURN_LEASH:
             return False
         # In steps of equal turn, whatever the distance between the two ends.
@@ -381,15 +385,15 @@ class PoseLed:
         return True
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the target is at the end of the line and the arm near the target."""
+        """Return whether the target is at the end of the line and all links are near the target."""
         return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
-        """Describe how far along the line the arm has come."""
+        """Return a message with the progress of the interpolation and the lag of the links."""
         return f"interpolation stopped {100 * self.u:.0f} % of the way, a link {np.rad2deg(self.lag(pose)):.0f}° behind"
 
     def lag(self, pose: Pose) -> float:
-        """Return the largest turn between a link and its target [rad]."""
+        """Return the largest turn between a link of a pose and its heading at the target [rad]."""
         return float(np.max(np.abs(turn_rows(self.space.arm, pose) @ self._missing(pose))))
 
     def _missing(self, pose: Pose) -> FloatArray:

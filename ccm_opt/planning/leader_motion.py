@@ -76,13 +76,13 @@ _STRAIGHT = 1e-9
 
 @dataclass(frozen=True)
 class OwnPath:
-    """The path on which a pose lies, beyond the hole.
+    """Path in space on which the links of a pose lie, beyond the end of the guide tube.
 
     Attributes:
         arm: arm on a feed axis.
-        pose: configuration, shape (c,).
-        straight: length beyond the hole on which the path is the axis of the guide tube [m].
-        points: samples of the path from there on, shape (m, 3) [m].
+        pose: configuration of the pose, shape (c,) [rad, m].
+        straight: length beyond the end of the tube on which the path is the axis of the tube [m].
+        points: samples of the path from the end of the straight part on, shape (m, 3) [m].
     """
 
     arm: Arm
@@ -92,7 +92,7 @@ class OwnPath:
 
     @classmethod
     def of(cls, arm: Arm, q: FloatArray) -> "OwnPath":
-        """Return the path of a configuration, shape (c,)."""
+        """Return the path on which the links of a configuration (c,) lie."""
         bent = np.flatnonzero(np.any(np.abs(arm.bend_pairs(q)) > _STRAIGHT, axis=1))
         first = int(bent[0]) if len(bent) else arm.links
         nodes = arm.joint_positions_at(q)[first:]
@@ -239,9 +239,9 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
 
 
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
-    """Return whether to prefer the motion behind the tip to the optimised one; both have shape (K, c).
+    """Return whether the motion along the tip's path is preferred to the optimised one, both given by keyframes (K, c).
 
-    The motion behind the tip may lose a little clearance, and may take longer where it gains clearance.
+    The motion along the tip's path may have slightly less clearance, and may take longer if it has more.
     """
     gained = np.max(task.room_lacking(optimised)) - np.max(task.room_lacking(behind))
     roomier = gained > _GAINED_ROOM * task.wanted_gap
@@ -250,7 +250,12 @@ def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
 
 
 def _time(q: FloatArray, task: SpaceTask) -> float:
-    """Return the sum, over the steps between configurations (K, c), of the slowest drive's turn [rad]."""
+    """Return a measure of a motion's duration: the sum over its intervals of the slowest drive's turn [rad].
+
+    Args:
+        q: configurations at the keyframes, shape (K, c).
+        task: task with the slowness of the drives.
+    """
     return float(np.sum(np.max(np.abs(np.diff(q, axis=0)) * task.slowness, axis=1)))
 
 
@@ -292,10 +297,10 @@ def keyframes_behind_tip(
 
 
 def not_behind_tip(task: SpaceTask, limit: FollowingLimit, motion: SpaceMotion) -> Diagnosis:
-    """Return the diagnosis, with the cause, of a motion on which the arm leaves the path of its tip too far.
+    """Return a diagnosis of why the arm deviates too far from the path of its tip on a motion.
 
     Args:
-        task: task without the limit.
+        task: task without the limit on the deviation.
         limit: the limit that the motion violates.
         motion: certified motion.
     """
@@ -328,10 +333,10 @@ def not_behind_tip(task: SpaceTask, limit: FollowingLimit, motion: SpaceMotion) 
 
 
 def tube_bound(arm: Arm, pose: FloatArray) -> float:
-    """Return a lower bound on how far a pose (c,) leaves the path of its tip, as links in the tube are straight [m].
+    """Return a lower bound on the deviation of a pose (c,) from the path of its tip, due to the guide tube [m].
 
-    The tip goes straight on until the joint behind it has left the tube. Any part of the arm that lies within a link
-    length of the hole but off the axis is off that path, unless the tip came back there.
+    The tip moves straight until the joint before it has left the tube. Any part of the arm within a link length of the
+    end of the tube but off the axis is off the tip's path, unless the tip has returned there.
     """
     joints = arm.joint_positions_at(pose)
     share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]

@@ -1,6 +1,7 @@
-"""The search for a motion, one strategy after another, and the diagnosis where none is found.
+"""Search for a motion by one strategy after another, and the diagnosis if none is found.
 
-The outcome of every candidate is kept; the diagnosis says where the best one ended and which obstruction was nearest.
+The outcome of every candidate is recorded; the diagnosis says where the best one ended and which obstruction was
+nearest.
 """
 
 from abc import ABC, abstractmethod
@@ -34,20 +35,21 @@ from ccm_opt.scene.bad_pose import joints_at_limits
 from ccm_opt.scene.contact_finder import ContactFinder, describe_clearance
 
 TREES = "trees"
-"""Name, among the names of candidates, of motions found by trees."""
+"""Name of the candidate whose motions are found by search trees of poses."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why one candidate failed.
+    """Record of a failed candidate of the search.
 
     Attributes:
         candidate: name of the candidate.
-        message: how far the candidate came.
+        message: description of how far the candidate came.
         remaining: distance from the goal of the tip or, with a goal for the whole arm, of the farthest joint [m].
-        tightest: link, counted from 1, name of the nearest obstruction, and the gap [m]; None when nothing is near.
-        pose: configuration where the candidate ended, shape (c,) [rad, and the base's coordinates].
-        bends: bends of the joints in that pose, k per joint, shape (links, k) [rad].
+        tightest: number of a link, counted from 1, name of the nearest obstruction, and the gap between them [m]; None
+            if nothing is near.
+        pose: configuration in which the candidate ended, shape (c,) [rad, m].
+        bends: bends of the joints in that configuration, k per joint, shape (links, k) [rad].
         limit: name of the user's constraint that stopped the candidate, or empty.
     """
 
@@ -61,25 +63,25 @@ class Failure:
 
     @property
     def obstacle(self) -> str:
-        """The tightest contact, in words."""
+        """Message about the link and the obstruction with the least gap."""
         if self.tightest is None:
             return "nothing near"
         return describe_clearance(*self.tightest)
 
 
 def report_tried(candidate: str, failures: Sequence[Failure]) -> None:
-    """Report to listeners that a candidate is being tried, with its number and the best distance from the goal."""
+    """Report to listeners of the progress that a candidate is tried, with its number and the best distance so far."""
     report_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
 
 
 @dataclass(frozen=True)
 class StrategyInVain:
-    """Record of a strategy that found nothing.
+    """Record of a search strategy that found no motion.
 
     Attributes:
         name: name of the strategy.
-        attempts: number of attempts it made, all of which failed.
-        exhausted: whether it tried all its candidates; otherwise the deadline passed first.
+        attempts: number of its attempts, all of which failed.
+        exhausted: whether all its candidates were tried; otherwise the deadline passed first.
     """
 
     name: str
@@ -89,21 +91,22 @@ class StrategyInVain:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SearchTask(ABC):
-    """Inputs that every search for a motion needs.
+    """Inputs of a search for a motion, in the plane or in space.
 
     Attributes:
         arm: the arm.
-        start: configuration where the motion begins, shape (c,).
+        start: configuration at the start, shape (c,) [rad, m].
         goal: goal of the tip.
-        goal_pose: goal configuration of the whole arm, shape (c,); None where only the tip counts.
-        via: places that the tip passes in this order, each of shape (d,) [m].
-        deadline: when to stop.
-        optimiser: how the motion found is optimised.
-        weights: weights of the optimisation's costs.
+        goal_pose: goal configuration of the whole arm, shape (c,); None if only the tip counts.
+        via: via points, which the tip has to pass in this order, each of shape (d,) [m].
+        deadline: time at which the search stops.
+        optimiser: name of the method that optimises a found motion.
+        weights: weights of the costs of the optimisation.
         wanted_gap: gap beyond radius and clearance that the motion keeps where possible [m].
         seed: seed of the random numbers.
-        refuse: raises where it proves that there is no motion; called once, before costly strategies.
-        user: the user's constraints and costs; None where there are none.
+        refuse: function that raises an error if it proves that there is no motion; called once, before costly
+            strategies.
+        user: the user's constraints and costs; None without any.
         held: limits of the motion besides contact, joints, turns and the user's; in the plane a guide tube.
         settings: settings of every stage of the search.
     """
@@ -125,23 +128,23 @@ class SearchTask(ABC):
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:
-        """The user's limits of the motion; usually none."""
+        """Limit with the user's constraints and costs, as a tuple of at most one element."""
         return () if self.user is None else (self.user,)
 
     @property
     @abstractmethod
     def kept(self) -> float:
-        """Distance that walls must keep from the arm's axis [m]."""
+        """Required distance of walls from the arm's axis, radius plus clearance [m]."""
 
     @property
     @abstractmethod
     def advice(self) -> str:
-        """General advice where nothing more specific is known."""
+        """Advice to the user for the case that no motion is found and nothing more specific is known."""
 
     @property
     @abstractmethod
     def certificate(self) -> MotionCertificate:
-        """Certificate of motions, and of paths between their samples."""
+        """Certificate that every motion must pass."""
 
     @abstractmethod
     def finder(self, margin: float, reach: float) -> ContactFinder:
@@ -149,54 +152,54 @@ class SearchTask(ABC):
 
     @abstractmethod
     def program(self, motion: CurveMotion[Any], margin: float | None = None) -> MotionProgram[Any]:
-        """Return the program that optimises a motion, with its keyframes still to be chosen.
+        """Return the optimisation problem of a motion, except its keyframes.
 
         Args:
             motion: certified motion.
-            margin: gap that rows ask for beyond contact, as a fraction of the arm's length; the usual gap when None.
+            margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
         """
 
     def certificate_with(self, gap: float) -> MotionCertificate:
-        """Return the certificate of motions that requires at least a given gap beyond contact [m].
-
-        The base class ignores the gap.
-        """
+        """Return a certificate that requires at least a gap beyond contact [m]; the base class ignores the gap."""
         del gap
         return self.certificate
 
     def failures(self, curve: Any, unknowns: FloatArray, depth: int | None = None, gap: float = -np.inf) -> IntArray:
-        """Return the intervals of a motion that cannot be certified, sorted.
+        """Return the sorted indices of the intervals of a motion that cannot be certified.
 
         Args:
-            curve: the map of the unknowns.
+            curve: map from the unknowns to configurations.
             unknowns: unknowns at the keyframes, shape (K, p).
-            depth: number of bisections allowed per interval; from the settings when None.
-            gap: gap beyond contact to certify, where larger than the usual one [m].
+            depth: allowed number of bisections per interval; that of the settings if None.
+            gap: gap beyond contact to certify, if larger than the usual one [m].
         """
         certificate = self.certificate if gap == -np.inf else self.certificate_with(gap)
         return failing_edges(certificate.limits, curve, unknowns, depth)
 
     @abstractmethod
     def stepper(self, curve: Any, margin: float) -> StepperOf[Any]:
-        """Return the stepper in the unknowns of a curve, with a planning margin."""
+        """Return a solver of QP steps in the unknowns of a curve, with a planning margin."""
 
     def marks(self, motion: CurveMotion[Any]) -> FloatArray:
-        """Return the positions along a motion, counted in keyframes, that must become keyframes, shape (m,)."""
+        """Return the positions along a motion, as fractional keyframe indices, that must be keyframes, shape (m,).
+
+        They are those where a constraint begins or ends, and where the tip passes via points.
+        """
         breaks = [] if motion.u is None else [u for limit in self.user_limits for u in limit.breaks]
         marks = np.interp(breaks, motion.path_parameters, np.arange(len(motion.unknowns)))
         if not self.via:
             return marks
-        # These include the positions where the tip comes nearest to its via places.
+        # These include the positions where the tip comes nearest to its via points.
         tips = self.arm.joint_positions_at(motion.curve.configurations(motion.unknowns))[:, -1]
         return np.union1d(marks, passings(tips, np.stack(self.via)).along)
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1 for each coordinate of a configuration (c,) that a path's knot may move, else 0, shape (c,)."""
+        """Return 1 for each coordinate of a configuration (c,) that may change, else 0, shape (c,)."""
 
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return each configuration's shortfall from the preferred clearance, shape (k, c) to (k,) [m]."""
+        """Return the shortfall of configurations (k, c) from the preferred clearance, shape (k,) [m]."""
 
     def least_gap(self, q: FloatArray) -> float:
         """Return the least gap beyond contact over configurations (K, c), capped at the preferred clearance [m]."""
@@ -206,16 +209,16 @@ class SearchTask(ABC):
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the keyframes and path of the joints, and the curves that the arm follows, if any.
+        """Return the keyframes and joint path of a plan, and the continuous curves at the keyframes, if any.
 
         Args:
-            keyframes: keyframes of a motion, shape (K, c).
-            spline: the path along it.
+            keyframes: configurations at the keyframes of a motion, shape (K, c).
+            spline: joint path near the keyframes.
             legs: whether the arm will move on straight legs between the keyframes.
         """
 
     def violated_place(self, spline: BSpline) -> Diagnosis | None:
-        """Return a diagnosis of a requirement, other than a limit, that a path violates; None where there is none."""
+        """Return a diagnosis of a requirement, other than a limit, that a joint path violates, or None."""
         del spline
         return None
 
@@ -226,38 +229,38 @@ class SearchTask(ABC):
 
     @property
     def parametric(self) -> bool:
-        """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
+        """Whether a limit depends on the path parameter, so that a motion has to be tracked under the limit."""
         return any(limit.parametric for limit in self.user_limits)
 
     @property
     def limited_goal(self) -> GoalPose:
-        """The goal with the limits that hold there."""
+        """Goal of the tip together with the limits that apply at the end of the motion."""
         return self.limited(self.goal)
 
     def limited(self, goal: GoalPose) -> GoalPose:
-        """Return a goal together with the limits that hold at the end of the motion."""
+        """Return a goal together with the limits that apply at the end of the motion."""
         limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
         return replace(goal, limits=limits, settings=self.settings.goal)
 
 
 AskedType = TypeVar("AskedType")
-"""Input of a strategy: a task, or a run of the search for one."""
+"""Type of a strategy's input: a task, or a search for a task."""
 FoundType = TypeVar("FoundType")
-"""Result of a strategy."""
+"""Type of a strategy's result."""
 
 
 @dataclass(frozen=True)
 class Strategy(Generic[AskedType, FoundType]):
-    """One method of searching for a motion.
+    """Method of searching for a motion.
 
     Attributes:
         name: name in the record of a failed search.
-        find: returns a certified motion, or None after adding its attempts to the failures.
-        applies: returns whether the strategy can find motions for the task.
-        costly: whether the strategy may take so long that it pays to try a proof of infeasibility first, which takes a
-            few tenths of a second.
-        leads_others: whether later strategies begin with this strategy's candidates, so that it is not repeated with
-            the arm's own links once it has failed with few.
+        find: function that returns a certified motion, or None after appending its attempts to the failures.
+        applies: function that returns whether the strategy can find motions for a task.
+        costly: whether the strategy may take so long that a proof of infeasibility, which takes a few tenths of a
+            second, is tried first.
+        leads_others: whether later strategies begin with the candidates of this one, so that it is not repeated with
+            the arm's own links after a failure with few links.
     """
 
     name: str
@@ -268,7 +271,7 @@ class Strategy(Generic[AskedType, FoundType]):
 
 
 StrategyType = TypeVar("StrategyType", bound=Strategy[Any, Any])
-"""The kind of strategy."""
+"""Type of the strategies of a search."""
 
 
 def first_found(
@@ -276,12 +279,12 @@ def first_found(
     task: SearchTask,
     find: Callable[[StrategyType, list[Failure]], FoundType | None],
 ) -> FoundType:
-    """Return the result of the first strategy that succeeds; strategies after the deadline are only listed.
+    """Return the result of the first search strategy that succeeds.
 
     Args:
-        strategies: strategies that apply, the cheap ones first.
-        task: the task.
-        find: runs a strategy; adds its failed attempts to the failures.
+        strategies: strategies that apply, cheap ones first; those after the deadline are only recorded.
+        task: search task.
+        find: function that runs a strategy and appends its failed attempts to the failures.
 
     Raises:
         MotionNotFound: every strategy failed; the diagnosis lists why.
@@ -307,12 +310,12 @@ def first_found(
 def nothing_found(
     task: SearchTask, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
 ) -> MotionNotFound | TimeLimitReached:
-    """Return the error that explains why no motion was found.
+    """Return the error with a diagnosis of why no motion was found.
 
     Args:
-        task: the task.
+        task: search task.
         failures: failures of all attempts.
-        strategies: strategies tried, in order.
+        strategies: records of all strategies, in order.
     """
     tried = sorted(failures, key=lambda f: f.remaining)
     trees = [f.message for f in failures if f.candidate == TREES]
@@ -346,11 +349,11 @@ def nothing_found(
 
 
 _CLOSE = 0.1
-"""Clearance, as a share of the axis's distance from walls, below which a wall may have stopped an attempt. Taste."""
+"""Gap below which a wall may have stopped an attempt, as a fraction of the required distance from the axis. Taste."""
 
 
 def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
-    """Return advice to widen the passage if the best attempt ended close to a wall, else an empty string."""
+    """Return advice to widen the passage if the best attempt ended close to a wall, else an empty tuple."""
     if not tried or tried[0].tightest is None:
         return ()
     link, name, gap = tried[0].tightest
@@ -362,7 +365,7 @@ def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
 
 
 def _how_far(strategies: Sequence[StrategyInVain]) -> str:
-    """Return, in words, which strategies were exhausted, which ran out of time, and which were not begun."""
+    """Return a message that says which strategies were exhausted, which ran out of time, and which were not begun."""
     # A strategy that was exhausted without an attempt says nothing about the problem.
     tried = [each for each in strategies if each.attempts]
     parts = {
@@ -382,11 +385,14 @@ def _attempts(strategies: Iterable[StrategyInVain]) -> list[str]:
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
-    """Return the figures behind a diagnosis, all JSON-serialisable, with the failures sorted, the best first.
+    """Return the JSON-serialisable data behind the diagnosis of a failed search.
+
+    Args:
+        tried: failures, sorted by their distance from the goal.
 
     Returns:
         ``tried``: a line for each failure; ``candidates``: a table for each; ``in_the_way``: how often each obstruction
-        was the tightest contact; ``nearest_pose``: the configuration where the best candidate ended.
+        had the least gap; ``nearest_pose``: the configuration in which the best candidate ended.
     """
     named = Counter(f.tightest[1] for f in tried if f.tightest is not None)
     return {
@@ -411,7 +417,12 @@ def _table(failure: Failure) -> dict[str, object]:
 
 
 def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
-    """Return, in words, the constraint that stopped the best of the stopped candidates, or all names if none was."""
+    """Return a message with the constraint that stopped the best of the candidates stopped by one, or all constraints.
+
+    Args:
+        names: names of the user's hard constraints.
+        tried: failures, sorted by their distance from the goal.
+    """
     if not names:
         return ""
     met = [failure.limit for failure in tried if failure.limit]

@@ -1,7 +1,8 @@
 """Settings of the planning stages: step, guides, search, samplers, optimisation and planners.
 
-Lengths are in nominal links, which do not depend on the number of links of the real arm: weights and advances tuned on
-one arm then suit another arm of equal shape. A weight "per nominal link" is shared among the links in one nominal link.
+Lengths are in nominal links (1/24 of the arm), which do not depend on the number of links of the real arm: weights and
+advances tuned on one arm then suit another arm of equal shape. A weight "per nominal link" is divided among the links
+in one nominal link.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,8 +23,8 @@ class ConvexSettings:
         worth: fraction of the merit that a round has to gain. Taste.
         patience: number of rounds in a row that may gain less than ``worth``. Taste.
         patience_in_want: value of ``patience`` for a motion that lacks clearance. Taste.
-        counts_room: whether missing clearance counts in a motion's merit, and only an iterate with a better merit is
-            continued from; otherwise only rows count, at their prices, and every step is kept.
+        counts_room: whether missing clearance counts in a motion's merit, and only iterates with a better merit are
+            kept; otherwise only rows count, at their prices, and every step is kept.
     """
 
     price: float = 30.0
@@ -39,18 +40,18 @@ class OptimisationSettings:
     """Settings of the optimisation of a motion.
 
     Attributes:
-        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured: twice
-            as many shortened motions by 5 % at most.
-        moved_intervals: numbers of intervals tried where keyframes have to be moved onto limits, until the motion
-            through them is certified. Taste.
-        finer_intervals: least number of intervals where a motion lacks clearance. Measured: of 18 motions among clutter
-            that lacked it, few gained much with as many as before, most with about twice as many.
-        leg_depth: maximum number of bisections in the certificate of a leg of the thinned motion. Taste.
-        first_stride: number of keyframes that such a leg skips at first. Taste.
-        first_rounds: number of steps with many keyframes before the motion is thinned again. Taste.
+        intervals: minimum number of intervals; a motion that needs more to be certified keeps more. Measured: twice as
+            many shortened motions by 5 % at most.
+        moved_intervals: numbers of intervals tried if keyframes have to be moved onto limits, until the motion through
+            them is certified. Taste.
+        finer_intervals: minimum number of intervals if a motion lacks clearance. Measured: of 18 motions among clutter
+            that lacked clearance, few gained much with as many as before, most with about twice as many.
+        leg_depth: maximum number of bisections in the certificate of an interval when keyframes are removed. Taste.
+        first_stride: number of keyframes that are skipped at first when keyframes are removed. Taste.
+        first_rounds: number of steps with many keyframes before keyframes are removed again. Taste.
         rounds: maximum number of steps. Taste.
         free_rounds: maximum number of steps before the end pose of the motion is chosen. Taste.
-        end_rounds: maximum number of steps after that choice. Taste.
+        end_rounds: maximum number of steps after the end pose is chosen. Taste.
         steps: settings of the sequential convex programming.
     """
 
@@ -68,22 +69,23 @@ class OptimisationSettings:
 
 @dataclass(frozen=True)
 class AnyStepSettings:
-    """Settings of a single step in any dimension.
+    """Settings of a single QP step, in the plane or in space.
 
     Attributes:
-        largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
+        largest_turn: largest turn of a link in one step [rad], so that the linearised rows are valid. Taste.
         limit_share: fraction of a joint limit that planning uses, since the rows ignore that the shape of a fed arm
             changes with its feed. Taste.
-        firm_share: fraction of a gap's shortfall from the planning margin that rows enforce, where such a step exists;
-            0 by default. Taste.
-        restoration_share: fraction of that shortfall that the step aims to restore. Taste.
-        push_weight: weight on that restoration, relative to the distance of a nominal link. Taste.
-        keep_share: fraction of the planning margin that every accepted pose keeps, where steps are not proved. Taste.
-        travel: largest travel of a joint in a step, in general and where walls or links are within reach [u].
-        still: whether to keep the arm still where no other term applies.
-        proof_depth: bisections of the proof of every step; None where only whole motions are proved.
-        ridge: keeps the step's Hessian definite where no term reaches. Taste.
-        blend_ridge: ridge on unknowns that blend in a goal of the whole arm, where larger.
+        firm_share: fraction of a gap's shortfall from the planning margin that rows enforce, if such a step exists; 0
+            by default. Taste.
+        restoration_share: fraction of a gap's shortfall from the margin that the step aims to restore. Taste.
+        push_weight: weight on restoring such a shortfall, relative to the distance of a nominal link. Taste.
+        keep_share: fraction of the planning margin that every accepted pose keeps if steps are not certified. Taste.
+        travel: largest travel of a joint in a step, in general and where walls or links are within reach, in nominal
+            links.
+        still: whether turns and displacements cost, so that the arm does not move where no other term applies.
+        proof_depth: number of bisections of the certificate of every step; None if only whole motions are certified.
+        ridge: value on the diagonal of the step's Hessian that makes it positive definite. Taste.
+        blend_ridge: ridge on unknowns that blend into a goal of the whole arm, if larger.
     """
 
     largest_turn: float = 0.15
@@ -100,26 +102,26 @@ class AnyStepSettings:
 
     @property
     def accepted_share(self) -> float:
-        """Fraction of a joint limit that an accepted step may reach, which allows for the inexactness of the QP."""
+        """Fraction of a joint limit that an accepted step may reach, which allows for the inaccuracy of the QP."""
         return 1.0 - 1e-5
 
 
 @dataclass(frozen=True)
 class StepSettings(AnyStepSettings):
-    """Settings of a single step in the plane.
+    """Settings of a single QP step in the plane.
 
     Attributes:
         limit_share: fraction of a joint limit that planning uses; the overshoot of accepted poses and splines stays
             below the limit. Taste.
-        full_limit_share: fraction used where the ends need more, or where joint limits stop the arm short of its goal.
-            Derived: rows and polishing err by a hundredth of a degree at most.
-        narrow_firm_share: ``firm_share`` where margins are narrow. Taste.
+        full_limit_share: fraction of a joint limit used if the ends need more, or if joint limits stop the arm short of
+            its goal. Derived: rows and Newton corrections err by a hundredth of a degree at most.
+        narrow_firm_share: ``firm_share`` for narrow margins. Taste.
         ridge: as in ``AnyStepSettings``.
-        narrow_ridge: ridge where margins are narrow. Measured: next to the large weights there, the solver does not
+        narrow_ridge: ridge for narrow margins. Measured: with the large weights for narrow margins, the solver does not
             recognise a Hessian with the usual ridge as definite, and takes 600 iterations instead of 10.
-        blend_ridge: ridge on coordinates that blend in a goal of the whole arm. Measured on a chain in a horn, 12 to 96
-            links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
-            with this one 3 to 7.
+        blend_ridge: ridge on coordinates that blend into a goal of the whole arm. Measured on a chain in a horn, 12 to
+            96 links: with the usual ridge a step along a guide's path took 36 to 280 iterations of its QP or never
+            ended, with this one 3 to 7.
         narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
     """
 
@@ -142,7 +144,7 @@ class StepSettings(AnyStepSettings):
         return 0.5 * (1.0 + self.limit_share)
 
     def narrowed(self, margin: float) -> "StepSettings":
-        """Return the settings for a planning margin, in nominal links; a small margin makes the steps small.
+        """Return step settings for a planning margin, in nominal links, with smaller steps for a narrower margin.
 
         Linearised rows err by the square of the turn. The push out of the margin has to grow as the margin shrinks, or
         the guide would hold the arm at the very edge of the margin, where no step is possible.
@@ -162,15 +164,15 @@ class StepSettings(AnyStepSettings):
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """Settings of following a guide, and of settling on the goal at its end.
+    """Settings of following a guide, and of settling the tip on the goal at the end.
 
     Attributes:
         settle_steps: maximum number of steps of settling on the goal. Taste.
         settle_least: number of settling steps that are taken even if the arm hardly moves. Taste.
         settle_growth: growth of the goal's weight from step to step. Taste.
-        still_weight: weight on standing still while settling, for all links together. Taste.
-        polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
-        polish_turn: angle between the tip's and the goal's direction at which polishing is tried [rad]. Taste.
+        still_weight: weight of the turns of all links together while settling. Taste.
+        polish_distance: tip distance from the goal below which Newton's method is tried, in nominal links. Taste.
+        polish_turn: angle between the directions of tip and goal below which Newton's method is tried [rad]. Taste.
     """
 
     settle_steps: int = 150
@@ -183,15 +185,15 @@ class ContinuationSettings:
 
 @dataclass(frozen=True)
 class GoalSettings:
-    """Settings of drawing the tip to the goal, and of placing it there exactly.
+    """Settings of pulling the tip to the goal, and of placing it exactly on the goal by Newton's method.
 
     Attributes:
-        polish_tolerance: tip error [arm lengths] and heading error [rad] at which the polish stops. Derived: three
+        polish_tolerance: tip error [arm lengths] and heading error [rad] at which Newton's method stops. Derived: three
             orders of magnitude below what the verifier allows.
-        reached: multiple of that tolerance that still counts as on the goal. Taste.
+        reached: multiple of ``polish_tolerance`` up to which a tip counts as on the goal. Taste.
         heading_weight: weight of the heading, and of violations of limits at the goal, relative to the position. Taste.
-        distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
-        turn_step: largest turn onto the goal's direction that a step asks for [rad]. Taste.
+        distance_step: largest advance onto the goal at which a step aims, in nominal links. Taste.
+        turn_step: largest turn onto the goal's direction at which a step aims [rad]. Taste.
     """
 
     polish_tolerance: float = 1e-9
@@ -202,7 +204,7 @@ class GoalSettings:
 
     @property
     def on_goal(self) -> float:
-        """Largest errors of the tip [arm lengths] and of the heading [rad] that count as zero."""
+        """Errors of the tip position [arm lengths] and heading [rad] up to which the tip counts as on the goal."""
         return self.reached * self.polish_tolerance
 
 
@@ -221,20 +223,20 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class TipWalkSettings:
-    """Settings of random walks of the tip.
+    """Settings of random walks of the tip, which lead the tip along random paths among many walls.
 
-    The measured ones were chosen on nine walked fields of 1000 and 3000 polygons in which no straight attempt arrives,
+    Measured values were chosen on nine fields of 1000 and 3000 polygons in which no direct attempt reaches the goal,
     seeds 100 to 107 of ``tests/benchmarks/bench_growth.py``.
 
     Attributes:
-        margins: planning margins with which the tip is led straight on, and from which walks sample, in nominal links.
-            Measured: of fourteen fields of 1000 and 3000 polygons the first alone solves seven, the others two more.
-        longest_way: tip path length above which there are no early walks, as a fraction of the arm's length. Measured:
-            in fields of 1000 polygons with sampled goals, walks along 0.2 to 0.6 of the arm's length mostly arrive, and
-            along 1.2 to 2.0, where the arm has to be laid anew from its base, never.
+        margins: planning margins of direct attempts and walks, in nominal links. Measured: of fourteen fields of 1000
+            and 3000 polygons the first alone solves seven, the others two more.
+        longest_way: length of the tip path above which there are no early walks, as a fraction of the arm's length.
+            Measured: in fields of 1000 polygons with sampled goals, walks along 0.2 to 0.6 of the arm's length mostly
+            arrive, and along 1.2 to 2.0, where the whole arm has to take another route, never.
         early_walks: number of walks before poses at the goal are sought. Taste: at most half the time of a failed
-            search for those.
-        late_walks: number of walks before the trees. Taste: a few times as many.
+            search for such poses.
+        late_walks: number of walks before the search by trees. Taste: a few times as many.
     """
 
     margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)
@@ -245,7 +247,7 @@ class TipWalkSettings:
 
 @dataclass(frozen=True)
 class EngineSettings:
-    """Settings of taking steps, following a guide, tracking and optimising.
+    """Settings of QP steps, following of guides, tracking and optimisation, in the plane or in space.
 
     Attributes:
         step: settings of a single step.
@@ -293,14 +295,14 @@ _STEPS = ConvexSettings(
 
 @dataclass(frozen=True)
 class SpaceCertificateSettings:
-    """Settings of the proof that a motion touches nothing.
+    """Settings of the certificate that a motion in space is collision-free.
 
     Attributes:
         depth: number of times that an interval may be halved. Taste: twelve halvings cut a step into four thousand
             parts.
-        spare: gap that is proved beyond contact, for the path between its samples [u].
-        slack: fraction of a link's motion by which distances may at first be underestimated; this shortens the search
-            along finely meshed walls, which is repeated without slack where the proof fails.
+        spare: certified gap beyond contact, as a reserve for the path between samples, in nominal links.
+        slack: fraction of a link's motion by which distances may at first be underestimated; this shortens the
+            computation along finely meshed walls, which is repeated without slack if the proof fails.
     """
 
     depth: int = 12
@@ -313,7 +315,7 @@ class SpaceMotionSettings(EngineSettings):
     """Settings of the search in space, in addition to the general ones.
 
     Attributes:
-        certificate: settings of proofs.
+        certificate: settings of the certificate of contact.
         continuation: settings of following a guide and settling on the goal.
         goal: settings of placing the tip on the goal.
         optimisation: settings of the optimisation of a motion found.
@@ -334,7 +336,7 @@ class CurvePlannerSettings:
 
     Attributes:
         motion: settings of the search for a motion.
-        goal_pose: settings of the goal pose's NLP.
+        goal_pose: settings of the goal-pose NLP.
     """
 
     motion: MotionSettings = field(default_factory=MotionSettings)

@@ -1,8 +1,8 @@
-"""Shortcuts of a found motion.
+"""Random shortcuts of a found planar motion.
 
-A motion that needs many keyframes to be certified is costly to optimise, step by step, and mostly long because a guide
-went to and fro. Random shortcuts, refuted by samples and certified, remove half of its length at a fraction of that
-cost.
+A motion that needs many keyframes to be certified is costly to optimise, and mostly long because a guide led the arm
+back and forth. Random shortcuts, checked by samples and then certified, remove half of its length at a fraction of the
+cost of the optimisation.
 """
 
 from collections.abc import Callable
@@ -19,24 +19,23 @@ from ccm_opt.planning.rrt_connect import FEW_LINKS
 from ccm_opt.planning.sampled_check import SampledCheck
 
 _TURN = 0.15
-"""Largest turn of a link between two keyframes of the result [rad]. Derived: that of a step."""
+"""Largest turn of a link between two keyframes of the result [rad]. Derived: that of a QP step."""
 _STREAM = 7
-"""Number of this module's random stream. Taste."""
+"""Seed number of the random shortcuts among those of a task. Taste."""
 MANY_INTERVALS = 40
-"""Number of intervals for the certificate up to which a motion is optimised without shortcuts. Taste."""
+"""Number of certified intervals up to which a motion is optimised without shortcuts. Taste."""
 
 
 @dataclass(frozen=True)
 class Shortcuts:
-    """Shortens certified motions by random shortcuts, many of which are tried at once.
+    """Random shortcuts for certified planar motions, many of which are tried at once.
 
     Attributes:
-        check: the check by samples, applied first.
-        unproved: the certificate; returns the intervals that it refuses of a motion, given as link headings of shape
-            (K, links).
-        rounds: number of rounds, in each of which one stretch may be replaced. Taste.
-        tries: number of stretches that are tried in each round. Taste.
-        saved: least fraction of the motion's length that a shortcut has to save. Taste.
+        check: collision check by samples, applied first.
+        unproved: function that returns the uncertified intervals of a motion, given by link headings (K, links).
+        rounds: number of rounds, in each of which one part of the motion may be replaced. Taste.
+        tries: number of shortcuts that are tried in each round. Taste.
+        saved: minimum fraction of the motion's length that a shortcut has to save. Taste.
     """
 
     check: SampledCheck
@@ -46,7 +45,15 @@ class Shortcuts:
     saved: float = 0.01
 
     def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a shorter certified motion with the same ends, as link headings of shape (K, links) [rad]."""
+        """Return a certified motion with unchanged ends and at most the length of a given one.
+
+        Args:
+            way: link headings at the keyframes, shape (K, links) [rad].
+            rng: source of random numbers.
+
+        Returns:
+            Link headings at the new keyframes, shape (k, links) [rad].
+        """
         for _ in range(self.rounds):
             arcs = arc_lengths(way)
             # First try is the whole motion: in simple scenes a straight one exists.
@@ -58,7 +65,13 @@ class Shortcuts:
         return way
 
     def _cut_once(self, way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-        """Return the motion with the best certified shortcut among those between arc lengths, shape (m, 2) [rad]."""
+        """Return a motion with the best of several shortcuts, if that is certified, else the given motion.
+
+        Args:
+            way: link headings at the keyframes, shape (K, links) [rad].
+            arcs: length of the motion up to each keyframe, shape (K,) [rad].
+            at: lengths at which the m shortcuts begin and end, shape (m, 2) [rad].
+        """
         start = _at(way, arcs, at[:, 0])
         end = _at(way, arcs, at[:, 1])
         saved = at[:, 1] - at[:, 0] - np.linalg.norm(end - start, axis=1)
@@ -78,12 +91,12 @@ class Shortcuts:
 
 
 def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the poses of a motion at given arc lengths, shape (m, links)."""
+    """Return the link headings of a motion (K, links) with keyframes at ``arcs`` (K,), at lengths (m,), (m, links)."""
     return np.column_stack([np.interp(at, arcs, column) for column in way.T])
 
 
 def dense(way: FloatArray, turn: float) -> FloatArray:
-    """Return a motion (K, links) with keyframes added so that no link turns more than ``turn`` between two [rad]."""
+    """Return link headings (K, links) with keyframes added so that no link turns by more than ``turn`` between two."""
     turns = np.abs(np.diff(way, axis=0)).max(axis=1)
     counts = np.maximum(1, np.ceil(turns / turn)).astype(int)
     pieces = [
@@ -94,11 +107,11 @@ def dense(way: FloatArray, turn: float) -> FloatArray:
 
 
 def straightened(motion: Motion, task: MotionTask) -> Motion:
-    """Return a certified motion, shortened where it needs many keyframes.
+    """Return a certified motion that is shortened by random shortcuts if it needs many keyframes.
 
     Args:
-        motion: certified motion, in its link space.
-        task: its task.
+        motion: certified planar motion.
+        task: search task of the motion.
     """
     # Not under users' limits or in guide tubes, which cannot judge straight motions; few links determine no curve.
     fits = motion.u is None and not (task.user_limits or task.arm.base_axes) and task.arm.links > FEW_LINKS

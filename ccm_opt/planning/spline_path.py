@@ -1,4 +1,4 @@
-"""Certified splines near the keyframes of a motion."""
+"""Certified cubic splines near the keyframes of a motion."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -11,26 +11,26 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 
 _LEAST_SAMPLES = 4
-"""Least samples of a span between which the certificate takes the headings to be linear. Taste."""
+"""Minimum number of samples of a span, between which the certificate assumes linear motion. Taste."""
 _MOST_SAMPLES = 96
-"""Most samples of a span. Taste."""
+"""Maximum number of samples of a span. Taste."""
 _SPARE_SHARE = 0.5
-"""Largest error of linear interpolation between samples, as a share of the certificate's spare gap; a path keeps the
+"""Largest error of linear interpolation between samples, as a fraction of the certificate's gap; the path keeps the
 rest. Taste."""
 _LEAST_ERROR = 2e-06
-"""Error allowed whatever the certificate spares, as a share of the arm's length. Derived: a few times the depth that
-still counts as contact."""
+"""Error of linear interpolation that is allowed in any case, as a fraction of the arm's length. Derived: a few times
+the depth that still counts as contact."""
 _REFINEMENTS = 5
-"""Rounds of halving legs where a span fails. Taste."""
+"""Maximum number of rounds of halving legs where a span fails. Taste."""
 _MOST_REFINEMENTS = 16
-"""Rounds of halving where users' limits, or clearance, are asked for too. Taste."""
+"""Maximum number of rounds of halving legs if users' limits, or clearance, are required too. Taste."""
 _MOST_CONTROL = 400
 """Number of control points above which none are added. Taste."""
 _MOST_GROWTH = 8
-"""The same number as a multiple of the keyframes, where that is more. Taste."""
+"""Multiple of the number of keyframes above which no control points are added, if above ``_MOST_CONTROL``. Taste."""
 
 DEGREE = 3
-"""Degree of the spline: the least with a continuous second derivative."""
+"""Degree of the splines: the least with a continuous second derivative."""
 
 
 def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpline:
@@ -38,7 +38,7 @@ def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpli
 
     Args:
         control: control points, shape (m ≥ 4, c).
-        ends: boundaries of its spans, shape (m − 2,); evenly spaced when None.
+        ends: boundaries of the spans, increasing from 0 to 1, shape (m − 2,); evenly spaced if None.
     """
     if ends is None:
         ends = np.linspace(0.0, 1.0, len(control) - DEGREE + 1)
@@ -48,11 +48,17 @@ def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpli
 
 @lru_cache(maxsize=64)
 def smoothing_matrix(keyframes: int) -> FloatArray:
-    """Return the spline's values next to its control points as a matrix on these, shape (keyframes, keyframes).
+    """Return the matrix from the control points of a clamped cubic spline to its values near these points.
 
-    Row k gives the spline's value at the Greville abscissa of control point k, the mean of the three knots inside its
-    support, where the spline is near that control point (de Boor, *A Practical Guide to Splines*, chapter IX). Fewer
-    than four keyframes make straight legs, which the spline follows.
+    Row k gives the value of the spline at the Greville abscissa of control point k, the mean of the three knots inside
+    its support (de Boor, *A Practical Guide to Splines*, chapter IX). For fewer than four control points, which give
+    straight legs that the spline follows, the matrix is the identity.
+
+    Args:
+        keyframes: number of control points.
+
+    Returns:
+        Shape (keyframes, keyframes).
     """
     if keyframes < DEGREE + 1:
         return np.eye(keyframes)
@@ -60,9 +66,16 @@ def smoothing_matrix(keyframes: int) -> FloatArray:
 
 
 def places_along(keyframes: int, samples: int) -> FloatArray:
-    """Return ``samples`` parameters of the spline per leg of its control polygon, shape (samples (keyframes − 1) + 1,).
+    """Return parameters of a clamped cubic spline, a number of samples for each leg of its control polygon.
 
-    Equal steps of the parameter would give long distances near the ends, where the spline follows the legs faster.
+    Equal steps of the parameter would give long distances near the ends, where the spline moves along the legs faster.
+
+    Args:
+        keyframes: number of control points.
+        samples: number of samples per leg.
+
+    Returns:
+        Increasing parameters, shape (samples (keyframes − 1) + 1,).
     """
     legs = keyframes - 1
     return np.interp(np.arange(samples * legs + 1) / samples, np.arange(keyframes), _beside(keyframes))
@@ -70,7 +83,7 @@ def places_along(keyframes: int, samples: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _beside(keyframes: int) -> FloatArray:
-    """Return the spline's parameter nearest to each of at least four control points, shape (keyframes,)."""
+    """Return the Greville abscissae of a clamped cubic spline with at least four control points, shape (keyframes,)."""
     knots = clamped_spline(np.eye(keyframes)).t
     return np.array([knots[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])
 
@@ -78,12 +91,12 @@ def _beside(keyframes: int) -> FloatArray:
 def certified_spline(
     keyframes: FloatArray, certificate: IntervalCertificate, refinements: int = _REFINEMENTS
 ) -> BSpline | None:
-    """Return a spline near certified keyframes, itself certified on a fine grid; None when refinement does not suffice.
+    """Return a certified spline of configurations near certified keyframes, or None if refinement does not suffice.
 
     Args:
         keyframes: configurations, shape (K, c) [rad, m].
-        certificate: certificate of the arm among the walls.
-        refinements: rounds of halving legs.
+        certificate: certificate of contact.
+        refinements: maximum number of rounds of halving legs of the control polygon.
     """
 
     def failing(spline: BSpline, _: int) -> FloatArray:
@@ -102,19 +115,20 @@ def drawn_near(
     mended: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
     refinements: int = _MOST_REFINEMENTS,
 ) -> BSpline | None:
-    """Return the path along a spline that is drawn onto its control polygon until the path is accepted; else None.
+    """Return an accepted smooth path near keyframes, from a spline whose control polygon is refined, or None.
 
-    A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of the
-    control polygon where a span fails draws the spline onto the polygon, which is certified.
+    A cubic B-spline deviates from its control polygon by at most a sixth of the second difference, so halving the legs
+    of the polygon where a span fails brings the spline closer to the polygon, which is certified.
 
     Args:
         keyframes: first control points, shape (K, p).
-        path: maps a spline of control points to the path.
-        failing: returns the parameters at which a path is refused, shape (m,), given the number of refinements so far.
-        deadline: when to give up.
-        u: path parameters near which the path has to pass the keyframes, shape (K,); evenly spaced when None.
-        mended: restores control points, shape (m, p), onto the limits that hold at their parameters, shape (m,).
-        refinements: rounds of halving legs.
+        path: function from a spline of the unknowns to the path.
+        failing: function that returns the parameters at which a path is refused, shape (m,), given the number of
+            refinements so far.
+        deadline: time after which the attempt ends, or None.
+        u: path parameters near which the path has to pass the keyframes, shape (K,); evenly spaced if None.
+        mended: function that moves control points, shape (m, p), onto the limits at their parameters, shape (m,).
+        refinements: maximum number of rounds of halving legs.
     """
     # The last column is the path parameter, which is halved with the rest.
     control = np.column_stack((keyframes, np.linspace(0.0, 1.0, len(keyframes)) if u is None else u))
@@ -128,8 +142,8 @@ def drawn_near(
             return spline
         if len(control) > most or (deadline is not None and deadline.passed()):
             return None
-        # Unlike knot insertion, which would leave the curve unchanged, this keeps the polygon and makes its second
-        # differences, by which the curve leaves it, smaller.
+        # Unlike knot insertion, which would leave the curve unchanged, this keeps the polygon and reduces its second
+        # differences, which bound the deviation of the curve from the polygon.
         control = halved(control, span_legs(control, spans))
         if mended is not None:
             control[:, :-1] = mended(control[:, :-1], control[:, -1])
@@ -137,7 +151,7 @@ def drawn_near(
 
 
 def parameter_spans(u: FloatArray) -> FloatArray:
-    """Return span boundaries, shape (m − 2,), of a spline that passes its control points near given path parameters.
+    """Return the span boundaries (m − 2,) with which a cubic spline passes its m control points near given parameters.
 
     Args:
         u: path parameters of the control points, shape (m,).
@@ -147,7 +161,10 @@ def parameter_spans(u: FloatArray) -> FloatArray:
 
 
 def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Return the spans of a clamped spline that are not certified when linear between enough samples, sorted."""
+    """Return the sorted indices of the spans of a clamped spline that cannot be certified.
+
+    The certificate applies to the piecewise-linear motion through enough samples of the spline.
+    """
     counts = _samples_a_span(spline, certificate)
     # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; inverted below to find the spans that fail.
     ends = np.concatenate(([0], np.cumsum(counts)))
@@ -156,13 +173,13 @@ def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntA
 
 
 def certified_spare(spline: BSpline, certificate: IntervalCertificate) -> float:
-    """Return the gap beyond contact that a certified spline keeps: the spare gap less the interpolation error [m]."""
+    """Return the gap that a certified spline keeps beyond contact, less the error of linear interpolation [m]."""
     errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
     return max(0.0, certificate.spare - float(np.max(errors)))
 
 
 def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Return the samples per span that keep the linear interpolation error within its part of the spare gap."""
+    """Return the number of samples per span with which the linear interpolation error is small enough, (spans,)."""
     allowed = max(_SPARE_SHARE * certificate.spare, _LEAST_ERROR * certificate.arm.length)
     # The error falls with the square of the number of samples.
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
@@ -170,7 +187,7 @@ def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArr
 
 
 def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
-    """Return the bound on the error of linear interpolation between the ends of each span, shape (spans,) [m].
+    """Return bounds on the error of linear interpolation over each span of a spline of configurations, (spans,) [m].
 
     The error in a coordinate is at most ⅛ h² max|q''|, and in a position the travel of the arm for such a change; q''
     is linear on a span, and its control points are its values at the knots.
@@ -181,7 +198,10 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
 
 
 def at_least_four(control: FloatArray) -> FloatArray:
-    """Return the polygon with at least four control points, for a spline; a single point becomes a leg of length 0."""
+    """Return a control polygon (m, p) with legs halved until it has at least four points, as a cubic spline needs.
+
+    A single point becomes a leg of length 0.
+    """
     if len(control) == 1:
         control = np.repeat(control, 2, axis=0)
     while len(control) < DEGREE + 1:
@@ -190,10 +210,13 @@ def at_least_four(control: FloatArray) -> FloatArray:
 
 
 def span_legs(control: FloatArray, spans: IntArray) -> IntArray:
-    """Return the legs of a control polygon that shape given spans; span k is shaped by control points k to k + 3."""
+    """Return the indices of the legs of a control polygon on which given spans of its cubic spline depend.
+
+    Span k depends on control points k to k + 3.
+    """
     return np.unique(np.clip(np.add.outer(spans, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
 
 
 def halved(control: FloatArray, legs: IntArray) -> FloatArray:
-    """Return the control polygon with the middles of the given legs inserted."""
+    """Return a control polygon (m, p) with the middles of given legs inserted as control points."""
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

@@ -1,4 +1,4 @@
-"""The certificate of a motion in space.
+"""Certificate that a motion in space is collision-free, by bounds on velocities and distances at interval ends.
 
 Over an interval the coordinates are linear in t from 0 to 1. With the axes of the joints half-way,
 ω_j = Σ_{i≤j} (Δa_i z_i + Δb_i y_i) is the angular velocity of link j there, in which opposite turns cancel. Axes turn
@@ -24,19 +24,21 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _DEEPEST = 60
-"""Number of halvings after which floating-point numbers have no middle any more."""
+"""Number of halvings after which an interval of floating-point numbers cannot be divided further."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceCertificate:
-    """Proves that a motion whose coordinates are linear between keyframes touches nothing; for one thread at a time.
+    """Prover that a motion in space whose coordinates are linear between keyframes is collision-free.
+
+    It is not thread-safe.
 
     Attributes:
         arm: the arm.
-        tree: tree of the surfaces.
-        gap: gap to every wall that has to be left beyond the arm's radius [m].
-        pair_gap: gap between links that has to be left beyond two radii [m].
-        settings: number of halvings, and the fraction of a link's motion by which distances may be underestimated where
+        tree: distance tree of the surfaces.
+        gap: required gap to every surface beyond the arm's radius [m].
+        pair_gap: required gap between links beyond two radii [m].
+        settings: number of halvings, and the fraction of a link's motion by which distances may be underestimated if
             that suffices for the proof.
     """
 
@@ -48,12 +50,12 @@ class SpaceCertificate:
 
     @property
     def spare(self) -> float:
-        """Gap beyond contact that is proved [m]."""
+        """Certified gap beyond contact [m]."""
         return self.pair_gap
 
     @property
     def kept(self) -> float:
-        """Distance that surfaces are proved to keep from the axes of the links [m]."""
+        """Certified distance of surfaces from the axes of the links, radius plus gap [m]."""
         return self.arm.radius + self.gap
 
     @cached_property
@@ -63,7 +65,7 @@ class SpaceCertificate:
 
     @cached_property
     def _call(self) -> NativeCall:
-        """The proof of one interval, which reuses results for the end of the previous interval."""
+        """Native call that proves one interval, reusing results for the end of the previous interval."""
         arm = self.arm
         return NativeCall(
             "prove_interval",
@@ -78,12 +80,12 @@ class SpaceCertificate:
         )  # fmt: skip
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Return whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
+        """Return whether the linear motion between two configurations is proved to be collision-free.
 
         Args:
-            before: configuration at the start of the motion.
-            after: configuration at the end of the motion.
-            depth: number of halvings allowed; the settings' value when None.
+            before: configuration at the start of the motion, shape (c,) [rad, m].
+            after: configuration at the end of the motion, shape (c,) [rad, m].
+            depth: allowed number of halvings; that of the settings if None.
         """
         depth = self.settings.depth if depth is None else depth
         self._ends[:] = before, after
@@ -92,6 +94,9 @@ class SpaceCertificate:
         return bool(self._call.fields.safe)
 
     def failures(self, keyframes: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a motion through keyframes, shape (K, c), that are not proved to be safe."""
+        """Return the indices of the intervals of a motion, keyframes (K, c), that are not proved to be collision-free.
+
+        ``depth`` is the allowed number of halvings; that of the settings if None.
+        """
         unsafe = [k for k in range(len(keyframes) - 1) if not self.safe(keyframes[k], keyframes[k + 1], depth)]
         return np.array(unsafe, dtype=np.intp)
