@@ -14,13 +14,17 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import PoseLed
+from ccm_opt.planning.link_chains import LinkChains
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.inverse_kinematics import bends_from_directions
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _DRAWS = 200
@@ -45,6 +49,17 @@ _NEWTON_TURN = 1.5
 """Largest of these steps, in the norm of turns of the links [rad]. Taste."""
 _ARRIVED = 1e-4
 """Error of the tip that is left to the exact method, in arm lengths and radians."""
+_CHAIN_STRAYS = (0.0, 0.3, 1.0)
+"""Preferences of the growths of chains for nodes after the asked number of links. Measured among bars: each finds poses
+where the others find none."""
+_CHAIN_GAPS = (0.0, 0.2, 0.5)
+"""Gaps that links of chains keep, as shares of the wanted gap; one is drawn for each growth. Taste."""
+_CHAIN_GAP = 0.8
+"""Largest gap between the two parts of a chain, in links. Taste."""
+_CHAIN_BENDS = 0.98
+"""Share of the largest bend that joints of chains use."""
+_ALIKE = 0.03
+"""Distance of all joints within which poses count as one [arm lengths]. Taste."""
 _CONTROLS = (3, 9)
 """Number of control values between which the curvature of a smooth shape is linear: least, and one more than most."""
 _BENT = 0.7
@@ -94,6 +109,55 @@ def free_goal_poses(
     moved, q = moved[direct], q[direct]
     poses = [moved_onto(stepper.space, goal, stepper.pose(v)) for v in moved[motions.free_shares(q, q) >= 1.0]]
     return [pose for pose in poses if goal.on_goal(pose) and goal.limits_met(pose) and _free(stepper, pose)]
+
+
+def chained_goal_poses(
+    task: SpaceTask, points: "CurvePoints", known: list[Pose], rng: np.random.Generator
+) -> list[Pose]:
+    """Return further poses at the goal, made of chains of links, that touch nothing and keep the joint limits.
+
+    Where an arm has to pass between many obstacles, no smooth shape drawn at random does.
+
+    Args:
+        task: task with a goal for the tip, of an arm on a fixed base.
+        points: scaled unknowns in which shapes are moved.
+        known: poses at the goal; those near to one of them are left out.
+        rng: random generator.
+    """
+    goal = task.limited_goal
+    stepper = points.stepper
+    arm = task.arm
+    limits = np.full(arm.links, _CHAIN_BENDS * arm.joint_limit)
+    limits[0] = arm.base_limit
+    limits[: arm.clamped_joints] = 0.0
+    first_pair = arm.first_self_pair if arm.self_collision else arm.links
+    mounted = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    chains = LinkChains(
+        task.tree, task.box, arm.link_length, limits, first_pair, 2.0 * arm.radius, exact=True, mounted=mounted
+    )
+    ends = (WayEnd(arm.base, arm.direction), WayEnd(goal.position, goal.direction))
+    found: list[Pose] = []
+    for strays in _CHAIN_STRAYS:
+        kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
+        grown = chains.grown(*ends, kept, _CHAIN_GAP * arm.link_length, strays, rng)
+        if not grown:
+            continue
+        bends = bends_from_directions(arm, np.stack([chain.directions for chain in grown]))
+        shapes = np.stack([stepper.space.fitted(q) for q in bends.reshape(len(grown), -1)]) @ points.root
+        arrived = points.moved_onto(goal, shapes) < _ARRIVED
+        for v in points.unknowns(shapes[arrived]):
+            pose = stepper.pose(v)
+            if any(_alike(arm, pose, other) for other in (*known, *found)):
+                continue
+            brought = _brought_onto_goal(stepper, goal, pose)
+            if brought is not None:
+                found.append(brought)
+    return found
+
+
+def _alike(arm: Arm, pose: Pose, other: Pose) -> bool:
+    """Return whether no joint is far from its place in another pose."""
+    return bool(np.max(np.linalg.norm(pose.points - other.points, axis=1)) < _ALIKE * arm.length)
 
 
 def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> FloatArray:

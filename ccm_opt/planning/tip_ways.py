@@ -8,12 +8,14 @@ from itertools import pairwise, product
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.planning.elastic_ways import ElasticBand
+from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
 from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
 from ccm_opt.planning.guides import ONTO_TRACK, ArmTrack
+from ccm_opt.planning.link_chains import LinkChains
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import bend_shares
 
 _FOLLOWABLE_CELLS = (200000, 1500000)
 """Numbers of cells of the grids in which followable paths are sought, in turn."""
@@ -56,6 +58,19 @@ _CLOSE_ONTO_TRACK = 3.0
 bends of a duct get through with less (measured in pipes and slots with 8 and 12 links)."""
 _BANDS = 6
 """Most elastic bands that are made through one grid."""
+_CHAIN_SEED = 1000
+"""First number of the seeds of chains of links, among those of a task."""
+_CHAIN_GAPS = (0.0, 0.2, 0.5)
+"""Gaps that links of chains keep, as shares of the wanted gap; one is drawn for each growth. Taste."""
+_CHAIN_GAP = 0.6
+"""Largest gap between the two parts of a chain, in links. Taste."""
+_BEND_SHARE = 0.9
+"""Share of the largest bend that joints of chains use. Taste."""
+_GROWTHS = (8, 64)
+"""Numbers of growths of chains up to which they are tried first, and later. Taste: one takes a hundredth of a
+second."""
+_CHAINS = 16
+"""Most elastic bands that are made from chains at once. Taste: one takes a twentieth of a second."""
 _PASSAGE = 0.6
 """Distance from walls above which they do not make the path from which an elastic band is made more costly [u]."""
 _CLOSED = 1.0
@@ -150,6 +165,7 @@ class SpaceTipWays:
     _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # cell sizes of grids already searched [m]
     _seen: list[FloatArray] = field(default_factory=list)  # paths through them
+    _seen_chains: list[FloatArray] = field(default_factory=list)
 
     @cached_property
     def start(self) -> FloatArray:
@@ -165,11 +181,13 @@ class SpaceTipWays:
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
         if bands:
             yield from self._elastic(_CELLS[0])
+            yield from self._chained(range(_GROWTHS[0]))
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
         """Yield followable paths of finer grids, the cheapest paths with any bends, and paths round other sides."""
         yield from self._elastic(_CELLS[1])
+        yield from self._chained(range(*_GROWTHS))
         for cells in _FOLLOWABLE_CELLS[1:]:
             yield from self._behind_the_tip(cells)
         for cells in _CELLS[:-1]:
@@ -204,33 +222,82 @@ class SpaceTipWays:
 
     def _elastic(self, cells: int) -> Iterator[TipWay]:
         """Yield elastic bands that a fed arm can follow, each avoiding the places where earlier bands fit worst."""
-        if self.joints is None:
+        band = self._band
+        if band is None:
             return
         task = self.task
-        arm = task.arm
-        band = ElasticBand(arm, task.tree, task.unit, task.kept + task.spare, task.wanted_gap)
-        out = self.out + self.straight
-        track = ArmTrack.behind(self.joints, np.stack((self.tip, self.start)))
-        behind = track.at(track.length - band.piece * np.arange(band.pieces, 0, -1.0))
         grid = self._passages(cells)
         seen: list[FloatArray] = []
         for _ in range(_BANDS):
-            places = [self.start, *self.task.via, self._before_goal(arm.link_length / task.unit)]
+            places = [self.start, *task.via, self._before_goal(task.arm.link_length / task.unit)]
             parts = [grid.cheapest_way(*ends, _NEARNESS[0]) for ends in pairwise(places)]
             found = [part for part in parts if part is not None]
             if len(found) < len(parts):
                 return
-            way = band.along(behind, self._joined([*found, self.goal])[1:], out, self.direction, task.via)
+            way = band(self._joined([*found, self.goal])[1:])
             if way is None:
                 return
             known = any(_alike(way.places, other, 0.5 * task.unit) for other in seen)
             seen.append(way.places)
-            if not known and way.gap > 0.0 and way.bend < _BENT_OVER and way.length < self._longest_followed:
-                corners = self._joined([way.places])
-                yield TipWay("behind the tip", corners, _CLOSE, ONTO_TRACK)
+            if not known and self._followable_band(way):
+                yield TipWay("behind the tip", self._joined([way.places]), _CLOSE, ONTO_TRACK)
             grid = _closed_about(grid, way.worst, _CLOSED * task.unit)
             if known:
                 grid = _closed_about(grid, way.worst, 2.0 * _CLOSED * task.unit)
+
+    @cached_property
+    def _band(self) -> Callable[[FloatArray], ElasticWay | None] | None:
+        """Function that makes an elastic band from the corners of a path, shape (k, 3) [m]; None on a fixed base."""
+        if self.joints is None:
+            return None
+        task = self.task
+        band = ElasticBand(task.arm, task.tree, task.unit, task.kept + task.spare, task.wanted_gap)
+        track = ArmTrack.behind(self.joints, np.stack((self.tip, self.start)))
+        behind = track.at(track.length - band.piece * np.arange(band.pieces, 0, -1.0))
+        return lambda way: band.along(behind, way, self.out + self.straight, self.direction, task.via)
+
+    def _followable_band(self, way: ElasticWay) -> bool:
+        """Return whether an arm may try to follow an elastic band."""
+        return way.gap > 0.0 and way.bend < _BENT_OVER and way.length < self._longest_followed
+
+    def _chained(self, growths: range) -> Iterator[TipWay]:
+        """Yield elastic bands made from chains of links that random trees find; none where there are via places.
+
+        Args:
+            growths: numbers of the growths, which seed them.
+        """
+        band = self._band
+        if band is None or self.task.via:
+            return
+        task = self.task
+        unit = task.unit
+        tried = 0
+        for number in growths:
+            rng = np.random.default_rng((task.seed, _CHAIN_SEED, number))
+            kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
+            ends = (WayEnd(self.start, self.heading), WayEnd(self.goal, self.direction))
+            for chain in self._chains.grown(*ends, kept, _CHAIN_GAP * task.arm.link_length, 0.0, rng):
+                if task.deadline.passed():
+                    return
+                corners = self._joined([self.start, chain.places])
+                if any(_alike(corners, other, unit) for other in self._seen_chains):
+                    continue
+                self._seen_chains.append(corners)
+                way = band(corners[1:] if self.straight > 0.0 else corners)
+                if way is not None and self._followable_band(way):
+                    yield TipWay("behind the tip, along a chain", self._joined([way.places]), _CLOSE, ONTO_TRACK)
+                tried += 1
+                if tried >= _CHAINS:
+                    return
+
+    @cached_property
+    def _chains(self) -> LinkChains:
+        arm = self.task.arm
+        links = max(1, int(self._longest_followed / arm.link_length))
+        places = self.out + self.straight + arm.link_length * np.arange(links)
+        limits = _BEND_SHARE * arm.joint_limit * bend_shares(arm, np.asarray(places, dtype=np.float64))
+        first_pair = arm.first_self_pair if arm.self_collision else links
+        return LinkChains(self.task.tree, self._box, arm.link_length, limits, first_pair, 2.0 * arm.radius, exact=False)
 
     def _passages(self, cells: int) -> TipGrid:
         """Return the grid of cells through which a path of the tip may pass, though perhaps not through their middles.

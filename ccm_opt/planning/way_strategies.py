@@ -11,7 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, free_goal_poses, goal_poses, swung
+from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, chained_goal_poses, free_goal_poses, goal_poses, swung
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, placed_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
@@ -50,6 +50,8 @@ _TURN = 1.0
 """Largest turn of a link onto the tip's track that is asked for in one step [rad]. Taste."""
 _SAMPLED = 100
 """First seed number of the sampled trees, among those of a task."""
+_CHAINED = 200
+"""First seed number of the chains of links that become poses at the goal, among those of a task."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
 """Most searches for poses at the goal of the tip, and extensions of the sampled trees, in one round after another.
 Taste: such a search, and 1000 extensions, take a twentieth of a second."""
@@ -343,13 +345,16 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             failures: a failure is appended here.
         """
         searches, extensions = _SAMPLED_ROUNDS[number]
-        rng = self._draws(_SAMPLED + number)
+        rng, chained = self._draws(_SAMPLED + number), self._draws(_CHAINED + number)
         points = CurvePoints(self.stepper, self.start)
         goals = self._free_goals
+        wanted = max(_SAMPLED_GOALS, 2 ** (number + 1))
         for _ in range(searches):
-            if len(goals) >= _SAMPLED_GOALS or self.goal.coordinates is not None or self.task.deadline.passed():
+            if len(goals) >= wanted or self.goal.coordinates is not None or self.task.deadline.passed():
                 break
             goals += free_goal_poses(self.task, points, self._motions, rng)
+            if len(goals) < (wanted if number else 1):
+                goals += chained_goal_poses(self.task, points, goals, chained)
         if not goals:
             return None
         # A pose that is soon reached makes a short motion; the first rounds try the nearest alone.
