@@ -1,1 +1,1 @@
-"""The 1990 baseline as a planner: type selection, then the fold plan (section 4.3), then the region plan (4.1)."""
+"""The 1990 baseline, planning by hill climbing: type selection, fold plan (section 4.3) and region plan (4.1)."""

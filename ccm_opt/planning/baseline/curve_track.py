@@ -1,11 +1,12 @@
-"""Tracks of straight lines and cubic spirals.
+"""Reference paths of straight lines and cubic spirals along which a planar arm is fed.
 
-Kanayama and Hartman, "Smooth local path planning for autonomous vehicles", 1989. With turn α and length ℓ
+Source: Kanayama and Hartman, "Smooth local path planning for autonomous vehicles", 1989. A cubic spiral with the
+change of heading α and the length ℓ has the curvature and heading
 
     κ(s) = (6 α / ℓ³) s (ℓ - s),    θ(s) = θ₀ + α (3 u² - 2 u³),  u = s / ℓ,
 
-so the peak curvature is 1.5 α / ℓ, and ∫ κ'² ds = 12 α² / ℓ³ is the least of all curves of that turn, length and
-end curvature. The chord is ℓ D(α) long and bisects the headings at its ends, which are -α/2 and α/2 to it.
+so the peak curvature is 1.5 α / ℓ, and ∫ κ'² ds = 12 α² / ℓ³ is the minimum over all curves with equal change of
+heading, length and end curvature 0. The chord has the length ℓ D(α) and makes the angles -α/2 and α/2 with the ends.
 """
 
 from collections.abc import Sequence
@@ -23,54 +24,54 @@ from ccm_opt.robot.decomposition import segment_head, segment_tail
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
-"""Gauss points of the chord's integral."""
+"""Nodes and weights of Gauss quadrature for the chord of a cubic spiral."""
 
 
 def chord_ratio(turn: float) -> float:
-    """Return the chord-to-length ratio D(α) of a cubic spiral (Kanayama and Hartman, table 1).
+    """Return the ratio D(α) of chord to length of a cubic spiral (Kanayama and Hartman, table 1).
 
     D(α) = 2 ∫₀^½ cos(α (3/2 - 2x²) x) dx.
 
     Args:
-        turn: α, at most 20 either way [rad]; the quadrature then errs by less than 1e-14.
+        turn: change of heading α in [-20, 20] [rad]; the error of the quadrature is then below 1e-14.
     """
     x = 0.25 * (_NODES + 1.0)
     return float(0.5 * _WEIGHTS @ np.cos(turn * (1.5 - 2.0 * x * x) * x))
 
 
 _EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
-"""Even knots, including the ends."""
+"""Relative arc lengths of evenly spaced knots, ends included."""
 
 
 @dataclass(frozen=True)
 class SegmentTrack:
-    """Curvature segments joined end to end.
+    """Reference path of curvature segments joined end to end, along which an arm is fed.
 
     Attributes:
-        segments: the segments; each begins at the heading at which the previous one ends.
+        segments: the segments; each begins with the heading with which the previous one ends.
     """
 
     segments: tuple[CurvatureSegment, ...]
 
     @property
     def length(self) -> float:
-        """Total length [m]."""
+        """Total length of the path [m]."""
         return float(sum(segment.length for segment in self.segments))
 
     def first(self, length: float) -> tuple[CurvatureSegment, ...]:
-        """Return the segments of the first ``length`` metres, with the last segment cut exactly."""
+        """Return the segments of the first ``length`` [m] of the path; the last segment is cut exactly."""
         return self._divided(length)[0]
 
     def after(self, length: float) -> "SegmentTrack":
-        """Return the track that follows the first ``length`` metres."""
+        """Return the rest of the path after the first ``length`` [m]."""
         return SegmentTrack(self._divided(length)[1])
 
     def from_pose(self, position: FloatArray) -> Configuration:
-        """Return the track as a curve that begins at a point (2,) [m]."""
+        """Return the path as a backbone curve that begins at a given point, shape (2,) [m]."""
         return Configuration(position, self.segments)
 
     def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:
-        """Return the segments of the first ``length`` metres and the remaining ones; splits the one at the boundary."""
+        """Return the segments of the first ``length`` [m], and the others; a segment across the boundary is cut."""
         before: list[CurvatureSegment] = []
         least = SHORTEST * self.length
         for k, segment in enumerate(self.segments):
@@ -84,17 +85,18 @@ class SegmentTrack:
 
 
 def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
-    """Return straight lines between corners, with a cubic spiral around each inner corner (section 4.1).
+    """Return a path of straight lines between corners, with a cubic spiral at every inner corner (section 4.1).
 
-    A turn by α that begins and ends at the distance c from its corner has the length 2 c cos(α/2) / D(α) and the peak
-    curvature 1.5 α / length (Kanayama and Hartman). Two neighbouring corners may each use half of their leg.
+    A spiral with the change of heading α whose ends have the distance c from the corner has the length
+    2 c cos(α/2) / D(α) and the peak curvature 1.5 α / length (Kanayama and Hartman). The spirals at two neighbouring
+    corners may each use half of the line between them.
 
     Args:
-        corners: the corners in order, shape (k ≥ 2, 2) [m].
-        sharpest: maximum curvature of a turn [1/m].
+        corners: the corners in order, shape (K ≥ 2, 2) [m].
+        sharpest: maximum curvature of a spiral [1/m].
 
     Raises:
-        ProblemError: a turn is too sharp for the length of its legs.
+        ProblemError: a spiral exceeds the maximum curvature because the lines at its corner are too short.
     """
     legs = np.diff(corners, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
@@ -122,12 +124,19 @@ def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
 
 
 def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: FloatArray) -> CurvatureSegment:
-    """Return a cubic spiral, exactly represented as a curvature segment.
+    """Return a cubic spiral around a corner, exactly represented as a curvature segment.
 
-    κ = (6 α / ℓ³) s (ℓ - s) has the second derivative -12 α / ℓ³.
+    The curvature κ = (6 α / ℓ³) s (ℓ - s) has the second derivative -12 α / ℓ³.
+
+    Args:
+        heading: heading at the start [rad].
+        turn: change of heading α [rad].
+        reach: distance of both ends from the corner [m].
+        sharpest: maximum curvature [1/m].
+        corner: position of the corner, for messages, shape (2,) [m].
 
     Raises:
-        ProblemError: the turn is too sharp.
+        ProblemError: the maximum curvature is exceeded.
     """
     length = 2.0 * reach * np.cos(0.5 * turn) / chord_ratio(turn)
     if length <= 0.0 or 1.5 * abs(turn) > sharpest * length:
@@ -142,7 +151,10 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
 
 
 def without_near(points: Sequence[FloatArray], least: float) -> FloatArray:
-    """Return points without those closer than ``least`` [m] to the previous or the last point; keeps the last one."""
+    """Return points without those closer than ``least`` [m] to the previous kept or the last point, shape (k, 2) [m].
+
+    First and last point are always kept.
+    """
     kept = [points[0]]
     for point in points[1:-1]:
         if np.hypot(*(point - kept[-1])) >= least and np.hypot(*(points[-1] - point)) >= least:

@@ -1,12 +1,11 @@
-"""Distance functions of the tip's position, the tip's heading and the base's rotation (section 3.1).
+"""Squared distance of a planar arm from a goal in tip position, tip heading and base rotation (section 3.1).
 
-The paper names the three quantities and refers to a thesis for the functions. Here they are squared and summed,
+The 1990 paper names the three quantities and refers to a thesis for the functions. Here they are squared and summed,
 
     d² = (|p - p_goal| / R)² + w_h · 4 sin²((θ_tip - θ_goal)/2) + w_b · (θ_base - θ_ref)²,
 
-with the reach R as the unit of length. The square keeps the level sets smooth, so that moves along one coordinate do
-not get stuck on ridges as they do on a sum of absolute values; the sine makes headings that differ by whole turns
-equal.
+with the reach R of the arm as the unit of length. Squares have smooth level sets, so that coordinate-wise moves do not
+get stuck on ridges as with a sum of absolute values; the sine makes headings equal that differ by multiples of 2π.
 """
 
 from dataclasses import dataclass
@@ -19,11 +18,11 @@ from ccm_opt.planning.baseline.operators import Shapes
 
 @dataclass(frozen=True)
 class TipPose:
-    """Goal pose of a tip.
+    """Goal position of a tip in the plane, with a goal heading or any heading.
 
     Attributes:
         position: position of the tip, shape (2,) [m].
-        heading: heading of the tip [rad]; None when any heading is allowed.
+        heading: heading of the tip [rad]; None if any heading is allowed.
     """
 
     position: FloatArray
@@ -32,7 +31,7 @@ class TipPose:
 
 @dataclass(frozen=True)
 class DistanceWeights:
-    """Weights of heading and base rotation relative to position, whose weight is 1."""
+    """Weights of tip heading w_h and base rotation w_b in a squared distance in which tip position has the weight 1."""
 
     heading: float = 0.1
     base: float = 0.0
@@ -40,7 +39,7 @@ class DistanceWeights:
 
 @dataclass(frozen=True)
 class Precision:
-    """Largest errors of a tip at the goal: position as a fraction of the reach, and heading [rad]."""
+    """Maximum errors of a tip that has reached a goal: position as a fraction of the reach, and heading [rad]."""
 
     position: float = 4e-4
     heading: float = 6e-3
@@ -48,14 +47,14 @@ class Precision:
 
 @dataclass(frozen=True)
 class Distance:
-    """Squared distance of tips from a goal, weighted by position, heading and base rotation.
+    """Weighted squared distance d² of arms from a goal in tip position, tip heading and base rotation.
 
     Attributes:
         goal: goal of the tip.
-        reach: R, the reach of the arm and unit of length [m].
+        reach: reach R of the arm, the unit of length [m].
         weights: weights of heading and base rotation.
         base_heading: reference θ_ref of the base heading [rad].
-        precision: largest errors of a tip at the goal.
+        precision: maximum errors of a tip at the goal.
     """
 
     goal: TipPose
@@ -65,7 +64,13 @@ class Distance:
     precision: Precision = Precision()
 
     def of_tips(self, positions: FloatArray, headings: FloatArray, base_headings: FloatArray) -> FloatArray:
-        """Return d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
+        """Return the squared distance d² of m arms from the goal, shape (m,).
+
+        Args:
+            positions: positions of the tips, shape (m, 2) [m].
+            headings: headings of the tips, shape (m,) [rad].
+            base_headings: headings of the bases, shape (m,) [rad].
+        """
         distance: FloatArray = np.square((positions - self.goal.position) / self.reach).sum(axis=1)
         if self.goal.heading is not None:
             turn = np.sin(0.5 * (headings - self.goal.heading))
@@ -75,12 +80,12 @@ class Distance:
         return distance
 
     def __call__(self, shapes: Shapes) -> FloatArray:
-        """Return d² for the tips of whole configurations, shape (m,)."""
+        """Return the squared distance d² of m backbone curves from the goal, shape (m,)."""
         positions, headings = shapes.tips
         return self.of_tips(positions, headings, shapes.heading)
 
     @property
     def threshold(self) -> float:
-        """Threshold of d², below the value of every configuration outside the precision."""
+        """Threshold of d² that is smaller than d² of every configuration outside the precision."""
         least = self.precision.position**2
         return least if self.goal.heading is None else min(least, self.weights.heading * self.precision.heading**2)

@@ -1,4 +1,4 @@
-"""Hill climbing over the curvature operators, and the steps that schemas make of it."""
+"""Hill climbing with the curvature operators, and the motion steps that schemas yield."""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
@@ -14,28 +14,28 @@ from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
 
 _LEAST_GAIN = 1e-4
-"""Least share of the distance that a move has to gain to count as an improvement. Taste."""
+"""Minimum relative decrease of the objective for a move to count as an improvement. Taste."""
 _GAIN_WHILE_PUSHED = 0.02
-"""The same share while walls push, so that the push does not prolong the climb. Taste."""
+"""Minimum relative decrease while the potential of obstacles counts, which would else prolong the climb. Taste."""
 _EASING = 0.3
-"""Factor by which the push decreases where push and distance balance, like the weight of a barrier. Taste."""
+"""Factor on the weight of the potential where potential and distance balance, as for barrier methods. Taste."""
 _LEAST_PUSH = 1e-6
-"""Weight of crowding below which the push is dropped. Taste."""
+"""Weight of the potential below which the potential is dropped. Taste."""
 _TRIED_AT_ONCE = 4
-"""Number of candidates checked against the world in the first batch, best first. Taste."""
+"""Number of candidate moves checked for collision in the first batch, best first. Taste."""
 _MORE_EACH_GO = 3
-"""Factor on that number from batch to batch. Derived: checking one costs nearly as much as checking ten."""
+"""Growth of the batch size from batch to batch. Derived: one check costs nearly as much as ten."""
 _MOST_TRIED = 96
-"""Most improving candidates checked before the climb counts as blocked. Taste."""
+"""Maximum number of improving candidates checked before the climb counts as blocked. Taste."""
 _HEADWAY = 0.2
-"""Share of the distance, which is a square, that has to be gained to count as headway. Taste."""
+"""Relative decrease of the squared distance that counts as progress. Taste."""
 
 Objective: TypeAlias = Callable[[Shapes], FloatArray]
-"""Distance of each configuration of a batch, shape (m,)."""
+"""Returns the objective, a squared distance, of m configurations, shape (m,)."""
 
 
 class Ending(StrEnum):
-    """Reasons why a climb can end."""
+    """Reasons why a hill climb can end."""
 
     ARRIVED = "arrived"
     LOCAL_MINIMUM = "local minimum"
@@ -46,15 +46,14 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True)
 class Climb:
-    """Aim and settings of a climb.
+    """Objective and settings of a hill climb.
 
     Attributes:
-        objective: the distance function.
-        threshold: value of the objective at which the climb has arrived.
-        moves: the operators.
+        objective: function to minimise, a squared distance.
+        threshold: value of the objective at which the goal is reached.
+        moves: operators that generate the candidate moves.
         most_steps: maximum number of moves.
-        push: weight of the world's crowding relative to the distance; where both balance, the climb continues without
-            crowding.
+        push: weight of the repulsive potential of obstacles relative to the objective; reduced where both balance.
         patience: number of moves without progress after which the climb ends; unlimited by default.
     """
 
@@ -67,15 +66,15 @@ class Climb:
 
 
 def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, None, Ending]:
-    """Climb until the distance is small enough or no move improves it.
+    """Minimise an objective by moves of one operator each, until the goal is reached or no allowed move improves.
 
-    All candidate moves of a step are evaluated as one batch; those that improve are checked against the world, the best
-    first, until one is allowed.
+    All candidates for a move are evaluated as one batch; improving candidates are checked for collision, best first,
+    until one is allowed.
 
     Args:
-        world: decides which moves are allowed.
-        start: first configuration; it is not yielded.
-        task: aim and settings of the climb.
+        world: environment that decides which moves are allowed.
+        start: initial configuration; not yielded.
+        task: objective and settings.
 
     Yields:
         The configuration after each move, as a batch of one.
@@ -87,7 +86,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     left = float(task.objective(here)[0])
     push = task.push
     crowded = float(world.crowding(here)[0]) if push > 0.0 else 0.0
-    mark = left  # the distance at the last headway, and the move at which it was
+    mark = left  # objective and number of the move at the last progress
     marked = 0
     for count in range(task.most_steps):
         if left <= task.threshold:
@@ -101,7 +100,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
         distances = task.objective(candidates)
         crowding = world.crowding(candidates) if push > 0.0 else np.zeros(len(candidates))
 
-        # Where no allowed move improves distance and push together, decrease the push until one does, or it is 0.
+        # If no allowed move improves objective and potential together, reduce the weight of the potential, down to 0.
         while True:
             order = _order(distances + push * crowding, left + push * crowded, push > 0.0)
             chosen = _first_allowed(world, here, candidates, order)
@@ -119,7 +118,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
-    """Return the last configuration of a climb and the reason why it ended."""
+    """Return the last configuration of a hill climb and the reason why the climb ended."""
     here = None
     moves = climb(world, start, task)
     while True:
@@ -131,12 +130,12 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
 
 
 def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
-    """Return the indices of the improving candidates, the best first.
+    """Return the indices of the improving candidate moves, best first.
 
     Args:
-        values: values of the candidates, shape (m,).
-        now: current value of the climb.
-        pushed: whether crowding counts, so that a move has to gain more to be accepted.
+        values: objectives of the m candidates, with weighted potential, shape (m,).
+        now: objective of the current configuration, with weighted potential.
+        pushed: whether the potential counts, which requires a larger improvement.
     """
     gain = _GAIN_WHILE_PUSHED if pushed else _LEAST_GAIN
     improving = np.flatnonzero(values < (1.0 - gain) * now)
@@ -144,7 +143,16 @@ def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    """Return the first candidate that the world allows, or None; candidates are checked in growing batches."""
+    """Return the index of the first allowed candidate move in a given order, or None.
+
+    Candidates are checked for collision in growing batches.
+
+    Args:
+        world: environment that decides which moves are allowed.
+        here: current configuration, a batch of one.
+        candidates: configurations after the candidate moves.
+        order: indices of the candidates to check, best first.
+    """
     count = _TRIED_AT_ONCE
     while len(order) > 0:
         some = order[:count]
@@ -158,12 +166,12 @@ def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArr
 
 @dataclass(frozen=True)
 class SchemaStep:
-    """One configuration of a motion made by schemas.
+    """One configuration of an arm's motion, with the schema and the stage of the plan that led to it.
 
     Attributes:
-        schema: name of the schema that made the step, for example ``SCM-7``; two names where schemas work together.
-        configuration: the arm after the step.
-        stage: description of the part of the plan that the step belongs to.
+        schema: name of the schema, such as ``SCM-7``; two names if schemas act together.
+        configuration: configuration of the arm after the step.
+        stage: description of the stage of the plan.
     """
 
     schema: str
@@ -173,16 +181,16 @@ class SchemaStep:
 
 _Result = TypeVar("_Result")
 Schema: TypeAlias = Generator[SchemaStep, None, Configuration]
-"""Yields its steps, the motion of the arm; returns the arm's last configuration."""
+"""Generator that yields the steps of a schema, a motion of the arm, and returns the last configuration."""
 
 
 class SchemaStopped(MotionNotFound):
-    """A schema could not continue.
+    """Raised when a schema of the baseline cannot continue, for example in a local minimum or because of contact.
 
     Attributes:
         schema: name of the schema.
         configuration: last configuration of the arm.
-        reason: description of the reason.
+        reason: description of the reason, for messages.
     """
 
     def __init__(self, schema: str, configuration: Configuration, reason: str) -> None:
@@ -194,7 +202,7 @@ class SchemaStopped(MotionNotFound):
 
 
 def run(schema: Generator[SchemaStep, None, _Result]) -> tuple[tuple[SchemaStep, ...], _Result]:
-    """Run a schema to its end and return all of its steps and its result."""
+    """Run a generator of motion steps to the end, and return all of its steps and its return value."""
     steps: list[SchemaStep] = []
     while True:
         try:

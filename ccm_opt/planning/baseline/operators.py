@@ -1,4 +1,4 @@
-"""The curvature operators (section 2.1) and the candidate moves of a hill climb."""
+"""The curvature operators of the 1990 paper (section 2.1), and batches of candidate moves for hill climbing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
-"""Gauss points of a piece."""
+"""Nodes and weights of Gauss quadrature on a piece of a curvature spline."""
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """A batch of configurations with the same number of segments and the same base.
+    """Batch of m backbone curves with one common base position and equal numbers of curvature segments.
 
     Attributes:
         base: position of the base, shape (2,) [m].
-        heading: heading at the base, shape (m,) [rad].
+        heading: headings at the base, shape (m,) [rad].
         lengths: lengths of the segments, shape (m, segments) [m].
         curvature: curvatures C_a..C_e of the segments, shape (m, segments, 5) [1/m].
         knots: relative arc lengths S_b..S_d of the inner interpolation points, shape (m, segments, 3).
-        moments: second derivatives of C at the ends of the segments, shape (m, segments, 2) [1/m³].
+        moments: second derivatives of the curvature C at the ends of the segments, shape (m, segments, 2) [1/m³].
     """
 
     base: FloatArray
@@ -38,7 +38,7 @@ class Shapes:
 
     @classmethod
     def from_configurations(cls, configurations: Sequence[Configuration]) -> "Shapes":
-        """Return configurations with the same number of segments as one batch."""
+        """Return configurations with equal numbers of segments and a common base position as one batch."""
         chains = [c.segments for c in configurations]
         return cls(
             configurations[0].base,
@@ -67,7 +67,7 @@ class Shapes:
         return Configuration(self.base, tuple(segments))
 
     def take(self, which: IntArray) -> "Shapes":
-        """Return the selected configurations of the batch."""
+        """Return a batch of the configurations with given indices, in the order of the indices."""
         return Shapes(
             self.base,
             self.heading[which],
@@ -78,7 +78,7 @@ class Shapes:
         )
 
     def first_segments(self, count: int) -> "Shapes":
-        """Return the configurations cut off after ``count`` segments."""
+        """Return the first ``count`` segments of every configuration, as a batch."""
         return Shapes(
             self.base,
             self.heading,
@@ -90,26 +90,26 @@ class Shapes:
 
     @cached_property
     def length(self) -> FloatArray:
-        """Total lengths, shape (m,) [m]."""
+        """Total lengths of the m curves, shape (m,) [m]."""
         total: FloatArray = self.lengths.sum(axis=1)
         return total
 
     @cached_property
     def tips(self) -> tuple[FloatArray, FloatArray]:
-        """Positions (m, 2) [m] and headings (m,) [rad] of the tips."""
+        """Positions, shape (m, 2) [m], and headings, shape (m,) [rad], of the tips of the m curves."""
         t = self._widths[..., None] * (0.5 * (_NODES + 1.0))
         c = self._coefficients[:, :, None] / POWERS
         inside = t * (c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3])))
         headings = inside + (self.heading[:, None] + self._turned[:, :-1])[..., None]
-        # Headings are closed forms; only the positions need a quadrature.
+        # Headings have closed forms; only the positions need quadrature.
         weights = 0.5 * self._widths[..., None] * _WEIGHTS
         steps = np.stack(((np.cos(headings) * weights).sum((1, 2)), (np.sin(headings) * weights).sum((1, 2))), axis=1)
         return self.base + steps, self.heading + self._turned[:, -1]
 
     def points(self, count: int) -> FloatArray:
-        """Return points at equal arc lengths, the base first, shape (m, count + 1, 2) [m].
+        """Return points at equal arc lengths on the m curves, from base to tip, shape (m, count + 1, 2) [m].
 
-        The points are sums of chords along mean headings, which is an approximation.
+        The points are approximate: sums of chords in the direction of mean headings.
         """
         step = (self.length / count)[:, None, None]
         chords = step * unit_vector(self.mean_headings(count))
@@ -118,7 +118,7 @@ class Shapes:
         return points
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Return the exact mean headings over ``links`` equal pieces of every configuration, shape (m, links) [rad]."""
+        """Return the exact mean headings on ``links`` equal pieces of each of the m curves, shape (m, links) [rad]."""
         arc = np.linspace(0.0, 1.0, links + 1) * self.length[:, None]
         integral = self._heading_integral(arc)
         means: FloatArray = np.diff(integral, axis=1) * (links / self.length[:, None])
@@ -126,19 +126,19 @@ class Shapes:
 
     @cached_property
     def _widths(self) -> FloatArray:
-        """Lengths of the spline's pieces, shape (m, segments * 4) [m]."""
+        """Lengths of the pieces of the curvature splines, shape (m, 4 segments) [m]."""
         edge = np.zeros((*self.lengths.shape, 1))
         shares = np.diff(np.concatenate((edge, self.knots, edge + 1.0), axis=2), axis=2)
         return (shares * self.lengths[..., None]).reshape(len(self), -1)
 
     @cached_property
     def _breaks(self) -> FloatArray:
-        """Arc lengths where the pieces begin, shape (m, segments * 4) [m]."""
+        """Arc lengths at which the pieces of the curvature splines begin, shape (m, 4 segments) [m]."""
         return np.cumsum(self._widths, axis=1) - self._widths
 
     @cached_property
     def _coefficients(self) -> FloatArray:
-        """Power coefficients of curvature on every piece, shape (m, segments * 4, 4)."""
+        """Coefficients of the cubic polynomials of curvature on the pieces of the splines, shape (m, 4 segments, 4)."""
         a = self._widths.reshape(*self.lengths.shape, PIECES)
         moments = self._second_derivatives(a)
         left = moments[..., :-1]
@@ -149,7 +149,13 @@ class Shapes:
         return pieces.reshape(len(self), -1, 4)
 
     def _second_derivatives(self, a: FloatArray) -> FloatArray:
-        """Return the spline moments M_0..M_4, shape (m, segments, 5), from a 3 × 3 system for each segment."""
+        """Return the second derivatives M_0..M_4 of cubic splines at all knots, shape (m, segments, 5) [1/m³].
+
+        A 3 × 3 system is solved for each segment; M_0 and M_4 are given.
+
+        Args:
+            a: lengths of the pieces, shape (m, segments, 4) [m].
+        """
         slopes = np.diff(self.curvature, axis=2) / a
         rows = 6.0 * np.diff(slopes, axis=2)
         ends = self.moments
@@ -167,15 +173,19 @@ class Shapes:
 
     @cached_property
     def _turned(self) -> FloatArray:
-        """Turn from the base to the start of each piece and to the tip, shape (m, segments * 4 + 1) [rad]."""
+        """Changes of heading from base to the start of each piece and to the tip, shape (m, 4 segments + 1) [rad]."""
         turns = (self._coefficients * self._widths[..., None] ** POWERS / POWERS).sum(axis=2)
         return np.concatenate((np.zeros((len(self), 1)), np.cumsum(turns, axis=1)), axis=1)
 
     def _heading_integral(self, arc: FloatArray) -> FloatArray:
-        """Return the integral of the heading from the base to arc lengths (m, k), of the same shape [rad m]."""
+        """Return the integrals of the heading from the base to given arc lengths, shape (m, k) [rad m].
+
+        Args:
+            arc: arc lengths on the m curves, shape (m, k) [m].
+        """
         piece = np.zeros(arc.shape, dtype=np.intp)
         for k in range(1, self._breaks.shape[1]):
-            # Counting the breaks passed finds the piece in all rows at once.
+            # The number of breaks below an arc length is the index of its piece; counted in all rows at once.
             piece += arc > self._breaks[:, k, None]
         row = np.arange(len(self))[:, None]
         t = arc - self._breaks[row, piece]
@@ -187,7 +197,7 @@ class Shapes:
 
     @cached_property
     def _integrals(self) -> FloatArray:
-        """Integral of the heading from the base to the start of each piece, shape (m, segments * 4) [rad m]."""
+        """Integrals of the heading from the base to the start of each piece, shape (m, 4 segments) [rad m]."""
         a = self._widths
         bends = (self._coefficients * a[..., None] ** (POWERS + 1) / (POWERS * (POWERS + 1))).sum(axis=2)
         pieces = (self._turned[:, :-1] + self.heading[:, None]) * a + bends
@@ -196,7 +206,7 @@ class Shapes:
 
 
 class Operator(StrEnum):
-    """Quantity that an operator changes; each operator works in both directions."""
+    """Coordinates of a backbone curve that the operators of a hill climb change, each in both directions."""
 
     C_A = "C_a"
     C_B = "C_b"
@@ -213,24 +223,24 @@ class Operator(StrEnum):
 UP_AND_DOWN = (Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.C_E)
 LEFT_AND_RIGHT = (Operator.S_B, Operator.S_C, Operator.S_D)
 ALL = (*UP_AND_DOWN, *LEFT_AND_RIGHT, Operator.ROTATE)
-"""The paper's nine operators. ``LENGTH`` is no operator of the arm, whose length is fixed: SCM-4 uses it to choose
-one."""
+"""The nine operators of the paper. ``LENGTH`` is not among them, since the length of the arm is fixed; only SCM-4 uses
+it to choose the length of a segment."""
 
 
 @dataclass(frozen=True)
 class StepSizes:
-    """Largest steps of the operators, and the scales of the finer steps tried in addition.
+    """Maximum step sizes of the operators of a hill climb, and the scales of smaller steps tried in addition.
 
-    The step adapts in each move: all scales are evaluated in one batch, and the search takes the best. The paper does
-    not specify step sizes; these are this package's choice.
+    The step size adapts in every move, since all scales are evaluated in one batch and the best is taken. The step
+    sizes are a choice of this package; the paper does not specify any.
 
     Attributes:
         least_spacing: minimum distance of interpolation points from each other and from the ends, as a fraction of the
-            segment. Points that are closer already, as in a part of a divided segment, may keep their distance.
-        turn: change of C times the segment's length [rad].
-        slide: change of S.
-        rotation: turn of the base [rad].
-        stretch: relative change of length.
+            segment's length. Points that are already closer, as in a part of a divided segment, need not move apart.
+        turn: change of a curvature C times the length of the segment [rad].
+        slide: change of a relative arc length S.
+        rotation: rotation of the base [rad].
+        stretch: relative change of a segment's length.
         scales: decreasing factors on all step sizes.
     """
 
@@ -244,11 +254,11 @@ class StepSizes:
 
 @dataclass(frozen=True)
 class Moves:
-    """Operators and the segments that they apply to.
+    """Operators that generate the candidate moves of a hill climb, and the curvature segments that may change.
 
     Attributes:
-        segments: indices of the segments; the base rotates in any case.
-        operators: operators, in the order in which first improvement tries them.
+        segments: indices of the segments; base rotation does not depend on them.
+        operators: operators in the order of the candidates, which breaks ties.
         sizes: step sizes.
     """
 
@@ -257,7 +267,14 @@ class Moves:
     sizes: StepSizes = StepSizes()
 
     def candidates(self, here: Shapes) -> Shapes:
-        """Return a batch of one changed by every operator, in both directions and at every scale, if valid."""
+        """Return a batch of all valid configurations that differ from a given one by one operator step.
+
+        Each operator is applied in both directions and at every scale; configurations with interpolation points too
+        close together are left out.
+
+        Args:
+            here: the given configuration, a batch of one.
+        """
         scales = np.asarray(self.sizes.scales)
         signed = np.stack((scales, -scales), axis=1).ravel()
         pairs: list[tuple[Operator, int]] = [
@@ -274,7 +291,16 @@ class Moves:
 
 
 def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: FloatArray, sizes: StepSizes) -> None:
-    """Apply one operator to several rows of a new batch, in place."""
+    """Apply one operator to a range of configurations of a batch, in place.
+
+    Args:
+        many: the batch.
+        rows: the range.
+        operator: the operator.
+        segment: index of the segment that changes; ignored for base rotation.
+        signed: signed scales of the steps, one for each configuration of the range.
+        sizes: step sizes at scale 1.
+    """
     if operator in UP_AND_DOWN:
         lengths = many.lengths[rows, segment]
         many.curvature[rows, segment, UP_AND_DOWN.index(operator)] += signed * sizes.turn / lengths
@@ -287,7 +313,11 @@ def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: 
 
 
 def _spacing(knots: FloatArray) -> FloatArray:
-    """Return the minimum distance of S_b, S_c, S_d from each other, 0 and 1, shape (m, segments, 3) to (m,)."""
+    """Return the minimum distances of S_b, S_c and S_d from each other and from 0 and 1, over all segments, shape (m,).
+
+    Args:
+        knots: relative arc lengths S_b..S_d of m configurations, shape (m, segments, 3).
+    """
     edge = np.zeros((*knots.shape[:2], 1))
     gaps = np.diff(np.concatenate((edge, knots, edge + 1.0), axis=2), axis=2)
     least: FloatArray = gaps.min(axis=(1, 2))

@@ -1,4 +1,4 @@
-"""The world as schemas see it: the range of the base, the tips, the distances to walls, and the allowed moves."""
+"""Environment of the baseline's schemas: base range, tips, wall distances, obstacle potential and allowed moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -12,19 +12,19 @@ from ccm_opt.planning.baseline.operators import Shapes
 from ccm_opt.robot.configuration import Configuration
 
 _KEPT_OFF = 0.03
-"""Distance from contact below which points are pushed away, as a share of the arm's length. Taste."""
+"""Distance from contact below which obstacles repel, as a fraction of the arm's length. Taste."""
 
 CROWDING_POINTS = 48
-"""Number of chords of the configuration at whose ends walls push. Taste."""
+"""Number of chords of the backbone curve whose end points walls repel. Taste."""
 _SELF_POINTS = CROWDING_POINTS // 2
-"""Number of chords at whose ends the arm pushes itself, every other end of those above."""
+"""Number of chords whose end points repel each other; every other one of the points that walls repel."""
 _STRAINED = 0.3
-"""Share of the curvature limit above which interpolation points are pushed back. Taste."""
+"""Fraction of the curvature limit above which curvatures at interpolation points are penalised. Taste."""
 
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
-"""Returns whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
+"""Returns whether straight motions from one configuration, a batch of one, to each of m are allowed, shape (m,)."""
 Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
-"""Returns positions (m, 2) [m] and headings (m,) [rad] of the tips of whole configurations."""
+"""Returns positions (m, 2) [m] and headings (m,) [rad] of the tips of m backbone curves."""
 
 
 Gap: TypeAlias = Callable[[FloatArray], FloatArray]
@@ -46,14 +46,14 @@ def _curve_tips(shapes: Shapes) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class World:
-    """Environment in which the schemas plan; open space by default.
+    """Environment in which the baseline's schemas plan; without walls and limits by default.
 
     Attributes:
-        passes: returns the moves allowed by joint limits, walls and the arm itself, sweep on the way included.
-        tips: returns the tips of whole arms: of the curve, or of the jointed arm that follows the curve.
-        gap: returns the approximate distance of points from contact.
-        curvature_limit: limit of |C|; values beyond a fraction of this limit count as crowding [1/m].
-        thickness: distance that the arm must keep from itself [m]; 0 for none.
+        passes: function for the moves that respect joint limits and sweep no wall and no part of the arm.
+        tips: function for the tips of backbone curves, or of the jointed arm that follows the curves.
+        gap: function for the approximate distance of points from contact with a wall.
+        curvature_limit: limit of |C| [1/m]; values above a fraction of this limit are penalised in ``crowding``.
+        thickness: minimum distance between parts of the arm's axis [m]; 0 to ignore self-collision.
         base_range: minimum and maximum heading of the base [rad].
     """
 
@@ -71,14 +71,15 @@ class World:
 
     @property
     def of_curve(self) -> "World":
-        """World with the tips of the curve instead of the jointed arm, as intermediate subgoals require."""
+        """Equal environment with tips of the backbone curve, not of the jointed arm, for intermediate subgoals."""
         return replace(self, tips=_curve_tips)
 
     def crowding(self, shapes: Shapes) -> FloatArray:
-        """Return the crowding of walls and joint limits: mean squares of the configurations' shortfalls, shape (m,).
+        """Return the repulsive potential of walls, the arm itself and curvature limits on m curves, shape (m,).
 
-        A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
-        in front of obstacles.
+        The potential is a sum of mean squares of relative shortfalls of distance and excesses of curvature, as in
+        Khatib (1986) and reference [8] of the 1990 paper. The paper itself only says that moves are made in front of
+        obstacles.
         """
         strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - _STRAINED)
         crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
@@ -93,7 +94,12 @@ class World:
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
-        """Return the crowding of points of the arm that are near each other, but far apart along it, shape (m,)."""
+        """Return the repulsive potential between points close in the plane but distant along the arm, shape (m,).
+
+        Args:
+            shapes: m backbone curves.
+            points: points at equal arc lengths of the curves, shape (m, ``_SELF_POINTS`` + 1, 2) [m].
+        """
         count = _SELF_POINTS + 1
         one, other = np.triu_indices(count, 1)
         # Points near each other along the arm are always near in the plane, and are ignored.
@@ -110,5 +116,5 @@ class World:
         return crowding
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:
-        """Return whether the arm may move from one configuration straight to another."""
+        """Return whether the arm may move straight from one configuration to another."""
         return bool(self.passes(Shapes.from_configurations([here]), Shapes.from_configurations([there]))[0])
