@@ -1,9 +1,9 @@
-"""The 1990 planner: hill climbing in free space, region by region.
+"""The planner of the 1990 paper: hill climbing through convex regions of free space.
 
 (1) Free space is partitioned into convex regions. (2) Subgoals are the turns of a route through the connectivity graph
-of these regions. (3) The arm is decomposed: the part before the first subgoal is folded and holds it, the part after it
-has a segment for each straight passage and each cubic-spiral turn. (4) Schemas achieve each subgoal: SCM-1, SCM-8 and
-SCM-7 the first, SCM-3 and SCM-5 the others, SCM-0 the goal.
+of the regions. (3) The arm is divided at the first subgoal: the part before is folded and keeps its end there, the part
+after has a segment for each straight passage and each cubic-spiral turn. (4) Schemas achieve the subgoals: SCM-1, SCM-8
+and SCM-7 the first, SCM-3 and SCM-5 the others, SCM-0 the goal.
 """
 
 from collections.abc import Iterator
@@ -34,47 +34,47 @@ from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.free_space import FreeSpace
 
 _STRAIGHT_RUNS = (0.08, 0.05, 0.03, 0.015)
-"""Lengths of the straight runs out of the first subgoal and into the goal, tried in turn, as shares of the arm's
+"""Lengths of the straight lines after the first subgoal and before the goal, tried in order, as fractions of the arm's
 length. Taste."""
 _FIRST_SUBGOALS = (0.15, 0.08)
-"""Positions of the first subgoal on the route, from the base, as shares of the arm's length; the nearer, the tighter
-the fold, so the farther is tried first. Taste."""
+"""Distances of the first subgoal from the base along the route, as fractions of the arm's length; the farther one is
+tried first, since a nearer subgoal requires a tighter fold. Taste."""
 _CORNER_SPACING = 0.7
-"""Distance between corners below which they are merged, as a share of the straight run. Taste."""
+"""Distance between corners below which they are merged, as a fraction of the straight lines at the ends. Taste."""
 _CORNER_DISTANCE = 0.04
-"""Distance kept from corners where possible, as a share of the arm's length. Taste."""
+"""Distance to keep from corners of obstacles where possible, as a fraction of the arm's length. Taste."""
 _NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
-"""Precision of the first subgoal, for an arm of several segments. Taste."""
+"""Precision of the first subgoal for an arm of several curvature segments. Taste."""
 _TRACK_SAMPLES = 200
-"""Number of points of a track that are checked for contact. Taste."""
+"""Number of points of a reference path that are checked for contact. Taste."""
 _SHARPEST_TURN = 0.85
-"""Share of the curvature limit that a turn may use. Taste."""
+"""Maximum curvature of a turn, as a fraction of the curvature limit. Taste."""
 
 
 Passage: TypeAlias = tuple[TipPose, SegmentTrack]
-"""A first subgoal for the tip of the folded arm, and the track that leads from there to the goal."""
+"""A first subgoal for the tip of the folded arm, and the reference path from this subgoal to the goal."""
 
 
 def region_plan(
     world: World, start: Configuration, passage: Passage, goal: TipPose, folds: Folds | None = None
 ) -> Schema:
-    """Fold to the first subgoal of a passage, then feed along it to the goal.
+    """Run the region plan: fold the arm to the first subgoal of a passage, then feed it along the passage to the goal.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
-        passage: passage through the regions.
+        passage: first subgoal, and reference path from there to the goal.
         goal: goal of the tip.
-        folds: cache of folds shared with other plans.
+        folds: cache of folds shared with other plans; not shared if None.
 
     Yields:
-        Steps.
+        Steps of the motion.
 
     Returns:
         A configuration at the goal.
 
     Raises:
-        SchemaStopped: a schema could not continue; names the schema.
+        SchemaStopped: a schema cannot continue; the exception has its name.
     """
     yield SchemaStep("start", start, "1 start")
     subgoal, track = passage
@@ -88,7 +88,10 @@ def region_plan(
 
 
 def _interface(world: World, start: Configuration) -> Schema:
-    """Run SCM-6 if possible; otherwise yield nothing, so that the curvature jumps where the track begins."""
+    """Run SCM-6, which reduces the curvature at the tip to zero; if impossible, yield no steps and return the start.
+
+    Without SCM-6, curvature jumps where the reference path begins.
+    """
     try:
         steps, here = run(scm_6(world, start))
     except SchemaStopped:
@@ -100,17 +103,17 @@ def _interface(world: World, start: Configuration) -> Schema:
 def passages(
     world: World, start: Configuration, room: FreeSpace, goal: TipPose, obstacle: FloatArray | None, routes: int
 ) -> Iterator[Passage]:
-    """Yield passages from near the base to the goal: past the obstacle ahead, then along the routes from the base.
+    """Yield passages from near the base to the goal: first past the obstacle ahead, then along routes from the base.
 
-    Passages longer than the arm are left out, since the arm cannot follow them.
+    Passages longer than the arm are left out, since the arm cannot reach their ends.
 
     Args:
-        world: the world; its curvature limit applies.
+        world: environment of the schemas, with the curvature limit.
         start: configuration of the arm.
         room: free space of the arm's axis.
         goal: goal of the tip.
-        obstacle: point of the obstacle ahead, shape (2,) [m], or None.
-        routes: number of routes to try, shortest first.
+        obstacle: nearest point of the obstacle between base and goal, shape (2,) [m], or None.
+        routes: maximum number of routes in different homotopy classes, shortest first.
     """
     shrink = _CORNER_DISTANCE * start.length
     firsts = []
@@ -127,7 +130,17 @@ def passages(
 def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
-    """Return the free track with the longest straight runs for an arm of a given length [m]; None if there is none."""
+    """Return the collision-free reference path with the longest straight lines at its ends; None if there is none.
+
+    Args:
+        world: environment of the schemas.
+        room: free space of the arm's axis.
+        first: first subgoal, where the path begins.
+        way: vertices of the route from the first subgoal to the goal, shape (k ≥ 2, 2) [m].
+        goal: goal of the tip.
+        length: length of the arm [m].
+        shrink: distance to keep from corners of obstacles where possible [m].
+    """
     for share in _STRAIGHT_RUNS:
         try:
             track = _track(world, room, first, way, goal, share * length, shrink)
@@ -139,14 +152,19 @@ def _first_open_track(
 
 
 def _is_open(world: World, first: TipPose, track: SegmentTrack) -> bool:
-    """Return whether a track touches no wall."""
+    """Return whether a reference path that begins at the first subgoal touches no wall."""
     samples = np.linspace(0.0, track.length, _TRACK_SAMPLES)
     places = track.from_pose(first.position).positions_at(samples)
     return bool(np.all(world.gap(places) > 0.0))
 
 
 def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
-    """Return the pose on a polyline at a distance from its start, and the rest of the polyline."""
+    """Return the pose on a polyline at a distance from its start, and the rest of the polyline, shape (k, 2) [m].
+
+    Args:
+        taut: vertices of the polyline, shape (K, 2) [m].
+        distance: arc length from the start [m].
+    """
     ends = arc_lengths(taut)[1:]
     leg = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
     heading = vector_heading(taut[leg + 1] - taut[leg])
@@ -158,13 +176,26 @@ def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
 def _track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
 ) -> SegmentTrack:
-    """Return straight runs and turns from the first subgoal to the goal, along the taut path between the end runs.
+    """Return the reference path from the first subgoal to the goal: straight lines and turns along a shortest path.
+
+    The shortest path is homotopic to the route and joins the inner ends of two straight lines of given length, which
+    begin at the first subgoal and end at the goal, with their headings.
+
+    Args:
+        world: environment of the schemas, with the curvature limit.
+        room: free space of the arm's axis.
+        first: first subgoal.
+        way: vertices of the route from the first subgoal to the goal, shape (k ≥ 2, 2) [m]; a route is searched if k =
+            2.
+        goal: goal of the tip.
+        run: length of the straight lines at both ends [m].
+        shrink: distance to keep from corners of obstacles where possible [m].
 
     Raises:
-        ProblemError: a turn is too sharp.
-        UnreachableGoal: there is no path.
+        ProblemError: a turn is too sharp for the curvature limit, or no route exists.
+        UnreachableGoal: the ends lie in different components of free space.
     """
-    # Straight runs at both ends, so that the headings there are met without a turn.
+    # Straight lines at both ends, so that their headings are met without a turn.
     entry = first.position + run * unit_vector(first.heading or 0.0)
     last = goal.position if goal.heading is None else goal.position - run * unit_vector(goal.heading)
     # A path of only two points does not say how to pass between the walls: find a route.
@@ -182,25 +213,25 @@ def _track(
 
 
 _TYPES_TRIED = 4
-"""Number of segment types that are tried, best first. The paper has five; the last is seldom useful. Taste."""
+"""Number of segment types that are tried, best first. The paper has five; the worst one is seldom useful. Taste."""
 
 
 @dataclass(frozen=True)
 class HillClimbingPlanner:
-    """Plans motions by the method of the 1990 paper; satisfies the ``Planner`` protocol.
+    """Planner for planar arms without feed axis by the method of the 1990 paper, with the ``Planner`` protocol.
 
     Attributes:
-        stages: recorder of the names and durations of the stages.
+        stages: recorder of names and durations of the planning stages.
     """
 
     stages: Stages = field(default_factory=Stages)
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan a certified motion.
+        """Plan a smooth joint path from start to goal that is certified collision-free.
 
         Raises:
-            ProblemError: the arm has a feed axis, which the baseline does not support.
-            NoPlanFound: no plan arrived; names the schema at which each plan stopped.
+            ProblemError: the arm has a feed axis, which is not supported.
+            NoPlanFound: no plan reaches the goal; the diagnosis names the schema at which each plan stopped.
         """
         if problem.arm.feed is not None:
             raise ProblemError('hill climbing moves no feed axis; use planner.method = "nlp", or leave arm.feed out')
@@ -214,7 +245,7 @@ class HillClimbingPlanner:
 
 
 _Stop: TypeAlias = tuple[str, str, str]
-"""Record of a stopped plan: its name, the schema at which it stopped, and the reason in words."""
+"""Record of a stopped plan: name of the plan, name of the schema that stopped, and reason for messages."""
 
 
 def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
@@ -222,8 +253,8 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
 
     Raises:
         MotionNotFound: no plan reaches the goal; the diagnosis names the schema at which each plan stopped.
-        TimeLimitReached: the time limit passed, or a plan used up its share of the time and no other plan reaches the
-            goal; lists the schemas at which plans stopped.
+        TimeLimitReached: the time limit passed, or a plan used up the time allotted to it and no other plan reaches the
+            goal; the diagnosis names the schema at which each plan stopped.
     """
     stops: list[_Stop] = []
     some_cut_short = False
@@ -251,12 +282,12 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
 
 
 def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
-    """Yield the plans: type selection with each type, folds to either side, then the passages of the region plan."""
+    """Yield names and steps of the plans to try: by segment type, by folds to either side, then along passages."""
     start = follower.start
     folds = Folds()
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
 
-    # Each world is created with its plan, since the plan's share of the time begins then.
+    # Each plan gets a new world, since the time allotted to a plan begins when its world is created.
     for k in range(_TYPES_TRIED):
         yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
 
@@ -274,14 +305,21 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:
-    """Run SCM-1, SCM-2 and SCM-0, as in the paper's Figure 4."""
+    """Run SCM-1, SCM-2 and SCM-0, as in Figure 4 of the paper: select a segment type, move to its curve, then climb.
+
+    Args:
+        world: environment of the schemas.
+        start: configuration of the arm.
+        goal: goal of the tip.
+        rank: rank of the segment type, 0 for the best.
+    """
     target = ranked_selections(world, start, goal)[rank].configuration(start.base)
     here = yield from scm_2(world, start, target)
     return (yield from scm_0(world, here, goal))
 
 
 def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
-    """Return the point of the first obstacle before the goal nearest to the base, shape (2,) [m], or None."""
+    """Return the point nearest to the base on the first obstacle between base and goal, shape (2,) [m], or None."""
     base = shapely.Point(problem.arm.base)
     sight = shapely.LineString([problem.arm.base, goal])
 
@@ -299,7 +337,12 @@ def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
 
 
 def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
-    """Return a smooth, certified joint path through the steps of a plan.
+    """Return a smooth joint path, certified collision-free, of the jointed arm that follows the steps of a plan.
+
+    Args:
+        follower: the jointed arm.
+        name: name of the plan, recorded as the path's candidate.
+        steps: steps of the plan.
 
     Raises:
         MotionNotFound: no smooth path near the steps can be certified.

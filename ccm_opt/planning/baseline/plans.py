@@ -1,7 +1,7 @@
-"""The fold plan of the baseline, and follow-the-leader (section 4).
+"""The fold plan of the baseline, and the jointed arm that follows the baseline's curves (section 4).
 
-The arm takes the mean heading of the curve on each link plus the offset of the start's own mapping, so that the first
-keyframe is the start itself. Tips and contacts are those of the arm.
+The heading of each link is the mean heading of the curve on that link plus a constant offset, chosen such that the
+first keyframe is the start of the problem. Tips and contacts are evaluated for the jointed arm.
 """
 
 from collections.abc import Generator
@@ -47,46 +47,51 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
 
 _PLAN_SHARE = 0.6
-"""Share of the time left that one plan may use, so that the others have their turn. Taste."""
+"""Fraction of the remaining time that one plan may use, so that time is left for the others. Taste."""
 _CERTIFIED_GAP = 1e-4
-"""Gap beyond contact that moves keep, as a share of the arm's length, so that the smooth path has clearance. Taste."""
+"""Certified clearance of moves, as a fraction of the arm's length, so that the smooth path has clearance. Taste."""
 _PLANNING_SHARE = 0.9
-"""Share of the time limit that planning may use; the rest is for timing and verification. Taste."""
+"""Fraction of the time limit that planning may use; the rest is for timing and verification. Taste."""
 _BISECTIONS = 3
-"""Halvings of a move before it counts as blocked. Taste: most candidate moves are discarded, so that fewer halvings
-than the certificate's own pay."""
+"""Number of bisections before a move counts as blocked. Taste: fewer than the certificate's default are faster, since
+most candidate moves are discarded."""
 _ROUTE_INFLATION = 1e-3
-"""Inflation of the walls for routes beyond radius and clearance, as a share of the arm's length. Taste."""
+"""Inflation of walls for routes in addition to radius and clearance, as a fraction of the arm's length. Taste."""
 
 _LEAST_BASE_SEGMENT = 0.05
-"""Least length of the base segment, as a share of the arm's. Taste."""
+"""Minimum length of the base segment, as a fraction of the arm's length. Taste."""
 _BOUNDARY_AHEAD = 0.06
-"""Length by which the boundary moves ahead, as a share of the arm's. Taste."""
+"""Length by which the start of the reference path moves ahead at a time, as a fraction of the arm's length. Taste."""
 _BOUNDARY_SLIDE = 0.4
-"""Share of that length by which the boundary slides with the feed. Taste."""
+"""Factor on this length if the start of the path moves ahead throughout the feed. Taste."""
 _NEAR_GOAL = 0.15
-"""Length left of the curve at which the arm climbs to the goal, as a share of the arm's. Taste."""
+"""Remaining length of the reference path at which the climb to the goal begins, as a fraction of the arm's length.
+Taste."""
 _NOTHING_LEFT = 1e-6
-"""Length left of the curve that counts as none, as a share of the arm's. Taste."""
+"""Remaining length of the reference path that counts as zero, as a fraction of the arm's length. Taste."""
 _TAKEN_BACK = (0.0, 0.25, 0.5, 0.75)
-"""Shares of the steps of SCM-8 that are taken back where SCM-7 cannot continue from its end. Taste."""
+"""Fractions of the steps of SCM-8 that are discarded, in order, if SCM-7 fails from the last step. Taste."""
 _MOST_OF_WAY = 0.5
-"""Share of its path above which SCM-7, when stuck, is not restarted from an earlier step. Taste."""
+"""Progress of a failed SCM-7, as a fraction, above which SCM-7 is not restarted from an earlier step. Taste."""
 _LAST_CLIMB = 300
-"""Most moves of SCM-0 after a merge. Taste."""
+"""Maximum number of moves of SCM-0 at the end of a plan. Taste."""
 _MERGE_TOLERANCE = 0.1
-"""Largest change of headings when the segments are merged [rad]; the arm moves to the result by SCM-2. Taste."""
+"""Maximum change of headings when segments are merged [rad]; the arm moves to the result by SCM-2. Taste."""
 
 _Result = TypeVar("_Result")
 
 REACH = "4 reach from the subgoal"
-"""The stage of the plan between the fold and the merge."""
+"""Name of the stage of a plan between fold and merge."""
 
 
 def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
-    """Return the subgoals midway between the base and a point of the obstacle, each (2,) [m].
+    """Return two subgoals for the tip midway between the base and a point of an obstacle, with opposite headings.
 
-    Their headings are the two directions perpendicular to the line from the base to that point.
+    The headings are perpendicular to the line from base to point, first to the right, then to the left.
+
+    Args:
+        base: position of the base, shape (2,) [m].
+        obstacle: point of the obstacle, shape (2,) [m].
     """
     line = obstacle - base
     direction = vector_heading(line)
@@ -103,24 +108,24 @@ def fold_plan(
     sliding: bool = False,
     folds: "Folds | None" = None,
 ) -> Schema:
-    """Run the five steps of Figure 5.
+    """Run the fold plan, the five stages of Figure 5: fold the arm in front of an obstacle, then feed it to the goal.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
         subgoal: subgoal in front of the obstacle.
         goal: goal of the tip.
-        sliding: whether the boundary slides ahead with the feed from the beginning.
-        folds: cache of folds shared with other plans.
+        sliding: whether the end of the folded part moves ahead throughout the feed.
+        folds: cache of folds shared with other plans; not shared if None.
 
     Yields:
-        Steps, whose ``stage`` begins with the number of the step in Figure 5.
+        Steps of the motion, whose ``stage`` begins with the number of the stage in Figure 5.
 
     Returns:
         A configuration at the goal.
 
     Raises:
-        SchemaStopped: a schema could not continue; names the schema.
+        SchemaStopped: a schema cannot continue; the exception has its name.
     """
     yield SchemaStep("start", start, "1 start")
     here = yield from (folds or Folds()).to(world, start, subgoal)
@@ -129,9 +134,9 @@ def fold_plan(
 
 
 def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
-    """Change the type towards a subgoal (SCM-1, SCM-8) and proceed straight to it (SCM-7).
+    """Change the curve to a type that suits a subgoal (SCM-1, SCM-8), then move the tip straight to it (SCM-7).
 
-    Where SCM-8 meets an obstruction, or SCM-7 gets stuck at once, SCM-7 begins at an earlier step of SCM-8.
+    SCM-7 begins at the last collision-free step of SCM-8, or, if it fails early, at an earlier step.
 
     Raises:
         SchemaStopped: SCM-7 does not reach the subgoal from any step of SCM-8.
@@ -156,28 +161,28 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
 
 
 def _progress_share(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
-    """Return the fraction of the tip's initial distance to a subgoal that has been covered."""
+    """Return the fraction of the tip's distance to a subgoal that is covered between two configurations."""
     before = float(np.hypot(*(start.tip[0] - subgoal.position)))
     after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before
 
 
 FoldOutcome: TypeAlias = tuple[tuple[SchemaStep, ...], Configuration] | SchemaStopped
-"""Steps and end of a fold, or the exception that stopped it."""
+"""Steps and last configuration of a fold, or the exception that stopped the fold."""
 
 
 @dataclass(frozen=True)
 class Folds:
-    """Folds of one arm from one start, each computed once and shared by all plans.
+    """Cache of the folds of one arm from one start, each computed once and shared by all plans.
 
     Attributes:
-        known: steps and end of each fold, or the exception that stopped it, by subgoal.
+        known: outcome of each fold, with position and heading of the subgoal as key.
     """
 
     known: dict[tuple[float, ...], FoldOutcome] = field(default_factory=dict)
 
     def to(self, world: World, start: Configuration, subgoal: TipPose) -> Schema:
-        """Run ``fold`` to a subgoal, or repeat the cached outcome.
+        """Run ``fold`` to a subgoal, or repeat the steps or the exception of an earlier run.
 
         Raises:
             SchemaStopped: the fold does not reach the subgoal.
@@ -197,23 +202,36 @@ class Folds:
 
 
 def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
-    """Trace the curve to the goal with a tip segment (SCM-4, SCM-5), while the previous one holds the subgoal (SCM-3).
+    """Feed a new segment of the arm from the tip to the goal (SCM-4, SCM-5), while the segments before shorten (SCM-3).
 
-    When the base segment is short enough, the segments are merged and the arm climbs to the goal (SCM-0). Where the
-    climb stops, the boundary moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves
+    Near the goal, the segments are merged and the arm climbs to the goal (SCM-0). If the climb stops, the boundary
+    between the segments moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves
     throughout.
+
+    Args:
+        world: environment of the schemas.
+        start: configuration of the arm.
+        goal: goal of the tip.
+        sliding: whether the boundary moves throughout.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
     return (yield from trace(world, start, SegmentTrack((curve,)), goal, sliding=sliding))
 
 
 def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose, *, sliding: bool) -> Schema:
-    """Feed the arm along a track that begins at its tip, and climb to the goal when the track's end is near.
+    """Feed the arm along a reference path that begins at the tip, and climb to the goal near the end of the path.
 
-    A climb that stops is tried again when half of the remaining length is fed, and where the feed ends.
+    A climb that stops is tried again after half of the remaining length is fed, and at the end of the feed.
+
+    Args:
+        world: environment of the schemas.
+        start: configuration of the arm.
+        track: the reference path.
+        goal: goal of the tip.
+        sliding: whether the start of the path moves ahead throughout the feed, not just when the feed is blocked.
 
     Raises:
-        SchemaStopped: the feed does not come near enough, or the climb does not reach the goal.
+        SchemaStopped: the feed ends too far from the goal, or the climb does not reach the goal.
     """
     total = start.length
     step = FEED * total
@@ -237,16 +255,16 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
                 steps, end = arrived
                 yield from steps
                 return end
-            near = max(0.5 * fed.left, _NOTHING_LEFT * total)  # the climb may arrive from nearer
+            near = max(0.5 * fed.left, _NOTHING_LEFT * total)  # the climb may succeed from nearer
 
         here = yield from staged(slide_boundary(world, fed, min(slide, fed.out - step)), REACH)
-        # Continue while feed and boundary together have moved by at least a step.
+        # Continue while the displacements of feed and boundary add up to at least a step.
         moving = fed.out - here.out + fed.out - before >= step
     return (yield from _arrival(world, here, goal))
 
 
 def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
-    """Return the steps and final configuration of the last part of Figure 5, or None if the goal is not reached."""
+    """Return the steps and the last configuration of merge and climb, or None if the goal is not reached."""
     try:
         return run(_arrival(world, start, goal))
     except SchemaStopped:
@@ -254,10 +272,12 @@ def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[
 
 
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
-    """Run the last part of Figure 5, where little of the curve is left; yields steps only if the goal is reached.
+    """Run the last stage of Figure 5, merge and climb, near the end of the reference path.
+
+    Steps are yielded only if the goal is reached.
 
     Raises:
-        SchemaStopped: too much of the curve is left, or the climb does not reach the goal.
+        SchemaStopped: the end of the path is too far away, or the climb does not reach the goal.
     """
     if start.left > _NEAR_GOAL * start.configuration.length:
         reason = f"{long_length(start.left)} of the curve to the goal are left"
@@ -269,10 +289,10 @@ def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
 
 
 def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Merge the segments if one segment can replace them, and climb to the goal by SCM-0 with one or both.
+    """Merge the last two segments if possible, and climb to the goal by SCM-0; if that fails, climb with both segments.
 
     Raises:
-        SchemaStopped: the arm reaches the goal neither with merged nor with separate segments.
+        SchemaStopped: the goal is reached neither with merged nor with separate segments.
     """
     try:
         steps, here = run(_merged_climb(world, start, goal))
@@ -283,28 +303,28 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
 
 
 def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Move to the merged configuration by SCM-2, and on to the goal by SCM-0.
+    """Move to the configuration with the last two segments merged by SCM-2, then to the goal by SCM-0.
 
     Raises:
         ProblemError: the segments cannot be merged.
-        SchemaStopped: a schema does not reach its goal.
+        SchemaStopped: a schema cannot continue.
     """
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
-    # The merged arm is another configuration: SCM-2 moves there in steps that touch nothing.
+    # The merged arm is another configuration, to which SCM-2 moves without collision.
     merged = merge_segments(start, len(start.segments) - 2, _MERGE_TOLERANCE)
     here = yield from scm_2(world, start, merged)
     return (yield from _last_climb(world, here, goal))
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Run SCM-0 with the weight of crowding and the patience that plans use."""
+    """Run SCM-0 with the potential of obstacles and the limits on moves that plans use."""
     most = _LAST_CLIMB
     return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
 
 
 def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
-    """Yield the steps of a schema, labelled with a stage of the plan."""
+    """Yield the steps of a generator, labelled with a stage of the plan, and return its return value."""
     while True:
         try:
             step = next(schema)
@@ -315,20 +335,20 @@ def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generato
 
 
 _FIELD_CELLS = 160
-"""Cells of the distance grid along the longer side of the workspace. Taste."""
+"""Number of cells of the distance grid along the longer side of the workspace. Taste."""
 _JOINT_LIMIT_SHARE = 0.99
-"""Share of the joint limits that moves use, since the smooth path near them bends a little more. Taste."""
+"""Fraction of the joint limits that moves may use, since the smooth path may bend a little more. Taste."""
 _MERGING_TOLERANCE = 0.02
-"""Largest change of headings when segments of the start are merged [rad]; the follower's offset corrects it exactly.
-Taste."""
+"""Maximum change of headings when segments of the start are merged [rad]; the offset of the follower corrects it
+exactly. Taste."""
 
 
 def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:
-    """Return a function for the distance of points from the nearest wall beyond ``need``, interpolated in a grid.
+    """Return a function for the distance of points to the nearest wall minus ``need``, by interpolation in a grid.
 
     Args:
-        workspace: the workspace; points outside it take the value at its edge.
-        need: distance that the arm requires [m].
+        workspace: the workspace; points outside get the value at the nearest point of its edge.
+        need: required distance [m].
         cells: number of cells along the longer side of the workspace.
     """
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
@@ -349,13 +369,13 @@ def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS
 
 @dataclass(frozen=True)
 class Follower:
-    """The jointed arm that follows the curves of the baseline.
+    """The jointed arm that follows the baseline's curves: joint angles, tips and allowed moves for backbone curves.
 
     Attributes:
         problem: problem with the arm and its workspace.
-        ends: start and goal on the links.
-        certificate: certificate of moves.
-        deadline: time at which to stop.
+        ends: start and goal of the jointed arm.
+        certificate: collision check for straight motions in joint space.
+        deadline: time at which planning stops.
     """
 
     problem: Problem
@@ -365,7 +385,7 @@ class Follower:
 
     @classmethod
     def from_problem(cls, problem: Problem) -> "Follower":
-        """Return the follower of a problem, with its share of the problem's time from now on.
+        """Return the follower of a problem, whose deadline begins to run now.
 
         Args:
             problem: the problem.
@@ -379,33 +399,33 @@ class Follower:
 
     @cached_property
     def start(self) -> Configuration:
-        """The curve at the start, with as few segments as represent it."""
+        """Backbone curve of the start, with as few segments as represent it."""
         pose = self.problem.start
         curve = nearest_curves(self.problem.arm, self.ends.start[None])[0] if pose.curve is None else pose.curve
         return _with_few_segments(curve, _MERGING_TOLERANCE)
 
     @cached_property
     def offset(self) -> FloatArray:
-        """Difference of the start's link headings from the curve's mean headings, shape (links,) [rad]."""
+        """Differences between link headings of the start and mean headings of its curve, shape (links,) [rad]."""
         mean_headings = Shapes.from_configurations([self.start]).mean_headings(self.problem.arm.links)[0]
         offset: FloatArray = self.problem.arm.headings(self.ends.start) - mean_headings
         return offset
 
     def headings(self, shapes: Shapes) -> FloatArray:
-        """Return the link headings, shape (m, links) [rad]."""
+        """Return the link headings of the arm for m backbone curves, shape (m, links) [rad]."""
         return shapes.mean_headings(self.problem.arm.links) + self.offset
 
     def tips(self, shapes: Shapes) -> tuple[FloatArray, FloatArray]:
-        """Return the positions (m, 2) [m] and headings (m,) [rad] of the arm's tips."""
+        """Return positions (m, 2) [m] and headings (m,) [rad] of the arm's tip for m backbone curves."""
         headings = self.headings(shapes)
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
     def passes(self, here: Shapes, there: Shapes) -> BoolArray:
-        """Return a mask of the moves that satisfy the joint limits and touch nothing on their way.
+        """Return which straight motions of the arm respect the joint limits and are certified collision-free.
 
         Args:
-            here: one curve, the arm's current one.
-            there: m curves to move to.
+            here: current backbone curve, a batch of one.
+            there: m backbone curves at the ends of the motions.
 
         Returns:
             Mask, shape (m,).
@@ -430,19 +450,19 @@ class Follower:
 
     @cached_property
     def gap(self) -> Gap:
-        """Function that returns the gaps of points in the workspace."""
+        """Function for the approximate distances of points from contact with a wall [m]."""
         return clearance_field(self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance)
 
     @cached_property
     def free_space(self) -> FreeSpace:
-        """Free space of the arm's axis."""
+        """Free space of the arm's axis, bounded by walls inflated by radius, clearance and a small margin."""
         arm = self.problem.arm
         need = arm.radius + self.problem.workspace.clearance
         return FreeSpace(self.problem.workspace, need + _ROUTE_INFLATION * arm.length)
 
     @property
     def hurried_world(self) -> World:
-        """World of the schemas for one plan, whose share of the remaining time begins now."""
+        """New environment of the schemas for one plan, whose fraction of the remaining time begins to run now."""
         # A share of the time left now, so that late plans have less but every one has some.
         until = Deadline.after(_PLAN_SHARE * self.deadline.left)
 
@@ -454,7 +474,7 @@ class Follower:
 
     @property
     def world(self) -> World:
-        """The world of the schemas."""
+        """Environment of the schemas for this arm."""
         arm = self.problem.arm
         if self.ends.clamped:  # the base stands flush on a wall
             base_range = (self.start.base_heading, self.start.base_heading)
@@ -471,7 +491,7 @@ class Follower:
 
 
 def look_at_clock(deadline: Deadline) -> None:
-    """Raise an error if the deadline has passed.
+    """Raise an exception if a deadline has passed.
 
     Raises:
         TimeLimitReached: the deadline has passed.
@@ -481,9 +501,9 @@ def look_at_clock(deadline: Deadline) -> None:
 
 
 def _certificate(problem: Problem, ends: Ends) -> Certificate:
-    """Return the certificate of contact, with a small spare gap if the start has one.
+    """Return the collision check for moves of the arm, with a small clearance if the start has this clearance.
 
-    A start that touches something must be allowed to leave.
+    A start in contact must be allowed to leave.
     """
     with_gap = Certificate(problem.arm, problem.workspace, _CERTIFIED_GAP * problem.arm.length)
     standing_still = np.stack((ends.start, ends.start))
@@ -493,9 +513,9 @@ def _certificate(problem: Problem, ends: Ends) -> Certificate:
 
 
 def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:
-    """Return the curve with neighbouring segments merged from the base on if headings stay within a tolerance [rad].
+    """Return the curve with adjacent segments merged, from the base on, if headings stay within a tolerance [rad].
 
-    Every segment multiplies the moves that a climb has to try, so each merged segment is worth the error.
+    Fewer segments are worth the error, since the number of candidate moves of a climb grows with every segment.
     """
     k = 0
     while k < len(configuration.segments) - 1:

@@ -1,4 +1,4 @@
-"""The schemas that climb or interpolate: SCM-0, SCM-2, SCM-6, SCM-7 and SCM-8."""
+"""The schemas of the 1990 paper that climb or interpolate: SCM-0, SCM-2, SCM-6, SCM-7 and SCM-8."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -17,53 +17,53 @@ from ccm_opt.robot.decomposition import interpolate
 from ccm_opt.robot.segment import EVEN_KNOTS, natural_segment, select_segment_type
 
 PUSH = 0.01
-"""Weight of the world's crowding relative to the distance in a plan. Taste."""
+"""Weight of the repulsive potential of obstacles relative to the squared distance, in the climbs of a plan. Taste."""
 PATIENCE = 15
-"""Moves without headway after which a climb of a plan ends: it arrives soon or hardly ever. Taste."""
+"""Number of moves without progress after which a climb of a plan ends, as later success is rare. Taste."""
 FEED = 0.02
-"""Length that SCM-3 and SCM-5 feed in one step, as a share of the arm's. Taste."""
+"""Length that SCM-3 and SCM-5 feed in one step, as a fraction of the arm's length. Taste."""
 _ON_THE_WAY = Precision(2e-3, 2e-2)
-"""Precision at the subgoals of SCM-7 except the last. Taste."""
+"""Precision at the intermediate subgoals of SCM-7. Taste."""
 _STRIDE = 0.12
-"""Largest change of heading anywhere on the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
+"""Maximum change of heading along the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
 _HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
 """Precision with which SCM-3 and SCM-6 hold a pose. Taste."""
 _SUBGOAL_SPACING = 0.03
-"""Distance of the subgoals of SCM-7, as a share of the arm's length. Taste."""
+"""Maximum distance between subgoals of SCM-7, as a fraction of the arm's length. Taste."""
 _SUBGOAL_TURN = 0.12
-"""Largest turn of the tip from subgoal to subgoal [rad]. Taste."""
+"""Maximum change of the tip's heading between subgoals of SCM-7 [rad]. Taste."""
 _STRIDE_SAMPLES = 65
-"""Number of places on the curve at which the change of heading is measured. Taste."""
+"""Number of arc lengths at which the change of heading is evaluated. Taste."""
 _HELD_PUSH = 0.03
-"""Weight of the walls while a pose is held. Taste."""
+"""Weight of the repulsive potential of obstacles while the pose of a segment's end is held. Taste."""
 _HELD_PATIENCE = 20
-"""Moves without headway after which holding the end of a segment has failed. Taste."""
+"""Number of moves without progress after which holding the pose of a segment's end has failed. Taste."""
 _RELAXING = 6
-"""Number of moves that relax a shape before its end is brought back. Taste."""
+"""Number of moves that reduce the potential before the end of a segment is moved back to its pose. Taste."""
 _END_TURN = 0.3
-"""Largest change of the end's curvature by SCM-6 in one step, times the segment's length [rad]. Taste."""
+"""Maximum change of the curvature at the end by SCM-6 in one step, times the segment's length [rad]. Taste."""
 
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
 )  # fmt: skip
-"""Operators that keep the curvature at the end."""
+"""Operators that keep the curvature at the end of a segment."""
 
 
 def scm_6(world: World, start: Configuration) -> Schema:
-    """Run SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
+    """Run SCM-6: reduce the curvature at the tip to zero, while position and heading of the tip are kept.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
 
     Yields:
-        Configurations with the tip in its place, as the curvature decreases to zero.
+        Steps with decreasing curvature at the tip.
 
     Returns:
-        A configuration with C_e = 0 and the tip in its place.
+        A configuration with C_e = 0 and an unchanged tip pose.
 
     Raises:
-        SchemaStopped: the tip cannot be held.
+        SchemaStopped: the tip pose cannot be kept.
     """
     position, heading = start.tip
     held = TipPose(position, heading)
@@ -82,18 +82,20 @@ def scm_6(world: World, start: Configuration) -> Schema:
 def hold(
     world: World, before: Configuration, changed: Configuration, segment: int, held: TipPose, schema: str
 ) -> Configuration:
-    """Bring the end of a segment back to a pose after a change, by operators that keep its end curvature.
+    """Return a changed configuration, corrected such that the end of a segment is at a given pose again.
+
+    The correction is a hill climb with the operators that keep the curvature at that end.
 
     Args:
-        world: the world.
-        before: the arm before the change; it must be able to move from there to the result.
+        world: environment of the schemas.
+        before: the arm before the change, from which the straight motion to the result must be allowed.
         changed: the arm after the change.
-        segment: index of the segment whose end is held; the operators change it and those before it.
-        held: pose at which that end is held.
+        segment: index of the segment whose end is held; the operators change this segment and those before.
+        held: pose at which the end is held.
         schema: name of the schema, for messages.
 
     Raises:
-        SchemaStopped: the end cannot be held, or there is an obstruction.
+        SchemaStopped: the pose is not reached, or the motion to the result is blocked.
     """
 
     def objective(shapes: Shapes) -> FloatArray:
@@ -128,7 +130,7 @@ def hold(
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
-    """Return the configurations midway between consecutive initial configurations, coordinate by coordinate."""
+    """Return the configurations midway between consecutive ones, coordinate by coordinate."""
     middles = []
     for one, other in pairwise(beginnings):
         first = Shapes.from_configurations([one])
@@ -141,9 +143,15 @@ def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
 
 
 def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
-    """Return the base segment as the natural curve of its type and length, as SCM-1 would select it.
+    """Return a configuration whose base segment is replaced by the curve that SCM-1 would select, as a tuple of one.
 
-    The result is empty for other segments, or where the pose is out of reach.
+    Length and end curvature of the segment are kept. The tuple is empty if the pose is out of reach or the segment is
+    not the base segment.
+
+    Args:
+        changed: the configuration.
+        segment: index of the segment whose end is held.
+        held: pose at which the end is held.
     """
     if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
         return ()
@@ -168,28 +176,29 @@ def scm_0(
     push: float = 0.0,
     patience: float = np.inf,
 ) -> Schema:
-    """Run SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
+    """Run SCM-0: pure hill climbing to a goal position and, if given, goal heading of the tip.
 
-    Keeps the number and the lengths of the segments; changes interpolation points and base rotation.
+    Interpolation points and base rotation change; number and lengths of the segments are kept.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
         goal: goal of the tip.
-        precision: largest errors of a tip at the goal.
-        weights: weights of the distance function.
+        precision: maximum errors of the tip at the goal; default values if None.
+        weights: weights of the distance function; default values if None.
         most_steps: maximum number of moves.
-        push: weight of the world's crowding; none in the pure climb.
-        patience: number of moves without progress after which the climb ends; unlimited in the pure climb.
+        push: weight of the repulsive potential of obstacles; 0 for pure hill climbing.
+        patience: number of moves without progress after which the climb ends; unlimited for pure hill climbing.
 
     Yields:
-        The configuration after every move.
+        The step after every move.
 
     Returns:
         A configuration within the precision.
 
     Raises:
-        SchemaStopped: the climb is in a local minimum, or all improving moves are blocked.
+        SchemaStopped: the climb ended in a local minimum, without progress, at the maximum number of moves, or because
+            all improving moves are blocked.
     """
     here = start
     distance = Distance(goal, start.length, weights or DistanceWeights(), precision=precision or Precision())
@@ -211,18 +220,19 @@ def scm_0(
 
 
 def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
-    """Run SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
+    """Run SCM-7: a sequence of SCM-0 with subgoals on the straight line from the tip to a goal.
 
-    The tip's heading turns evenly on the way. Where the arm may move straight from subgoal to subgoal, it does.
+    The heading of the tip changes evenly from subgoal to subgoal. The motion between subgoals is straight if that is
+    allowed.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
         goal: goal of the tip.
-        precision: largest errors of a tip at the goal.
+        precision: maximum errors of the tip at the goal; default values if None.
 
     Yields:
-        The configuration at every subgoal, with the moves in between where they are needed.
+        A step at every subgoal, and the moves between subgoals where straight motion is not allowed.
 
     Returns:
         A configuration at the goal.
@@ -248,7 +258,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 
 
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
-    """Move to the next subgoal by SCM-0, in one step if the world allows it.
+    """Move to the next subgoal of SCM-7 by SCM-0, in one step if the straight motion is allowed.
 
     Raises:
         SchemaStopped: the subgoal is not reached.
@@ -256,7 +266,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
     climb_there = scm_0(world, start, subgoal, precision=precision, push=PUSH, patience=PATIENCE)
     steps, here = run(climb_there)
     moves = [step.configuration for step in steps]
-    # The moves of a climb zigzag; the straight motion is shorter where it is free.
+    # The moves of a climb zigzag; a straight motion is shorter, if collision-free.
     if len(moves) > 1 and world.move_allowed(start, here):
         moves = [here]
     for configuration in moves:
@@ -265,7 +275,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
 
 
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
-    """Return a description of the tip's distance from a goal."""
+    """Return a text for messages with the errors of the tip relative to a goal in position and heading."""
     (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
     text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
     if goal.heading is not None:
@@ -274,23 +284,23 @@ def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
 
 
 def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
-    """Run SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
+    """Run SCM-2: move by linear interpolation of curvature and base rotation to a configuration selected by SCM-1.
 
-    Keeps base and length; base rotation and curvature change linearly to those of the target.
+    Base position and length are kept.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
-        target: a configuration of the same base and length.
+        target: a configuration with equal base position and length.
 
     Yields:
-        Configurations evenly spaced on the way.
+        Evenly spaced steps.
 
     Returns:
         The target.
 
     Raises:
-        SchemaStopped: there is an obstruction.
+        SchemaStopped: the motion is blocked.
     """
     here = start
     for share in _shares(start, target):
@@ -303,30 +313,30 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
 
 
 def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_as_free: bool = False) -> Schema:
-    """Run SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
+    """Run SCM-8: move as in SCM-2, but with a fixed direction of the vector from base to tip.
 
-    The base turns to preserve it; the target's own base rotation is not kept.
+    The base rotates to keep this direction, so base rotation does not end at the value of the target.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
-        target: a configuration of the same base and length.
-        as_far_as_free: end before a contact instead of raising an error there.
+        target: a configuration with equal base position and length.
+        as_far_as_free: end before a contact instead of raising an error, unless the first step is already blocked.
 
     Yields:
-        Configurations on the way.
+        Evenly spaced steps.
 
     Returns:
-        The target, turned about the base, or the last configuration before a contact.
+        The target, rotated about the base, or the last configuration before a contact.
 
     Raises:
-        SchemaStopped: there is an obstruction.
+        SchemaStopped: the motion is blocked.
     """
     here = start
     direction = direction_to_tip(world, start)
     for share in _shares(start, target):
         mixed = interpolate(start, target, share)
-        # Restore the direction first, then the winding of the base.
+        # First restore the direction, then the number of whole turns of the base.
         there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
         there = turned(there, whole_turns(here.base_heading - there.base_heading))
         if not world.move_allowed(here, there):
@@ -339,20 +349,20 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
 
 
 def turned(configuration: Configuration, angle: float) -> Configuration:
-    """Return a configuration turned about its base by an angle [rad]."""
+    """Return a configuration rotated about its base by an angle [rad]."""
     shapes = Shapes.from_configurations([configuration])
     shapes.heading[0] += angle
     return shapes.configuration(0)
 
 
 def direction_to_tip(world: World, configuration: Configuration) -> float:
-    """Return the direction of the vector from base to tip [rad]."""
+    """Return the direction of the vector from base to tip of a configuration [rad]."""
     (tip,), _ = world.tips(Shapes.from_configurations([configuration]))
     return vector_heading(tip - configuration.base)
 
 
 def _shares(start: Configuration, target: Configuration) -> list[float]:
-    """Return interpolation parameters in [0, 1] between which no heading changes by more than the stride."""
+    """Return interpolation parameters in (0, 1], with at most 0.12 rad change of any heading between two."""
     arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
     count = max(1, int(np.ceil(most / _STRIDE)))

@@ -1,4 +1,4 @@
-"""The schemas that select and feed: SCM-1, SCM-3, SCM-4 and SCM-5; re-exports the others."""
+"""The schemas of the 1990 paper that select and feed, SCM-1, SCM-3, SCM-4 and SCM-5; re-exports the others."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -22,28 +22,28 @@ from ccm_opt.robot.decomposition import add_segment, delete_segment, segment_hea
 from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
 _SELECTED_PRECISION = Precision(1e-3, 6e-3)
-"""Precision with which a curve selected by SCM-4 ends at the goal; SCM-0 does the rest. Taste."""
+"""Precision with which a curve selected by SCM-4 ends at the goal; SCM-0 removes the remaining error. Taste."""
 _SHORTENING = 0.03
-"""Share by which SCM-4 shortens a segment that is too long, per round. Taste."""
+"""Fraction by which SCM-4 shortens a segment that is too long, per iteration. Taste."""
 _SELECTION_PUSH = 0.05
-"""Weight of the walls while a curve is selected. Taste."""
+"""Weight of the repulsive potential of obstacles in the climb of SCM-4. Taste."""
 _SELECTION_STEPS = 1500
-"""Most moves of that climb. Taste."""
+"""Maximum number of moves in the climb of SCM-4. Taste."""
 _LEAST_CHORD_RATIO = 0.25
-"""Least chord of SCM-4's first guess, as a share of its length. Taste."""
+"""Minimum ratio of chord to length of the initial guess of SCM-4. Taste."""
 _FINEST_FEED = 1.0 / 8.0
-"""Share of the feed step down to which a feed that meets an obstacle is halved. Taste."""
+"""Minimum feed step after repeated halving at an obstacle, as a fraction of the full step. Taste."""
 
 
 @dataclass(frozen=True)
 class Feeding:
-    """An arm with its tip part on a track.
+    """State of an arm whose distal part lies on a reference path along which the arm is fed.
 
     Attributes:
-        configuration: the arm.
-        track: the track, which begins at the end of segment ``holder``.
-        holder: index of the last segment that is not on the track.
-        out: length of the arm on the track [m].
+        configuration: configuration of the arm.
+        track: the reference path, which begins at the end of segment ``holder``.
+        holder: index of the last segment that is not on the path.
+        out: length of the arm on the path [m].
     """
 
     configuration: Configuration
@@ -53,23 +53,23 @@ class Feeding:
 
     @property
     def left(self) -> float:
-        """Length of the track that is not covered yet [m]."""
+        """Length of the reference path that is not yet covered by the arm [m]."""
         return self.track.length - self.out
 
     def at(self, configuration: Configuration) -> "Feeding":
-        """Return the feeding state with the arm in another configuration."""
+        """Return the state with the arm in another configuration."""
         return replace(self, configuration=configuration)
 
     def with_length_out(self, out: float) -> "Feeding":
-        """Return the arm with another length on the track; the segments before it are scaled to compensate."""
+        """Return the state with another length ``out`` [m] on the path and the segments before scaled to compensate."""
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         scale = (before.length - (out - self.out)) / before.length
         return self._made_of(_scaled(before, slice(None), scale), self.track, out)
 
     def with_boundary_ahead(self, length: float) -> tuple["Feeding", TipPose]:
-        """Return the arm with the boundary farther along the track, and the pose to be held.
+        """Return the state with the start of the path moved ahead by ``length`` [m], and the pose of the new start.
 
-        The segment before the boundary is scaled.
+        The path loses its first part, and segment ``holder`` is stretched by the same length.
         """
         ahead = self.track.after(length)
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
@@ -80,14 +80,14 @@ class Feeding:
         return self._made_of(shapes.configuration(0), ahead, self.out - length), TipPose(position, heading)
 
     def _placed(self, before: Configuration, length: float) -> tuple[CurvatureSegment, ...]:
-        """Return the first ``length`` metres of the track, as a continuation of a configuration."""
+        """Return the segments of the first ``length`` [m] of the path, as a continuation of a configuration."""
         whole = before
         for segment in self.track.first(length):
             whole = add_segment(whole, segment)
         return whole.segments[len(before.segments) :]
 
     def _made_of(self, before: Configuration, track: SegmentTrack, out: float) -> "Feeding":
-        """Return the arm composed of the part before the track and the first ``out`` metres of the track."""
+        """Return the state composed of the arm before the path and the first ``out`` [m] of the path."""
         whole = before
         for segment in track.first(out):
             whole = add_segment(whole, segment)
@@ -95,28 +95,28 @@ class Feeding:
 
 
 Feed: TypeAlias = Generator[SchemaStep, None, Feeding]
-"""Yields its steps; returns the arm with its new length on the track."""
+"""Generator that yields the steps of a feed motion and returns the arm with its new length on the reference path."""
 
 
 def scm_3(world: World, start: Configuration, segment: int, length: float) -> Schema:
-    """Run SCM-3: maintain the current tip position and orientation while a segment gets longer or shorter.
+    """Run SCM-3: keep position and heading of a segment's end while the segment gets longer or shorter.
 
-    The tip is the end of the segment, where the curvature is kept; the segments after it move along unchanged.
+    The curvature at that end is kept as well, and so are all later segments.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm.
         segment: index of the segment.
         length: final length of the segment [m].
 
     Yields:
-        Configurations with evenly changing length.
+        Steps with evenly changing length.
 
     Returns:
         The last configuration.
 
     Raises:
-        SchemaStopped: the pose cannot be held.
+        SchemaStopped: the pose of the end cannot be kept.
     """
     here = start
     stride = FEED * start.length
@@ -127,24 +127,24 @@ def scm_3(world: World, start: Configuration, segment: int, length: float) -> Sc
 
 
 def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: float) -> Schema:
-    """Run SCM-5: feed or retract the tip segment along a given curve, specified by its curvature.
+    """Run SCM-5: feed or retract the last segment of the arm along a given curve.
 
-    The tip segment is always the first part of the curve, so every point of it stays on the curve.
+    The last segment is always the first part of the curve, so that no point of the segment leaves the curve.
 
     Args:
-        world: the world.
-        start: configuration of the arm; its tip segment lies on the curve.
-        curve: curve along which the tip segment moves; the tip segment is always its first part.
-        length: final length of the segment [m].
+        world: environment of the schemas.
+        start: configuration of the arm, with the last segment on the curve.
+        curve: curve along which the last segment moves.
+        length: final length of the last segment [m].
 
     Yields:
-        Configurations with evenly changing length of the tip segment.
+        Steps with evenly changing length of the last segment.
 
     Returns:
         The last configuration.
 
     Raises:
-        SchemaStopped: there is an obstruction.
+        SchemaStopped: the motion is blocked.
     """
     here = start
     stride = FEED * curve.length
@@ -160,21 +160,21 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
 
 
 def pass_length(world: World, start: Feeding, least: float, most: float = np.inf) -> Feed:
-    """Run SCM-3 and SCM-5 together: the segments before the track lose the length that is fed out along it.
+    """Run SCM-3 and SCM-5 together: feed the arm along a reference path, with length taken from the segments before.
 
-    The arm's length is constant, so each step is one of both schemas at once.
+    The arm's length is constant, so each step belongs to both schemas.
 
     Args:
-        world: the world.
-        start: the arm, and its length on the track.
-        least: minimum length that stays off the track [m].
-        most: maximum length that is fed out [m].
+        world: environment of the schemas.
+        start: state of the arm on the path.
+        least: minimum length of the segments before the path [m].
+        most: maximum length to feed [m].
 
     Yields:
-        Configurations of constant total length.
+        Steps with constant total length.
 
     Returns:
-        The last configuration: the track is fully covered, no length is left to feed, or there is an obstruction.
+        The last state: the path is covered, the length to feed is used up, or the motion is blocked.
     """
     here = start
     held = end_pose(start.configuration, start.holder)
@@ -200,21 +200,21 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
 
 
 def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
-    """Move the start of the track ahead along the track; the segment before takes over the length (SCM-3).
+    """Move the start of a reference path ahead along the path, and stretch the segment before by this length (SCM-3).
 
-    "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The subgoal that is held moves
-    along with the boundary, so that a fold opens. The part of the arm on the track stays where it is.
+    "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The pose that is held moves
+    along the path with the boundary, so that a fold opens. The part of the arm on the path does not move.
 
     Args:
-        world: the world.
-        start: the arm, and its length on the track.
-        length: distance by which the boundary should move [m].
+        world: environment of the schemas.
+        start: state of the arm on the path.
+        length: requested displacement of the boundary [m].
 
     Yields:
-        Configurations of constant total length.
+        Steps with constant total length.
 
     Returns:
-        The last configuration: the boundary has moved that far, or there is an obstruction.
+        The last state: the boundary has moved by the requested length, or the motion is blocked.
     """
     here = start
     moved = 0.0
@@ -235,10 +235,12 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
 
 
 def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Feeding:
-    """Return the arm with the first piece of a track at its tip; the segments before it shorten by its length (SCM-3).
+    """Return the state of an arm with the first piece of a reference path added at its tip.
+
+    The other segments are shortened to compensate, while the pose of their end is kept (SCM-3).
 
     Raises:
-        SchemaStopped: the tip cannot be held.
+        SchemaStopped: the pose cannot be kept, not even with a short piece.
     """
     holder = len(start.segments) - 1
     length = FEED * start.length
@@ -254,18 +256,18 @@ def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Fe
 
 
 def end_pose(configuration: Configuration, segment: int) -> TipPose:
-    """Return the position and heading of a segment's end."""
+    """Return position and heading of the end of a segment with a given index."""
     (position,), (heading,) = Shapes.from_configurations([configuration]).first_segments(segment + 1).tips
     return TipPose(position, float(heading))
 
 
 def resized(configuration: Configuration, segment: int, length: float) -> Configuration:
-    """Return a segment scaled to another length; its curvature scales with 1/length, so that it keeps its shape."""
+    """Return a configuration with one segment scaled to another length [m] in equal shape, curvature included."""
     return _scaled(configuration, slice(segment, segment + 1), length / configuration.segments[segment].length)
 
 
 def _scaled(configuration: Configuration, which: slice, scale: float) -> Configuration:
-    """Return a range of segments scaled in length and curvature, so that they keep their shape."""
+    """Return a configuration with a range of segments scaled in length by a factor, of equal shape."""
     shapes = Shapes.from_configurations([configuration])
     shapes.lengths[0, which] *= scale
     shapes.curvature[0, which] /= scale
@@ -274,53 +276,53 @@ def _scaled(configuration: Configuration, which: slice, scale: float) -> Configu
 
 
 def fed(configuration: Configuration, curve: CurvatureSegment, length: float) -> Configuration:
-    """Return the arm with its tip segment replaced by the first part of a curve."""
+    """Return a configuration whose last segment is replaced by the first ``length`` [m] of a curve."""
     return add_segment(delete_segment(configuration), segment_head(curve, length))
 
 
 def _parts(first: float, last: float, stride: float) -> list[float]:
-    """Return evenly spaced lengths from ``first`` to ``last``, at most a stride apart [m]."""
+    """Return evenly spaced lengths after ``first`` up to ``last``, spaced by at most ``stride``, all [m]."""
     count = max(1, int(np.ceil(abs(last - first) / stride)))
     return [first + (last - first) * k / count for k in range(1, count + 1)]
 
 
 BENT = (SegmentType.LEFT, SegmentType.RIGHT, SegmentType.LEFT_RIGHT, SegmentType.RIGHT_LEFT)
-"""Types that bend."""
+"""Segment types with curvature."""
 _BUMP = np.array([0.0, 1.125, 1.5, 1.125, 0.0])
-"""A parabola of mean 1 at even knots: a half wave of curvature."""
+"""Values at even knots of a parabola with mean 1 that vanishes at both ends: a half wave of curvature."""
 _KEPT_LENGTH = (
     Operator.C_B, Operator.C_C, Operator.C_D, Operator.C_E, Operator.S_B, Operator.S_C, Operator.S_D,
 )  # fmt: skip
-"""Operators that keep a segment's length, and the curvature with which it begins."""
+"""Operators that keep the length of a segment and the curvature at its start."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Result of SCM-1 or SCM-4.
+    """Curvature segment that SCM-1 or SCM-4 selects to reach a goal, with its type.
 
     Attributes:
-        kind: the type of segment.
-        segment: a curve of that type; its heading is the base rotation.
+        kind: type of the segment.
+        segment: curve of this type; the heading of its start is the base rotation.
     """
 
     kind: SegmentType
     segment: CurvatureSegment
 
     def configuration(self, base: FloatArray) -> Configuration:
-        """Return the curve as a configuration of its own, from a base (2,) [m]."""
+        """Return the segment as a backbone curve that begins at a base position, shape (2,) [m]."""
         return Configuration(base, (self.segment,))
 
 
 def scm_1(world: World, start: Configuration, goal: TipPose) -> Selection:
-    """Return the result of SCM-1: the curvature segment type and the base rotation for SCM-2 or SCM-8.
+    """Select the type of a curvature segment and the base rotation to reach a goal, by SCM-1, for SCM-2 or SCM-8.
 
-    The arm does not move. Only base and goal pose are considered (section 2.1). The curve is the natural one of its
-    type, aimed at the goal; a base that cannot turn that far is turned as far as it can.
+    The arm does not move. Only base and goal pose are considered (section 2.1). The curve is a circular arc or a modal
+    curve of the selected type whose end is at the goal position, with base rotation clipped to the range of the base.
 
     Args:
-        world: the world.
-        start: configuration of the arm; only its base, base rotation and length count.
-        goal: goal of the tip; no farther from the base than the length.
+        world: environment of the schemas, with the range of the base.
+        start: configuration of the arm, of which only base position, base rotation and length are used.
+        goal: goal of the tip, no farther from the base than the length of the arm.
 
     Raises:
         SchemaStopped: the goal is out of reach.
@@ -329,7 +331,14 @@ def scm_1(world: World, start: Configuration, goal: TipPose) -> Selection:
 
 
 def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tuple[Selection, ...]:
-    """Return the selection of SCM-1 first, then the other bent types, ranked by the heading error of their ends.
+    """Return the selection of SCM-1 and those of the other bent types, ranked by heading error at the goal.
+
+    The selection of SCM-1 comes first, except for a straight segment if the goal is nearer than the arm's length.
+
+    Args:
+        world: environment of the schemas, with the range of the base.
+        start: configuration of the arm.
+        goal: goal of the tip.
 
     Raises:
         SchemaStopped: the goal is out of reach.
@@ -343,13 +352,20 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
         reason = f"the goal is {long_length(ratio * start.length)} away, the arm {long_length(start.length)} long"
         raise SchemaStopped("SCM-1", start, reason)
     others = sorted((k for k in BENT if k is not kind), key=lambda k: _heading_error(k, direction, ratio, goal))
-    # An arm with surplus length cannot reach its goal straight: the bent types come first.
+    # An arm longer than the distance to the goal cannot be straight: the bent types come first.
     kinds = (*others, kind) if kind is SegmentType.STRAIGHT and ratio < 1.0 - 1e-3 else (kind, *others)
     return tuple(_select(world, start, goal, k) for k in kinds)
 
 
 def _heading_error(kind: SegmentType, direction: float, ratio: float, goal: TipPose) -> float:
-    """Return the heading error at the goal of a type's natural curve, whose chord has a direction and ratio [rad]."""
+    """Return the heading error at the goal of the natural curve of a segment type [rad]; 0 if any heading is allowed.
+
+    Args:
+        kind: the type.
+        direction: direction of the chord from base to goal [rad].
+        ratio: length of the chord divided by that of the curve, in [0, 1].
+        goal: goal of the tip.
+    """
     if goal.heading is None:
         return 0.0
     side = -1.0 if kind in {SegmentType.RIGHT, SegmentType.LEFT_RIGHT} else 1.0
@@ -357,7 +373,7 @@ def _heading_error(kind: SegmentType, direction: float, ratio: float, goal: TipP
 
 
 def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType) -> Selection:
-    """Return the natural curve of a type, aimed at the goal as far as the base turns."""
+    """Return the natural curve of a segment type from base to goal, with base rotation clipped to its range."""
     segment = natural_segment(kind, start.base, goal.position, start.length)
     whole = whole_turns(start.base_heading - segment.heading)
     heading = float(np.clip(segment.heading + whole, *world.base_range))
@@ -365,22 +381,22 @@ def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType
 
 
 def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np.inf) -> Selection:
-    """Return the result of SCM-4: SCM-1 with the optimal segment length to achieve the goal. The arm does not move.
+    """Select type, curve and length of a further segment from the arm's tip to a goal, by SCM-4; the arm does not move.
 
-    The segment begins at the tip of the arm, along its heading and without curvature there, as SCM-6 leaves it. The
-    type follows from both poses alone. Its first guess is a half wave and a whole wave of curvature that turn as the
-    poses require; hill climbing over its interpolation points and its length then meets the goal. The paper does not
-    define the optimal length. Here it is the natural one, with which the climb reaches the goal, or the longest
-    available where the arm is too short for that.
+    The segment begins at the tip of the arm with the heading of the tip and zero curvature, as SCM-6 leaves the tip.
+    The type depends on both poses only. The initial guess is a half wave plus a whole wave of curvature with the
+    changes of heading that the poses require; hill climbing in interpolation points and length then reaches the goal.
+    The paper does not define the optimal length of the segment. Here it is the result of the climb, or ``longest`` if
+    that is shorter.
 
     Args:
         world: the world.
-        start: the arm up to where the segment begins.
+        start: configuration of the arm before the segment.
         goal: goal of the segment's end.
-        longest: largest length of the segment [m].
+        longest: maximum length of the segment [m].
 
     Raises:
-        SchemaStopped: no such segment is found.
+        SchemaStopped: no segment is found, or it lies partly inside a wall.
     """
     position, heading = start.tip
     kind = select_segment_type(position, heading, goal.position, goal.heading)
@@ -388,7 +404,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     segment = _met(world, start, guess, goal, (*_KEPT_LENGTH, Operator.LENGTH))
     while segment.length > longest:
         length = max(longest, (1.0 - _SHORTENING) * segment.length)
-        # Curvature goes with 1/length, so the shorter guess has the shape of the longer segment.
+        # Curvature is scaled with 1/length, so that the shorter guess has the shape of the longer segment.
         shorter = replace(segment, length=length, curvature=segment.curvature * segment.length / length)
         segment = _met(world, start, shorter, goal, _KEPT_LENGTH)
     alone = Shapes.from_configurations([Configuration(position, (segment,))])
@@ -401,7 +417,14 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
 def _met(
     world: World, start: Configuration, guess: CurvatureSegment, goal: TipPose, operators: tuple[Operator, ...]
 ) -> CurvatureSegment:
-    """Return the segment with its end at the goal, found from a guess by hill climbing.
+    """Return a segment with its end at a goal, found by hill climbing from an initial guess.
+
+    Args:
+        world: environment of the schemas, for the potential of obstacles; contact is allowed.
+        start: configuration of the arm before the segment.
+        guess: initial guess of the segment.
+        goal: goal of the segment's end.
+        operators: operators of the climb.
 
     Raises:
         SchemaStopped: the climb does not reach the goal.
@@ -424,12 +447,19 @@ def _met(
 
 
 def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_ratio: float) -> CurvatureSegment:
-    """Return the first guess of a segment, with zero curvature at both ends.
+    """Return an initial guess of a segment between two poses, with zero curvature at both ends.
 
-    The segment turns by α to its chord and by β from the chord: a bump of α + β and a wave of (α - β)/2.
+    The heading changes by α from the start to the chord and by β from the chord to the end. Curvature is the sum of a
+    half wave with the change of heading α + β and a whole wave with the amplitude (α - β)/2 of heading.
+
+    Args:
+        position: position of the start, shape (2,) [m].
+        heading: heading of the start [rad].
+        goal: goal of the end.
+        least_ratio: minimum ratio of chord to length.
 
     Raises:
-        ProblemError: start and goal of the segment coincide.
+        ProblemError: start and goal have one position.
     """
     chord = goal.position - position
     distance = float(np.hypot(*chord))
