@@ -38,7 +38,7 @@ def test_joints_slide_along_the_path(turn: float, start: float) -> None:
     """Whatever the arc, every joint of every keyframe lies on the axis or on the arc's own circle."""
     arm = fed_arm()
     path = bow(arm, turn)
-    end = path.base_with_tip_at_end(arm.links, LINK)
+    end = path.base_with_tip_at_end(arm.lengths)
     keyframes = slide(arm, path, start, end)
     joints = arm.joint_positions(arm.headings(keyframes[:, :-1]), keyframes[:, -1])
     radius = 0.5 / turn
@@ -73,7 +73,7 @@ def test_deviation_of_a_bow() -> None:
     """On an arc the arm leaves its leader by no more than the sagitta of a link; on the axis not at all."""
     arm = fed_arm()
     path = bow(arm, 1.5)
-    keyframes = slide(arm, path, 0.0, path.base_with_tip_at_end(arm.links, LINK))
+    keyframes = slide(arm, path, 0.0, path.base_with_tip_at_end(arm.lengths))
     found = leader_deviation(arm, keyframes)
     assert found is not None
     sagitta = LINK**2 * (1.5 / 0.5) / 8.0
@@ -141,7 +141,7 @@ def test_an_arm_is_drawn_back_along_its_own_shape(turn: float, share: float) -> 
     """The own path goes through every joint, and back along it every joint is straight when it comes to the hole."""
     arm = fed_arm()
     bow_path = bow(arm, turn)
-    feed = share * bow_path.base_with_tip_at_end(arm.links, LINK)
+    feed = share * bow_path.base_with_tip_at_end(arm.lengths)
     bends = pose_on_path(arm, bow_path, feed)
     path = pose_path(arm, bends, feed, 0.8 + 1.4 * LINK)
     assert path is not None
@@ -298,7 +298,7 @@ def test_feed_and_shape_change_at_once() -> None:
     end = bow(arm, -0.6)
 
     def lying_on(path: LeaderPath) -> JointPose:
-        feed = path.base_with_tip_at_end(arm.links, LINK)
+        feed = path.base_with_tip_at_end(arm.lengths)
         return JointPose(pose_on_path(arm, path, feed), feed)
 
     problem = make_problem(arm, make_room(), lying_on(end), lying_on(start))

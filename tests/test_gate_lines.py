@@ -120,7 +120,7 @@ def test_links_in_a_gate_are_told_from_those_beside_it() -> None:
     lines = lines_of(flat_gate(0.02))
     space, v = bowed((0.0, 0.0, 0.0))
     points = space.pose(v).points
-    inside = lines.holds_links(points[None], space.arm.radius)[0]
+    inside = lines.holds_links(points[None], space.arm.radii)[0]
     assert inside.any()
     starts = points[:-1, 0]
     assert np.all(starts[inside] < WALL_X + 0.02 + 0.01 + space.arm.radius)

@@ -102,7 +102,7 @@ def test_axes_that_cross_bend_by_half_a_turn(seed: int) -> None:
     """Theorem 6: where two links cross that share no joint, the bends between them add up to π at least."""
     rng = np.random.default_rng(seed)
     arm = plain_arm(6, radius=0.1)
-    assert first_distant(arm) > 3
+    assert first_distant(arm)[0] > 3
     bends = rng.uniform(-1.0, 1.0, 6) * rng.uniform(0.5, 2.8)
     points = arm.joint_positions(arm.headings(bends))
     links = [shapely.LineString(points[k : k + 2]) for k in range(6)]

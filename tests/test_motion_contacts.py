@@ -117,7 +117,7 @@ def test_first_self_pair_follows_the_rule(links: int, radius: float) -> None:
     """The arm's short form and the format's rule (|i − j| − 1) l ≥ max(2 l, π r) name the same pairs."""
     arm = make_arm(links, radius)
     i, j = distant_pairs(arm)
-    k, m = np.triu_indices(links, arm.first_self_pair)
+    k, m = arm.distant_pairs
     assert set(zip(i, j, strict=True)) == set(zip(k, m, strict=True))
 
 

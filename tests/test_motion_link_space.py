@@ -1,5 +1,6 @@
 """The link space φ = A v + φ₀: mean headings of the curve, an exact start, exact derivatives."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +28,7 @@ def random_coordinates(seed: int) -> FloatArray:
 def space_at_zero(links: int) -> LinkSpace:
     """The link space in which a curve stands for its mean headings alone."""
     arm = make_arm(links)
-    slopes = np.diff(mean_heading_matrix(links, arm.length), axis=0, prepend=0.0)
+    slopes = np.diff(mean_heading_matrix(arm), axis=0, prepend=0.0)
     return LinkSpace(arm, slopes, arm.bends(np.zeros(links)))
 
 
@@ -38,7 +39,7 @@ def curve_of(space: LinkSpace, v: FloatArray) -> Configuration:
     arm = space.arm
     heading = v[0]
     if space.clamped:  # as far as its first mean heading is from that of the arm
-        heading = headings_in(space, v)[0] - mean_heading_matrix(arm.links, arm.length)[0, 1:] @ curvature
+        heading = headings_in(space, v)[0] - mean_heading_matrix(arm)[0, 1:] @ curvature
     return Configuration.chain(arm.base, float(heading), [arm.length / SEGMENTS] * SEGMENTS, values)
 
 
@@ -145,9 +146,9 @@ def test_curve_is_smooth_and_as_long_as_the_arm(seed: int) -> None:
 
 def test_headings_scale_with_the_arm() -> None:
     """Stretching the arm and dividing its curvatures by the same factor leaves all headings alone."""
-    v = random_coordinates(3)
-    small = mean_heading_matrix(24, 0.5)
-    large = mean_heading_matrix(24, 2.0)
+    v, arm = random_coordinates(3), make_arm(24)
+    small = mean_heading_matrix(replace(arm, link_length=0.5 / 24))
+    large = mean_heading_matrix(replace(arm, link_length=2.0 / 24))
     shrunk = np.append(v[0], v[1:] / 4.0)
     np.testing.assert_allclose(small @ v, large @ shrunk, atol=1e-12)
 

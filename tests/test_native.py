@@ -78,7 +78,9 @@ def test_what_c_writes_into_must_fit() -> None:
 
 def test_what_c_reads_is_converted_and_kept() -> None:
     """Whole numbers, other layouts and sequences become what C expects, and live as long as the call."""
-    call = NativeCall("curve_shapes", joints=2, knots=2, spacing=1, length=1, places=[0, 1], shapes=np.zeros((2, 2)))
+    call = NativeCall(
+        "curve_shapes", joints=2, links=2, knots=2, spacing=1, lengths=[1, 1], places=[0, 1], shapes=np.zeros((2, 2))
+    )
     call()
     assert np.all(np.isfinite(call._kept["shapes"]))
 

@@ -209,6 +209,6 @@ def test_nothing_is_asked_of_nothing() -> None:
     tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
     assert len(tree.distances(np.zeros((0, 2, 3)), 1.0)) == 0
     assert len(tree.planes(np.zeros((0, 2, 3)), 1.0).gap) == 0
-    assert len(nearest_links(arm, np.zeros((0, LINKS + 1, 3)), 1.0).distance) == 0
+    assert len(nearest_links(arm, np.zeros((0, LINKS + 1, 3)), 1.0).gap) == 0
     assert len(Certificate(make_arm(LINKS, 0.01), Workspace(ROOM)).failures(np.zeros((1, LINKS)))) == 0
     assert len(random_segments(np.random.default_rng(1), 0)) == 0

@@ -121,7 +121,7 @@ def test_chords_between_samples_stay_near_the_path(seed: int, spare: float) -> N
     links, length = 5, 0.1
     arm = slim_arm(links, length)
     path = replace(make_path(random_control(seed, links)), spare=spare)
-    trajectory = run(path, even_limits(links, 5.0, 20.0), link_length=length)
+    trajectory = run(path, even_limits(links, 5.0, 20.0), link_lengths=np.full(links, length))
     plain = run(path, even_limits(links, 5.0, 20.0))
     assert trajectory.duration == pytest.approx(plain.duration, rel=1e-2)
     worst = np.argmax(np.abs(np.diff(trajectory.bend_angles, n=2, axis=0)).sum(axis=1))
@@ -134,6 +134,6 @@ def test_where_a_path_spares_no_gap_steps_are_cut_so_far_and_no_further(caplog: 
     """Steps are cut into a bounded number of pieces, and a warning tells when that is not enough."""
     path = make_path(random_control(5, 3))
     plain = run(path, even_limits(3, 50.0, 900.0))
-    trajectory = run(path, even_limits(3, 50.0, 900.0), link_length=10.0)
+    trajectory = run(path, even_limits(3, 50.0, 900.0), link_lengths=np.full(3, 10.0))
     assert len(plain.time) < len(trajectory.time) <= DEFAULT_TIMING.sampling.most_pieces * len(plain.time) + 1
     assert "chord deviation" in caplog.text

@@ -55,14 +55,14 @@ def test_c_and_numpy_agree_on_bounds_and_pairs(seed: int, links: int) -> None:
     distance = one.gap + 2.0 * arm.radius
     first, second, apart = near_pairs_by_numpy(arm, points, 0.3)
     assert sorted(zip(one.first, one.second, strict=True)) == sorted(zip(first, second, strict=True))
-    nearest = nearest_links(arm, np.stack((points, points + 1.0)), 0.3)
-    least = distance.min(initial=0.3)
-    assert nearest.distance == pytest.approx(least, abs=1e-12)
+    nearest = nearest_links(arm, np.stack((points, points + 1.0)), 0.3 - 2.0 * arm.radius)
+    least = one.gap.min(initial=0.3 - 2.0 * arm.radius)
+    assert nearest.gap == pytest.approx(least, abs=1e-12)
     assert np.all((nearest.first >= 0) == (len(one.first) > 0))
     for pose in (0, 1):
         if len(one.first):
             pair = (one.first == nearest.first[pose]) & (one.second == nearest.second[pose])
-            assert distance[pair] == pytest.approx([least], abs=1e-12)
+            assert one.gap[pair] == pytest.approx([least], abs=1e-12)
     order = np.lexsort((one.second, one.first))
     assert distance[order] == pytest.approx(apart[np.lexsort((second, first))], abs=1e-12)
 

@@ -277,7 +277,7 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
         if len(goals) == 3:
             break
     assert goals
-    motions = SampledMotions(arm, task.tree, task.kept, np.zeros((0, 3)))
+    motions = SampledMotions(arm, task.tree, task.clearance, np.zeros((0, 3)))
     poses = CurveDraws(CurvePoints(stepper, stepper.pose(v)), motions, goals).way(rng, 8000, task.deadline)
     assert poses is not None
     judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))

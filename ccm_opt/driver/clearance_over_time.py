@@ -18,7 +18,7 @@ from ccm_opt.problem.solution import Check, ClearanceRecord, JointTrajectory, Ne
 from ccm_opt.problem.solution.records import ShortCause
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import ChainMotion
-from ccm_opt.verification.selfcollision import check_self_collision, first_distant, link_gaps
+from ccm_opt.verification.selfcollision import check_self_collision, distant_pairs, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_walls
 
@@ -183,7 +183,7 @@ class _Room:
             poses: positions of joints and tip of n links at N samples, shape (N, n + 1, d) with d = 2 or 3 [m].
         """
         arm = self.problem.arm
-        may_meet = arm.self_collision and first_distant(arm) < arm.links
+        may_meet = arm.self_collision and len(distant_pairs(arm)[0]) > 0
         pairs, distance = link_gaps(arm, poses if may_meet else poses[:0], self._reach)
         wanted = arm.link_margins(pairs.link, pairs.other, self.wanted)
 

@@ -207,7 +207,7 @@ def _timed(
         dynamics,
         revolutes=partial(revolute_angles, problem.arm),
         method=problem.planner.retiming,
-        link_length=problem.arm.link_length,
+        link_lengths=problem.arm.lengths,
         coordinates=problem.arm.coordinates,
         arm=problem.arm,
         share=problem.planner.effort_share,

@@ -316,7 +316,7 @@ class PoseQuestion:
         """
         arm = self.arm
         feed = float(arm.coordinates.advance(self.start))
-        places = feed + arm.link_length * np.arange(arm.links, dtype=np.float64) - arm.hole
+        places = feed + arm.joint_places[:-1] - arm.hole
         bends = self.start[: len(arm.bend_limits)]
         limits = share * arm.bend_limits * np.repeat(bend_shares(arm, places), arm.bends_a_joint)
         # The start may use more of its limits than that.

@@ -316,7 +316,7 @@ class _Choice:
         rates = plan.velocities[span]
         square = np.einsum("tc,tc->t", rates, rates)
         along = np.einsum("tc,tc->t", rates, off) / np.where(square > 0.0, square, 1.0)
-        across = plan.coordinates.travel(off - along[:, None] * rates, self.problem.arm.link_length)
+        across = plan.coordinates.travel(off - along[:, None] * rates, self.problem.arm.lengths)
         used = float(max(max(shares) / _USED, np.max(across) / self.tolerance))
         return used if used > 1.0 else max(used, *self._efforts_used(q, v, a))
 

@@ -179,12 +179,13 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
     nodes = [MovingNode(name, writer.add_mesh(*mesh, grey)) for name, mesh in _obstacles(problem)]
     times, samples = film_times(trajectory.time)
     q = trajectory.positions[samples]
-    capsule = capsule_surface(arm.link_length, visual_radius(arm), _ROUND_SIDES)
-    link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", ARM))
-    tip_mesh = writer.add_mesh(*capsule, writer.add_material("last link", TIP))
+    colours = {name: writer.add_material(name, colour) for name, colour in (("arm", ARM), ("last link", TIP))}
+    meshes: dict[tuple[float, float, str], int] = {}
     for k, motion in enumerate(_motions(arm, q)):
-        mesh_number = tip_mesh if k == arm.links - 1 else link_mesh
-        nodes.append(MovingNode(f"link{k + 1:02d}", mesh_number, *motion))
+        kind = (float(arm.lengths[k]), visual_radius(arm, k), "last link" if k == arm.links - 1 else "arm")
+        if kind not in meshes:
+            meshes[kind] = writer.add_mesh(*capsule_surface(kind[0], kind[1], _ROUND_SIDES), colours[kind[2]])
+        nodes.append(MovingNode(f"link{k + 1:02d}", meshes[kind], *motion))
     return writer.written(nodes, times)
 
 

@@ -89,14 +89,14 @@ def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
         )
 
 
-def visual_radius(arm: Arm) -> float:
-    """Return the radius with which links are displayed [m]: the arm's, or a small one for an arm of zero radius."""
-    return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
+def visual_radius(arm: Arm, k: int) -> float:
+    """Return the radius with which link ``k`` is displayed [m]: its own, or a small one for an arm of zero radius."""
+    return float(arm.radii[k]) or 0.02 * arm.link_length
 
 
 def checked_share(arm: Arm, k: int) -> float:
     """Return the fraction of link ``k`` (from 0) inside the mount, the first part of the arm, which may touch walls."""
-    return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
+    return float(arm.free_shares[k])
 
 
 def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
@@ -157,10 +157,11 @@ def _geometry_element(body: Body) -> _Shape:
     return _Shape(body.kind, size, 0.5 * (body.start + body.end), np.roll(rotation_to_axis(axis), -1, axis=1))
 
 
-def _capsule(arm: Arm, begin: float) -> _Shape:
-    """Return the part of a link from the distance ``begin`` [m] behind its joint to its end, in the link's frame."""
-    size = (visual_radius(arm), arm.link_length - begin)
-    return _Shape("capsule", size, np.array([0.5 * (begin + arm.link_length), 0.0, 0.0]), _Z_ALONG_X)
+def _capsule(arm: Arm, k: int, begin: float) -> _Shape:
+    """Return the part of link ``k`` from ``begin`` [m] behind its joint to its end, in the link's frame."""
+    length = float(arm.lengths[k])
+    size = (visual_radius(arm, k), length - begin)
+    return _Shape("capsule", size, np.array([0.5 * (begin + length), 0.0, 0.0]), _Z_ALONG_X)
 
 
 def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
@@ -274,7 +275,7 @@ def urdf_text(
     for revolute in revolutes(arm, bends_only=bends_only):
         child = f"link{revolute.ball:02d}" if revolute.carries_link else f"{revolute.name}_frame"
         _add_link(robot, arm, child, revolute)
-        shift = arm.link_length if revolute.starts_ball and revolute.ball > 1 else 0.0
+        shift = float(arm.lengths[revolute.ball - 2]) if revolute.starts_ball and revolute.ball > 1 else 0.0
         joint = _add_joint(robot, revolute.name, "revolute", parent, child, (shift, 0.0, 0.0))
         ET.SubElement(joint, "axis", xyz=numbers(revolute.axis))
         effort = UNLIMITED_EFFORT if limits.torque is None else float(limits.torque[revolute.index])
@@ -282,7 +283,7 @@ def urdf_text(
         if revolute.friction:
             ET.SubElement(joint, "dynamics", damping=number(revolute.friction))
         parent = child
-    tip = (arm.link_length, 0.0, 0.0)
+    tip = (float(arm.lengths[-1]), 0.0, 0.0)
     if arm.payload:
         _add_inertia(ET.SubElement(robot, "link", name="payload"), 0.0, arm.payload, FRAME_INERTIA, FRAME_INERTIA)
         _add_joint(robot, "payload_mount", "fixed", parent, "payload", tip)
@@ -352,11 +353,12 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
         _add_inertia(link, 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
         return
     k = revolute.ball - 1
-    _add_inertia(link, 0.5 * arm.link_length, arm.masses[k], arm.inertia_axial[k], arm.inertia_transverse[k])
-    _add_urdf_shapes(link, "visual", _capsule(arm, 0.0))
-    begin = checked_share(arm, k) * arm.link_length
-    if begin < arm.link_length:
-        _add_urdf_shapes(link, "collision", _capsule(arm, begin))
+    length = float(arm.lengths[k])
+    _add_inertia(link, 0.5 * length, arm.masses[k], arm.inertia_axial[k], arm.inertia_transverse[k])
+    _add_urdf_shapes(link, "visual", _capsule(arm, k, 0.0))
+    begin = checked_share(arm, k) * length
+    if begin < length:
+        _add_urdf_shapes(link, "collision", _capsule(arm, k, begin))
 
 
 def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, across: float) -> None:
@@ -433,7 +435,7 @@ def mjcf_text(
             ET.SubElement(parent, "joint", given)
             ET.SubElement(actuators, "motor", name=f"{revolute.name}_motor", joint=revolute.name)
         _add_body(parent, arm, ball - 1)
-        place, turn = np.array([arm.link_length, 0.0, 0.0]), np.eye(3)
+        place, turn = np.array([arm.lengths[ball - 1], 0.0, 0.0]), np.eye(3)
     ET.SubElement(parent, "site", name="tip", pos=numbers(place))
     if arm.payload:
         payload = ET.SubElement(parent, "body", name="payload", pos=numbers(place))
@@ -494,10 +496,11 @@ def _add_body(body: ET.Element, arm: Arm, k: int) -> None:
     """Add the mass and geometry of link ``k`` (from 0) to an MJCF body; the part inside the mount is visual only."""
     across = arm.inertia_transverse[k]
     inertia = numbers((arm.inertia_axial[k], across, across))
-    centre = numbers((0.5 * arm.link_length, 0.0, 0.0))
+    length = float(arm.lengths[k])
+    centre = numbers((0.5 * length, 0.0, 0.0))
     ET.SubElement(body, "inertial", pos=centre, mass=number(arm.masses[k]), diaginertia=inertia)
-    begin = checked_share(arm, k) * arm.link_length
+    begin = checked_share(arm, k) * length
     if begin > 0.0:
-        _add_geom(body, _capsule(arm, 0.0), contype="0", conaffinity="0")
-    if begin < arm.link_length:
-        _add_geom(body, _capsule(arm, begin), contype="1", conaffinity="0")
+        _add_geom(body, _capsule(arm, k, 0.0), contype="0", conaffinity="0")
+    if begin < length:
+        _add_geom(body, _capsule(arm, k, begin), contype="1", conaffinity="0")

@@ -5,7 +5,7 @@
 
 typedef struct {
     int64_t links;
-    double length;          /* of a link */
+    const double *lengths;   /* of the links, (links,) */
     const double *rotations; /* of the links in the middle of the interval, (links, 3, 3) */
     const double *turns;    /* of the joints over the interval, (2 links,) */
     const double *base;     /* rotation of the base, (3, 3) */
@@ -15,11 +15,12 @@ typedef struct {
 
 PUBLIC void motion_bounds(MotionQuery *q)
 {
-    bound_motion(q->links, q->length, q->base, q->rotations, q->turns, q->speed, q->bow);
+    bound_motion(q->links, q->lengths, q->base, q->rotations, q->turns, q->speed, q->bow);
 }
 
 typedef struct {
-    int64_t links, first_pair; /* pairs (i, j) with j − i ≥ first_pair are looked at */
+    int64_t links;
+    const int64_t *first_pair; /* pairs (i, j) with j ≥ first_pair[i] are looked at, (links,) */
     double reach;              /* nearer pairs than this are reported */
     const double *points;      /* joints and tip, (links + 1, 3) */
     int64_t capacity, count;   /* the count may exceed the capacity, and is then needed */
@@ -31,12 +32,12 @@ typedef struct {
 PUBLIC void near_links(PairQuery *q)
 {
     q->count = 0;
+    double longest = longest_link(q->points, q->links);
     for (int64_t i = 0; i < q->links; i++) {
         const double *p = q->points + 3 * i;
         double u[3] = {p[3] - p[0], p[4] - p[1], p[5] - p[2]}, s = 0.0, t = 0.0;
-        double length = sqrt(dot(u, u));
-        int64_t j = next_in_reach(q->points, q->links, i, i + q->first_pair, q->reach, length);
-        for (; j < q->links; j = next_in_reach(q->points, q->links, i, j + 1, q->reach, length)) {
+        int64_t j = next_in_reach(q->points, q->links, i, q->first_pair[i], q->reach, longest);
+        for (; j < q->links; j = next_in_reach(q->points, q->links, i, j + 1, q->reach, longest)) {
             double distance = links_apart(q->points, i, j, &s, &t);
             if (distance >= q->reach) continue;
             int64_t k = q->count++;
@@ -54,40 +55,43 @@ PUBLIC void near_links(PairQuery *q)
 }
 
 typedef struct {
-    int64_t links, first_pair, poses;
-    double reach;            /* farther pairs than this are not reported */
+    int64_t links, poses;
+    const int64_t *first_pair; /* as above */
+    double reach;            /* pairs with this gap or more are not reported */
+    const double *radii;     /* (links,) */
     const double *points;    /* joints and tip, (poses, links + 1, 3) */
     int64_t *first, *second; /* out: of the nearest pair of each pose, or -1, (poses,) */
-    double *distance;        /* out: of their axes, or the reach, (poses,) */
+    double *gap;             /* out: of their surfaces, or the reach, (poses,) */
 } NearestPairQuery;
 
 PUBLIC void nearest_links(NearestPairQuery *q)
 {
     for (int64_t pose = 0; pose < q->poses; pose++) {
         const double *points = q->points + 3 * (q->links + 1) * pose;
-        double least = q->reach, s, t;
+        double least = q->reach, longest = longest_link(points, q->links), thickest = 0.0, s, t;
+        for (int64_t j = 0; j < q->links; j++) thickest = fmax(thickest, q->radii[j]);
         q->first[pose] = q->second[pose] = -1;
         for (int64_t i = 0; i < q->links; i++) {
-            const double *p = points + 3 * i;
-            double u[3] = {p[3] - p[0], p[4] - p[1], p[5] - p[2]};
-            double length = sqrt(dot(u, u));
-            int64_t j = next_in_reach(points, q->links, i, i + q->first_pair, least, length);
-            for (; j < q->links; j = next_in_reach(points, q->links, i, j + 1, least, length)) {
-                double distance = links_apart(points, i, j, &s, &t);
-                if (distance >= least) continue;
-                least = distance;
+            double near = least + q->radii[i] + thickest;
+            int64_t j = next_in_reach(points, q->links, i, q->first_pair[i], near, longest);
+            for (; j < q->links; j = next_in_reach(points, q->links, i, j + 1, near, longest)) {
+                double gap = links_apart(points, i, j, &s, &t) - (q->radii[i] + q->radii[j]);
+                if (gap >= least) continue;
+                least = gap;
+                near = least + q->radii[i] + thickest;
                 q->first[pose] = i;
                 q->second[pose] = j;
             }
         }
-        q->distance[pose] = least;
+        q->gap[pose] = least;
     }
 }
 
 typedef struct {
-    int64_t joints, knots;
-    double spacing, length; /* of the knots, the first of which is at 0, and of a link */
+    int64_t joints, links, knots; /* joints: of one pose after another */
+    double spacing;         /* of the knots, the first of which is at 0 */
     const double *places;   /* arc lengths of the joints, (joints,) */
+    const double *lengths;  /* of the links, (links,) */
     double *shapes;         /* out: turns by a unit of curvature at each knot, (joints, knots) */
 } ShapeQuery;
 
@@ -106,14 +110,19 @@ static double hat(double top, int64_t knot, int64_t knots)
 
 PUBLIC void curve_shapes(ShapeQuery *q)
 {
-    double scale = q->spacing * q->spacing / (6.0 * q->length), step = q->length / q->spacing;
     for (int64_t j = 0; j < q->joints; j++) {
         double top = q->places[j] / q->spacing;
+        int64_t link = j % q->links;
+        double length = q->lengths[link], ratio = length / q->lengths[link ? link - 1 : 0];
+        double scale = q->spacing * q->spacing / (6.0 * length);
+        double behind = length / q->spacing, before = behind / ratio;
         for (int64_t k = 0; k < q->knots; k++) {
             /* A joint knows the curvature within a link of its place alone. */
             double x = top - (double)k, turn = 0.0;
-            if (x > -1.0 - step && x < 1.0 + step)
-                turn = scale * (hat(top + step, k, q->knots) - 2.0 * hat(top, k, q->knots) + hat(top - step, k, q->knots));
+            if (x > -1.0 - behind && x < 1.0 + before) {
+                double far = hat(top + behind, k, q->knots), near = hat(top - before, k, q->knots);
+                turn = scale * (far - (1.0 + ratio) * hat(top, k, q->knots) + ratio * near);
+            }
             q->shapes[j * q->knots + k] = turn;
         }
     }

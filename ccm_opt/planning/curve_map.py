@@ -1,10 +1,10 @@
 """The map from the curvature of a curve to configurations of the arm; the curve is fixed in space while the arm is fed.
 
 The curve's curvature about each of two axes is linear between its values at evenly spaced knots. A joint at arc length
-σ turns by the second difference of the twice integrated curvature, (F(σ + l) − 2 F(σ) + F(σ − l)) / l: by as much as
-the mean heading changes from the link before it to the one behind it. Where the base is fed, σ is counted from the end
-of the guide tube, so that an arm that is only fed follows its own shape. Joints bend only from a little beyond the tube
-on, so that those inside it stay straight from keyframe to keyframe.
+σ turns by (F(σ + l) − F(σ)) / l − (F(σ) − F(σ − l')) / l', where F is the twice integrated curvature: by as much as
+the mean heading changes from the link before it, of length l', to the one behind it. Where the base is fed, σ is
+counted from the end of the guide tube, so that an arm that is only fed follows its own shape. Joints bend only from a
+little beyond the tube on, so that those inside it stay straight from keyframe to keyframe.
 
 Unknowns v: where the base is fixed its two turns, then the curvatures about the first and about the second axis, then
 the feed. They are scaled so that each of them turns the joints by about as much.
@@ -358,7 +358,7 @@ class CurveMap(CurveUnknowns):
         For several feeds of shape (m, 1), the result has one row per feed, shape (m, links).
         """
         arm = self.arm
-        along = arm.link_length * np.arange(arm.links)
+        along = arm.joint_places[:-1]
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)
 
     def _feeds(self, v: FloatArray) -> FloatArray:
@@ -436,13 +436,13 @@ class CurveMap(CurveUnknowns):
         shapes = np.empty((len(flat), self.knots))
         NativeCall(
             "curve_shapes",
-            joints=len(flat), knots=self.knots, spacing=self.spacing, length=self.arm.link_length, places=flat,
-            shapes=shapes,
+            joints=len(flat), links=self.arm.links, knots=self.knots, spacing=self.spacing, places=flat,
+            lengths=self.arm.lengths, shapes=shapes,
         )()  # fmt: skip
         if self.arm.base_axes:
             shapes *= bend_shares(self.arm, flat)[:, None]
         elif self.arm.clamped_joints:
-            shapes[flat < (self.arm.clamped_joints - 0.5) * self.arm.link_length] = 0.0
+            shapes.reshape(-1, self.arm.links, self.knots)[:, : self.arm.clamped_joints] = 0.0
         return shapes.reshape(*places.shape, self.knots)
 
 
@@ -462,7 +462,7 @@ def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pos
     pose = Pose(v, q, slopes, np.empty((n + 1, 3)), np.empty((n + 1, 3, p)), np.empty((n, 3, p)), np.empty((n, 3, 3)))
     NativeCall(
         "chain",
-        links=n, unknowns=p, fed=len(arm.base_axes), length=arm.link_length, start=arm.base, base=arm.base_rotation,
+        links=n, unknowns=p, fed=len(arm.base_axes), lengths=arm.lengths, start=arm.base, base=arm.base_rotation,
         q=q, slopes=slopes, points=pose.points, rotations=pose.frames, turning=pose.turning, moving=pose.moving,
     )()  # fmt: skip
     return pose
@@ -476,7 +476,7 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
     """
     arm = curve.arm
     straight = curve.straight_before
-    places = feed + arm.link_length * np.arange(arm.links) - arm.hole
+    places = feed + arm.joint_places[:-1] - arm.hole
     if forward:
         inside = places[places < 0.0]
         return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf

@@ -71,7 +71,7 @@ def route_room(problem: Problem, ends: Ends) -> FreeSpace:
         problem: the problem.
         ends: start and goal in the form that planning uses.
     """
-    least = problem.arm.radius + problem.workspace.clearance
+    least = problem.arm.tip_radius + problem.workspace.clearance
     inflation = _ROUTE_INFLATION * problem.arm.length
     kept = _LEAST_MARGIN * inflation
     wide = least + inflation

@@ -167,7 +167,7 @@ def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> Floa
     away = np.linalg.norm(joints[:, -1] - goal.position, axis=1) / arm.length
     if goal.direction is None:
         return np.asarray(away)
-    ahead = (joints[:, -1] - joints[:, -2]) @ goal.direction / arm.link_length
+    ahead = (joints[:, -1] - joints[:, -2]) @ goal.direction / arm.lengths[-1]
     return np.asarray(away + _FACING * np.arccos(np.clip(ahead, -1.0, 1.0)))
 
 
@@ -213,9 +213,9 @@ class CurvePoints:
         NativeCall(
             "shapes_onto_goal",
             links=arm.links, size=points.shape[1], shapes=len(points), directed=directed, steps=_NEWTON_STEPS,
-            length=arm.link_length, largest=_NEWTON_TURN, place=arm.base, base=arm.base_rotation, offset=offset,
-            slopes=slopes, limit=arm.upper_limits, inverse=np.linalg.pinv(slopes), position=goal.position,
-            direction=goal.direction if directed else np.zeros(3),
+            whole=arm.length, lengths=arm.lengths, largest=_NEWTON_TURN, place=arm.base, base=arm.base_rotation,
+            offset=offset, slopes=slopes, limit=arm.upper_limits, inverse=np.linalg.pinv(slopes),
+            position=goal.position, direction=goal.direction if directed else np.zeros(3),
             work=np.empty(26 * arm.links + 7 * points.shape[1] + 12), points=points, missed=missed,
         )()  # fmt: skip
         return missed

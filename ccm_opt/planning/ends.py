@@ -184,13 +184,13 @@ def stands_flush(problem: Problem, q: FloatArray) -> bool:
     """
     arm = problem.arm
     # The whole first link belongs to the mount already.
-    if arm.mount_length >= arm.link_length:
+    if arm.mount_length >= arm.lengths[0]:
         return False
     points = arm.joint_positions_at(q)
     reach = _REACH * arm.length
     near = problem.workspace.near(shapely.LineString(points), arm.radius + problem.workspace.clearance + reach)
     contacts = WallFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
-    at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
+    at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.lengths[0], arm.mount_length)
     flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= _FLUSH * arm.length)
 
     # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap can
@@ -201,7 +201,7 @@ def stands_flush(problem: Problem, q: FloatArray) -> bool:
 
 def clamped_arm(arm: Arm) -> Arm:
     """Return an arm whose first link, which cannot move, belongs to the mount, for planning with a clamped base."""
-    return replace(arm, mount_length=arm.link_length)
+    return replace(arm, mount_length=float(arm.lengths[0]))
 
 
 def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
@@ -229,11 +229,12 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     play = tolerances.position
     last: shapely.Point | shapely.LineString = shapely.Point(goal.position)
     if goal.heading is not None:
-        back = arm.link_length * unit_vector(goal.heading)
+        length = float(arm.lengths[-1])
+        back = length * unit_vector(goal.heading)
         last = shapely.LineString([goal.position - back, goal.position])
         # Within the heading tolerance, the rear end of the last link may swing by this much.
-        play += arm.link_length * tolerances.heading
-    need = arm.radius + problem.workspace.clearance - play
+        play += length * tolerances.heading
+    need = arm.tip_radius + problem.workspace.clearance - play
     k, apart = problem.workspace.nearest(last)
     gap = apart - need
     if gap < 0.0:
@@ -243,7 +244,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         turn = "" if goal.heading is None else ", or change its heading"
         advice = (
             f"move the goal away by {depth}{turn}",
-            *clearance_advice(arm.radius, problem.workspace.clearance, -gap),
+            *clearance_advice(arm.tip_radius, problem.workspace.clearance, -gap),
         )
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
@@ -278,7 +279,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     Raises:
         UnreachableGoal: the goal is inside or too near to an obstacle, or out of reach; the message says by how much.
     """
-    found = deepest_enclosure(problem.workspace, goal.position[None], entering=problem.arm.radius)
+    found = deepest_enclosure(problem.workspace, goal.position[None], entering=problem.arm.tip_radius)
     if found is not None:
         reason = f"the goal is {_depth_words(found)}"
         ways = (
@@ -295,7 +296,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
         missing = short_length(kept - float(near.gap[0]))
         name = task.names[near.owner[0]]
         reason = f"the goal is in contact: the tip is {missing} too near to '{name}' at {place(near.point[0])}"
-        thinner = clearance_advice(task.arm.radius, problem.workspace.clearance, least - float(near.gap[0]))
+        thinner = clearance_advice(task.arm.tip_radius, problem.workspace.clearance, least - float(near.gap[0]))
         advice = (f"move the goal away from it by {missing}", *thinner)
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", advice))
     arm = task.arm
@@ -336,7 +337,7 @@ def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
     _, exposed = task.arm.exposed_links(joints)
     # An arm that touches nothing lies inside a closed body as a whole, and one whose mount ends outside an open body
     # has entered it through an opening.
-    first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else len(joints)
+    first = int(np.searchsorted(task.arm.joint_places, task.arm.mount_length)) if contact else len(joints)
     found = deepest_enclosure(problem.workspace, np.concatenate((joints[first:], exposed[:1, 0])))
     if found is None:
         return contact
@@ -365,18 +366,18 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
     points = arm.joint_positions_at(q)
     first, segments = arm.exposed_links(points)
     if len(segments):
-        kept = task.kept + beyond
-        near = task.tree.nearest(segments, kept + arm.link_length)
-        k = int(np.argmin(near.gap))
-        if near.gap[k] < kept - ROUNDING:
-            missing = short_length(kept - float(near.gap[k]))
+        kept = arm.radii[first:] + task.clearance + beyond
+        near = task.tree.nearest(segments, float(np.max(kept)) + arm.link_length)
+        gap = near.gap - kept
+        k = int(np.argmin(gap))
+        if gap[k] < -ROUNDING:
+            missing = short_length(-float(gap[k]))
             name = task.names[near.owner[k]]
             return f"link {first + k + 1} is {missing} too near to '{name}' at {place(near.point[k])}"
     if arm.self_collision:
-        kept = 2.0 * arm.radius + beyond
-        nearest = nearest_links(arm, points[None], kept)
+        nearest = nearest_links(arm, points[None], beyond)
         if nearest.first[0] >= 0:
-            missing = short_length(kept - float(nearest.distance[0]))
+            missing = short_length(beyond - float(nearest.gap[0]))
             return f"link {nearest.first[0] + 1} is {missing} too near to link {nearest.second[0] + 1}"
     return ""
 
@@ -457,7 +458,7 @@ def _walls(problem: Problem, tree: SurfaceTree, points: FloatArray, reach: float
     if link == arm.links or len(problem.workspace.soup) == 0:
         return _nothing(count, reach)
     found = tree.nearest(in_space(exposed.reshape(-1, 2, arm.dimension)), reach + arm.radius, exposed.shape[1])
-    gap = found.gap.reshape(count, -1) - arm.radius
+    gap = found.gap.reshape(count, -1) - arm.radii[link:]
     best = np.argmin(gap, axis=1)
     rows = np.arange(count)
     owner = found.owner.reshape(count, -1)[rows, best]
@@ -468,10 +469,9 @@ def _itself(problem: Problem, points: FloatArray, reach: float) -> NearestOfSamp
     arm = problem.arm
     if not arm.self_collision:
         return _nothing(len(points), reach)
-    nearest = nearest_links(arm, in_space(points), reach + 2.0 * arm.radius)
+    nearest = nearest_links(arm, in_space(points), reach)
     found = nearest.first >= 0
-    gap = np.where(found, nearest.distance - 2.0 * arm.radius, reach)
-    return NearestOfSamples(gap, nearest.first + 1, np.where(found, nearest.second + 1, -1))
+    return NearestOfSamples(nearest.gap, nearest.first + 1, np.where(found, nearest.second + 1, -1))
 
 
 def _nothing(count: int, reach: float) -> NearestOfSamples:

@@ -8,8 +8,10 @@
 #define MOST_POSES (INT64_C(1) << 31) /* on a motion */
 
 typedef struct {
-    int64_t links, mount_link, parts, first_self_pair, side, stride; /* parts: of a link between places looked up */
-    double mount_at, link_length, radius, base_x, base_y, corner_x, corner_y, cell, spacing;
+    int64_t links, mount_link, parts, side, stride; /* parts: of a link between places looked up */
+    const int64_t *first_self_pair; /* the first link beyond each one that may not meet it, (links,) */
+    const double *lengths, *radii;  /* (links,) */
+    double mount_at, mean_length, longest, thickest, base_x, base_y, corner_x, corner_y, cell, spacing;
     const uint8_t *blocked; /* (side, side), by row and column, with a frame of one cell */
     double *work;           /* 8 numbers a link, and two more */
 
@@ -54,20 +56,21 @@ static int links_meet(const double *p, const double *q, const double *r, const d
 
 static int on_itself(const Shares *s, const double *joints)
 {
-    double close = s->link_length + 2.0 * s->radius, square = 4.0 * s->radius * s->radius;
-    for (int64_t i = 0; i + s->first_self_pair < s->links; ++i) {
+    double close = s->longest + 2.0 * s->thickest;
+    for (int64_t i = 0; i < s->links; ++i) {
         const double *p = joints + 2 * i;
         double mx = p[0] + p[2], my = p[1] + p[3];
-        for (int64_t j = i + s->first_self_pair; j < s->links; ++j) {
+        for (int64_t j = s->first_self_pair[i]; j < s->links; ++j) {
             const double *r = joints + 2 * j;
             double x = 0.5 * (r[0] + r[2] - mx), y = 0.5 * (r[1] + r[3] - my);
             double apart = x * x + y * y;
             if (apart >= close * close) {
                 /* Nothing comes nearer by more than a link's length from one link to the next. */
-                j += whole_within((sqrt(apart) - close) / s->link_length, 0, s->links);
+                j += whole_within((sqrt(apart) - close) / s->longest, 0, s->links);
                 continue;
             }
-            if (links_meet(p, p + 2, r, r + 2, square)) return 1;
+            double both = s->radii[i] + s->radii[j];
+            if (links_meet(p, p + 2, r, r + 2, both * both)) return 1;
         }
     }
     return 0;
@@ -76,22 +79,22 @@ static int on_itself(const Shares *s, const double *joints)
 /* Whether the pose with given cosines and sines of the links touches something for sure. */
 static int refuted(const Shares *s, const double *cosines, const double *sines, double *joints)
 {
-    double part = s->link_length / (double)s->parts;
     joints[0] = s->base_x;
     joints[1] = s->base_y;
     for (int64_t j = 0; j < s->links; ++j) {
         const double *p = joints + 2 * j;
-        joints[2 * j + 2] = p[0] + s->link_length * cosines[j];
-        joints[2 * j + 3] = p[1] + s->link_length * sines[j];
+        double length = s->lengths[j], part = length / (double)s->parts;
+        joints[2 * j + 2] = p[0] + length * cosines[j];
+        joints[2 * j + 3] = p[1] + length * sines[j];
         if (j < s->mount_link) continue;
-        double mount = j == s->mount_link ? s->mount_at * s->link_length : 0.0;
+        double mount = j == s->mount_link ? s->mount_at * length : 0.0;
         if (j == s->mount_link && blocked_at(s, p[0] + mount * cosines[j], p[1] + mount * sines[j])) return 1;
         for (int64_t k = 1; k <= s->parts; ++k) {
             double along = part * (double)k;
             if (along > mount && blocked_at(s, p[0] + along * cosines[j], p[1] + along * sines[j])) return 1;
         }
     }
-    return s->first_self_pair > 0 && on_itself(s, joints);
+    return on_itself(s, joints);
 }
 
 /* The first of the steps `from`, `from` + `by`, ... up to `last` whose pose is refuted, or `last` + 1; steps that are
@@ -124,8 +127,8 @@ static int64_t first_refuted(const Shares *s, const double *start, const double 
 static double free_share(const Shares *s, const double *start, const double *end, int end_first)
 {
     double travel = 0.0;
-    for (int64_t j = 0; j < s->links; ++j) travel += fabs(end[j] - start[j]);
-    int64_t count = whole_within(ceil(s->link_length * travel / s->spacing), 1, MOST_POSES);
+    for (int64_t j = 0; j < s->links; ++j) travel += s->lengths[j] / s->mean_length * fabs(end[j] - start[j]);
+    int64_t count = whole_within(ceil(s->mean_length * travel / s->spacing), 1, MOST_POSES);
     if (!(travel < INFINITY) || count == MOST_POSES) return 0.0; /* no motion of an arm */
     if (end_first && first_refuted(s, start, end, count, count, 1, count, 0) <= count) return 0.0;
     /* Few poses on the way first: most motions that touch do so in a wide stretch. Then what lies before. */

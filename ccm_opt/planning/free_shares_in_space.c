@@ -29,8 +29,11 @@ typedef struct {
 } Grid;
 
 typedef struct {
-    int64_t links, first_link, first_pair;
-    double length, mount, wall, pair; /* wall, pair: that axes keep from surfaces, each other */
+    int64_t links, first_link;
+    const int64_t *first_pair;                     /* as in arm_motion.c */
+    const double *lengths, *radii;                 /* of the links, (links,) */
+    const double *wall;                            /* that axes keep from surfaces, (links,) */
+    double mount, longest, pair; /* share of the first link inside the mount, longest link, gap between links */
     const double *place, *base;
     const double *limit; /* of the bends, (c,) */
     Grid wide, fine;     /* the latter tells just what is near to the gap that is kept */
@@ -146,12 +149,12 @@ static double grid_distance(const Motions *m, const Grid *grid, const double *pl
 }
 
 /* Gap of a link beyond what is kept, or less; negative where it touches. */
-static double link_room(const Motions *m, const double *joint, double from)
+static double link_room(const Motions *m, int64_t link, const double *joint, double from)
 {
-    double place[3], line[3], size = (1.0 - from) * m->length, near = NEAR * m->fine.cell;
+    double place[3], line[3], size = (1.0 - from) * m->lengths[link], wall = m->wall[link], near = NEAR * m->fine.cell;
     minus(joint + 3, joint, line);
     along(joint, 0.5 * (1.0 + from), line, place);
-    double least = grid_distance(m, &m->wide, place) - m->wall, wide = NEAR * m->wide.cell;
+    double least = grid_distance(m, &m->wide, place) - wall, wide = NEAR * m->wide.cell;
     if (least - 0.5 * size >= wide) return least - 0.5 * size;
     if (least < -wide) return least;
     least = INFINITY;
@@ -159,7 +162,7 @@ static double link_room(const Motions *m, const double *joint, double from)
     double step = (1.0 - from) / (double)parts;
     for (int64_t k = 0; k < parts; k++) {
         along(joint, from + ((double)k + 0.5) * step, line, place);
-        least = smaller(least, grid_distance(m, &m->fine, place) - m->wall);
+        least = smaller(least, grid_distance(m, &m->fine, place) - wall);
         if (least < -near) return least;
     }
     least -= 0.5 * size / (double)parts;
@@ -168,24 +171,27 @@ static double link_room(const Motions *m, const double *joint, double from)
     along(joint, from, line, segment.start);
     for (int d = 0; d < 3; d++) segment.line[d] = (1.0 - from) * line[d];
     segment.square = dot(segment.line, segment.line);
-    nearest_face(&m->surfaces, &segment, m->wall + near, TOLD * m->wall, &least);
-    return least - m->wall;
+    nearest_face(&m->surfaces, &segment, wall + near, TOLD * wall, &least);
+    return least - wall;
 }
 
 /* Rooms of the links of a pose, (links,); returns whether it touches nothing. */
 static int pose_room(const Motions *m, const double *q, double *points, double *room)
 {
-    place_links(m->links, m->length, 0, m->place, m->base, q, points, points + 3 * (m->links + 1));
+    place_links(m->links, m->lengths, 0, m->place, m->base, q, points, points + 3 * (m->links + 1));
     /* The tip is what meets walls first. */
     for (int64_t j = m->links - 1; j >= m->first_link; j--) {
-        room[j] = link_room(m, points + 3 * j, j == m->first_link ? m->mount / m->length - (double)j : 0.0);
+        room[j] = link_room(m, j, points + 3 * j, j == m->first_link ? m->mount : 0.0);
         if (room[j] < 0.0) return 0;
     }
-    for (int64_t i = 0; i + m->first_pair < m->links; i++)
-        for (int64_t j = i + m->first_pair; (j = next_in_reach(points, m->links, i, j, m->pair, m->length)) < m->links; j++) {
-            double s, t;
-            if (links_apart(points, i, j, &s, &t) < m->pair) return 0;
-        }
+    double thickest = 0.0;
+    for (int64_t j = 0; j < m->links; j++) thickest = larger(thickest, m->radii[j]);
+    for (int64_t i = 0; i < m->links; i++) {
+        double far = m->radii[i] + thickest + m->pair, s, t;
+        int64_t j = next_in_reach(points, m->links, i, m->first_pair[i], far, m->longest);
+        for (; j < m->links; j = next_in_reach(points, m->links, i, j + 1, far, m->longest))
+            if (links_apart(points, i, j, &s, &t) < m->radii[i] + m->radii[j] + m->pair) return 0;
+    }
     return 1;
 }
 
@@ -200,10 +206,11 @@ static double next_step(const Motions *m, const double *moved, const double *poi
             rate[d] += moved[2 * j] * frame[3 * d + 2] + moved[2 * j + 1] * after[3 * d + 1];
         double ahead[3] = {after[0], after[3], after[6]};
         cross(rate, ahead, swing);
-        along(velocity, m->length, swing, velocity);
+        along(velocity, m->lengths[j], swing, velocity);
         double speed = sqrt(dot(velocity, velocity)), turning = sqrt(dot(rate, rate));
         double most = FASTER * larger(speed, before);
-        if (j >= m->first_link && most * step > room[j] + STRIDE * m->wall) step = (room[j] + STRIDE * m->wall) / most;
+        double room_left = j >= m->first_link ? room[j] + STRIDE * m->wall[j] : INFINITY;
+        if (most * step > room_left) step = room_left / most;
         if (turning * step > TURN) step = TURN / turning;
         before = speed;
     }

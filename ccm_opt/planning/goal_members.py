@@ -291,7 +291,9 @@ class ArcsAtLimits:
         bends = np.minimum(bounds, _MOST_TURN / arm.links) * self._sides()
         bends[:, 0] = 0.0
         turned = np.cumsum(bends, axis=1)
-        tip = arm.link_length * np.stack((np.cos(turned).sum(axis=1), np.sin(turned).sum(axis=1)), axis=1)
+        shares = arm.length_shares
+        sums = ((np.cos(turned) * shares).sum(axis=1), (np.sin(turned) * shares).sum(axis=1))
+        tip = arm.link_length * np.stack(sums, axis=1)
         towards = self.goal.position - arm.base
         first = vector_heading(towards) - np.arctan2(tip[:, 1], tip[:, 0])
         bends[:, 0] = wrap(first - arm.base_heading)

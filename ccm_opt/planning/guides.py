@@ -252,8 +252,7 @@ class TipLed:
         Returns:
             Both of shape (links, d − 1); turns [rad], weights in [0, 1].
         """
-        links = len(pose.frames)
-        joints_at = self.arc - self.space.arm.link_length * np.arange(links, -1, -1.0)
+        joints_at = self.arc - self.space.arm.places_from_tip
         places = self.track.at(joints_at)
         chords = np.einsum("nij,ni->nj", pose.frames, np.diff(places, axis=0))
         aside = np.linalg.norm(chords[:, 1:], axis=1)

@@ -178,7 +178,7 @@ class Hairpin:
     def tip_arc(self) -> float:
         """Arc length of the tip's target on the track [m]."""
         arm = self.space.arm
-        joints = np.arange(arm.links + 1) * arm.link_length
+        joints = arm.joint_places
         # Measured on the track: in a bend the outer strand is longer than the arm next to it.
         beside_fold = np.interp(self.fold_at, joints, self.retraced)
         return float(beside_fold + arm.length - self.fold_at - self.fold_length)
@@ -234,7 +234,7 @@ class Hairpin:
     def _middles(self) -> FloatArray:
         """Return the arc lengths of the middles of the links from the base, shape (links,) [m]."""
         arm = self.space.arm
-        return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
+        return arm.link_middles
 
     def progress(self, pose: Pose) -> bool:
         """Move the fold towards the base if the tip is near its target, and return whether the fold was moved."""
@@ -253,7 +253,7 @@ class Hairpin:
         """Move the fold to where the tip's target is at the end of the track, or the fold has opened at the base."""
         arm = self.space.arm
         places = np.linspace(-self.fold_length, arm.length, _PLACES)
-        arcs = np.interp(places, np.arange(arm.links + 1) * arm.link_length, self.retraced) - places
+        arcs = np.interp(places, arm.joint_places, self.retraced) - places
         reached = arcs + arm.length - self.fold_length >= self.track.length
         self.fold_at = float(places[reached].max(initial=-self.fold_length))
 
@@ -376,10 +376,10 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
         return path_length(path.from_joint(start.points, joint))
 
     def new_length(joint: int) -> float:
-        return joint * arm.link_length + onward(joint)
+        return float(arm.joint_places[joint]) + onward(joint)
 
     def tip_path_length(joint: int) -> float:
-        return (arm.links - joint) * arm.link_length + onward(joint)
+        return float(arm.places_from_tip[joint]) + onward(joint)
 
     longest = _LONGEST_SHAPE * arm.length
     if new_length(0) > longest:

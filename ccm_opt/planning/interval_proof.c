@@ -10,10 +10,13 @@
 double segment_gap(const Surfaces *surfaces, const double *segment, double reach, double slack);
 
 typedef struct {
-    int64_t links, fed, first_link, first_pair; /* links before the first are not looked at; pairs as in arm_motion.c */
+    int64_t links, fed, first_link; /* links before the first are not looked at */
+    const int64_t *first_pair;      /* as in arm_motion.c */
     int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
-    double length, mount; /* of a link, and of what is inside the mount */
-    double wall, pair;    /* distances that the links' axes keep from surfaces and from each other */
+    const double *lengths, *mount;  /* of the links, and the share of each inside the mount, (links,) */
+    const double *radii;            /* (links,) */
+    const double *wall;             /* distances that the links' axes keep from surfaces, (links,) */
+    double longest, thickest, pair; /* length and radius; gap that links keep from each other */
     double slack;         /* share of a link's motion by which distances may be told too small at first */
     const double *start, *base, *before, *after;
     const Surfaces *surfaces; /* may be missing */
@@ -62,7 +65,7 @@ static Place place_in(const ProofQuery *q, double *memory)
 
 static void put(const ProofQuery *q, const Place *place)
 {
-    place_links(q->links, q->length, q->fed, q->start, q->base, place->bends, place->points, place->rotations);
+    place_links(q->links, q->lengths, q->fed, q->start, q->base, place->bends, place->points, place->rotations);
 }
 
 static Interval interval_between(const ProofQuery *q, const Place *first, const Place *last, double *memory)
@@ -76,7 +79,7 @@ static Interval interval_between(const ProofQuery *q, const Place *first, const 
         interval.middle.bends[k] = 0.5 * (first->bends[k] + last->bends[k]);
     put(q, &interval.middle);
     for (int64_t k = 0; k < 2 * n; k++) turns[k] = last->bends[k] - first->bends[k];
-    bound_motion(n, q->length, q->base, interval.middle.rotations, turns, rates, interval.bows);
+    bound_motion(n, q->lengths, q->base, interval.middle.rotations, turns, rates, interval.bows);
     for (int64_t j = 0; j <= n; j++) {
         double *chord = interval.chords + 3 * j;
         for (int d = 0; d < 3; d++) chord[d] = last->points[3 * j + d] - first->points[3 * j + d];
@@ -97,7 +100,7 @@ static double gap_of(const ProofQuery *q, const Place *place, int64_t link, doub
     double segment[6];
     const double *points = place->points + 3 * link;
     for (int k = 0; k < 6; k++) segment[k] = points[k];
-    double share = q->mount / q->length - (double)link;
+    double share = q->mount[link];
     if (share > 0.0 && share < 1.0)
         for (int d = 0; d < 3; d++) segment[d] += share * (segment[3 + d] - segment[d]);
     return segment_gap(q->surfaces, segment, reach, slack);
@@ -110,9 +113,9 @@ typedef enum { TOUCHING, CLEAR, UNKNOWN } Outcome;
 static double sure_gap_of(const ProofQuery *q, const Place *place, int64_t link, double reach, double slack)
 {
     double gap = gap_of(q, place, link, reach, slack);
-    if (!(gap < q->wall) || gap + slack < q->wall || slack == 0.0) return gap;
+    if (!(gap < q->wall[link]) || gap + slack < q->wall[link] || slack == 0.0) return gap;
     /* Whether anything is that near is found sooner than how near it is. */
-    return gap_of(q, place, link, q->wall, 0.0);
+    return gap_of(q, place, link, q->wall[link], 0.0);
 }
 
 /* Whether some links keep off the surfaces; distances at the ends are known. Distances are told too small by a share of
@@ -128,13 +131,13 @@ static Outcome walls_clear(const ProofQuery *q, const Place *first, const Place 
     for (int64_t k = 0; outcome == CLEAR && k < count; k++) {
         int64_t link = links->link[k], left = halves[0].count;
         double most = most_of(interval, link), middle = 0.0;
-        if (links->first[k] + links->last[k] - most >= 2.0 * q->wall) continue;
+        if (links->first[k] + links->last[k] - most >= 2.0 * q->wall[link]) continue;
         if (depth == 0) {
             outcome = UNKNOWN;
         } else {
             /* A half of the interval moves the link half as far, or hardly more. */
-            middle = sure_gap_of(q, &interval->middle, link, q->wall + 0.75 * most, slack * most);
-            if (!(middle >= q->wall)) outcome = TOUCHING;
+            middle = sure_gap_of(q, &interval->middle, link, q->wall[link] + 0.75 * most, slack * most);
+            if (!(middle >= q->wall[link])) outcome = TOUCHING;
         }
         numbers[left] = link;
         halves[0].first[left] = links->first[k];
@@ -174,7 +177,7 @@ static Outcome exactly_clear(const ProofQuery *q, const Place *first, const Plac
                              const Links *left)
 {
     for (int64_t k = 0; k < left->count; k++) {
-        double reach = q->wall + most_of(interval, left->link[k]);
+        double reach = q->wall[left->link[k]] + most_of(interval, left->link[k]);
         left->first[k] = gap_of(q, first, left->link[k], reach, 0.0);
         left->last[k] = gap_of(q, last, left->link[k], reach, 0.0);
     }
@@ -202,15 +205,15 @@ static int all_walls_clear(const ProofQuery *q, const Place *first, const Place 
         memset(q->told, 0, gaps_size);
     }
     for (int64_t link = q->first_link; outcome == CLEAR && link < q->links; link++) {
-        double most = most_of(interval, link), reach = q->wall + most, slack = q->slack * most;
+        double most = most_of(interval, link), wall = q->wall[link], reach = wall + most, slack = q->slack * most;
         double at_first = known_gap(q, first, start.told, start.told_reach, link, reach, slack, 0);
         /* So far off that it comes to no wall, wherever it moves. */
         if (at_first >= reach) continue;
         double at_last = known_gap(q, last, end.told, end.told_reach, link, reach, slack, 0);
-        if (at_first >= q->wall && at_last >= q->wall && at_first + at_last - most >= 2.0 * q->wall) continue;
+        if (at_first >= wall && at_last >= wall && at_first + at_last - most >= 2.0 * wall) continue;
         at_first = known_gap(q, first, start.sure, start.sure_reach, link, reach, FINE * slack, 1);
         at_last = known_gap(q, last, end.sure, end.sure_reach, link, reach, FINE * slack, 1);
-        if (!(at_first >= q->wall && at_last >= q->wall)) outcome = TOUCHING;
+        if (!(at_first >= wall && at_last >= wall)) outcome = TOUCHING;
         left.link[left.count] = link;
         left.first[left.count] = at_first;
         left.last[left.count] = at_last;
@@ -237,6 +240,12 @@ static double approach(const Interval *interval, int64_t one, int64_t other)
     return most;
 }
 
+/* Distance that the axes of two links keep from each other. */
+static double pair_kept(const ProofQuery *q, int64_t one, int64_t other)
+{
+    return q->radii[one] + q->radii[other] + q->pair;
+}
+
 static int pairs_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval,
                        const Pairs *pairs, int64_t depth)
 {
@@ -248,9 +257,10 @@ static int pairs_clear(const ProofQuery *q, const Place *first, const Place *las
                        {0, numbers, numbers + count, memory + count, memory + 2 * count}};
     for (int64_t k = 0; clear && k < count; k++) {
         int64_t one = pairs->one[k], other = pairs->other[k], left = halves[0].count;
-        if (pairs->first[k] + pairs->last[k] - approach(interval, one, other) >= 2.0 * q->pair) continue;
+        double kept = pair_kept(q, one, other);
+        if (pairs->first[k] + pairs->last[k] - approach(interval, one, other) >= 2.0 * kept) continue;
         double s, t, middle = depth ? links_apart(interval->middle.points, one, other, &s, &t) : -INFINITY;
-        clear = middle >= q->pair;
+        clear = middle >= kept;
         numbers[left] = one;
         numbers[count + left] = other;
         halves[0].first[left] = pairs->first[k];
@@ -273,8 +283,8 @@ static int64_t near_pairs(const ProofQuery *q, const Place *first, const Place *
 {
     int64_t count = 0;
     for (int64_t i = 0; i < q->links; i++) {
-        int64_t j = next_in_reach(first->points, q->links, i, i + q->first_pair, reach, q->length);
-        for (; j < q->links; j = next_in_reach(first->points, q->links, i, j + 1, reach, q->length)) {
+        int64_t j = next_in_reach(first->points, q->links, i, q->first_pair[i], reach, q->longest);
+        for (; j < q->links; j = next_in_reach(first->points, q->links, i, j + 1, reach, q->longest)) {
             double s, t, apart = links_apart(first->points, i, j, &s, &t);
             if (apart >= reach) continue;
             if (pairs) {
@@ -293,7 +303,7 @@ static int all_pairs_clear(const ProofQuery *q, const Place *first, const Place 
 {
     double fastest = 0.0;
     for (int64_t j = 0; j <= q->links; j++) fastest = fmax(fastest, interval->speeds[j]);
-    double reach = q->pair + 2.0 * fastest;
+    double reach = 2.0 * q->thickest + q->pair + 2.0 * fastest;
     int64_t count = near_pairs(q, first, last, reach, NULL);
     if (count == 0) return 1;
     int64_t *numbers = malloc((size_t)(2 * count) * sizeof(int64_t));
@@ -301,7 +311,10 @@ static int all_pairs_clear(const ProofQuery *q, const Place *first, const Place 
     Pairs left = {count, numbers, numbers + count, memory, memory + count};
     int clear = numbers && memory;
     if (clear) near_pairs(q, first, last, reach, &left);
-    for (int64_t k = 0; clear && k < count; k++) clear = left.first[k] >= q->pair && left.last[k] >= q->pair;
+    for (int64_t k = 0; clear && k < count; k++) {
+        double kept = pair_kept(q, left.one[k], left.other[k]);
+        clear = left.first[k] >= kept && left.last[k] >= kept;
+    }
     clear = clear && pairs_clear(q, first, last, interval, &left, q->depth);
     free(numbers);
     free(memory);

@@ -80,26 +80,25 @@ class LeaderPath:
         points: FloatArray = self._curve(inside) + beyond * np.where(beyond < 0.0, first, last)
         return points
 
-    def joints(self, feeds: FloatArray, links: int, link_length: float) -> FloatArray:
+    def joints(self, feeds: FloatArray, lengths: FloatArray) -> FloatArray:
         """Return the arc lengths of the joints and the tip of an arm on the path, shape (len(feeds), links + 1) [m].
 
         Args:
             feeds: arc lengths of the base, shape (k,) [m].
-            links: number of links.
-            link_length: l [m].
+            lengths: length of each link, shape (links,) [m].
         """
         # One joint after the other, vectorised over all feeds.
-        arc = np.empty((len(feeds), links + 1))
+        arc = np.empty((len(feeds), len(lengths) + 1))
         arc[:, 0] = feeds
-        for j in range(links):
-            arc[:, j + 1] = self._next(arc[:, j], link_length)
+        for j, length in enumerate(lengths.tolist()):
+            arc[:, j + 1] = self._next(arc[:, j], length)
         return arc
 
-    def base_with_tip_at_end(self, links: int, link_length: float) -> float:
+    def base_with_tip_at_end(self, lengths: FloatArray) -> float:
         """Return the arc length of the base of an arm on the path whose tip is at the path's end [m]."""
         arc = np.array([self.end])
-        for _ in range(links):
-            arc = self._next(arc, -link_length)
+        for length in lengths[::-1].tolist():
+            arc = self._next(arc, -length)
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
@@ -163,7 +162,7 @@ def pose_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> Lead
     bent = np.flatnonzero(bends)
     first_bent = int(bent[0]) if len(bent) else arm.links
     # On the axis at least up to the first bent joint, because all joints before it lie there.
-    leaves = max(straight, feed + first_bent * l)
+    leaves = max(straight, feed + float(arm.joint_places[first_bent]))
 
     off_axis = joints[first_bent + 1 :]
     if len(off_axis):
@@ -260,7 +259,7 @@ _NO_BEND = 1e-10
 def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
     """Return keyframes, shape (K, links + 1), that carry the arm along a path from one feed to another [m]."""
     feeds = feeds_between(arm, start, end)
-    joints = path.joints(feeds, arm.links, arm.link_length)
+    joints = path.joints(feeds, arm.lengths)
     bends = arm.bends(path.link_headings(joints))
     # The guide tube accepts exactly straight joints only.
     bends = np.where(np.abs(bends) < _NO_BEND, 0.0, bends)

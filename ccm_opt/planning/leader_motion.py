@@ -96,7 +96,7 @@ class OwnPath:
         bent = np.flatnonzero(np.any(np.abs(arm.bend_pairs(q)) > _STRAIGHT, axis=1))
         first = int(bent[0]) if len(bent) else arm.links
         nodes = arm.joint_positions_at(q)[first:]
-        straight = float(q[-1]) + first * arm.link_length - arm.hole
+        straight = float(q[-1] + arm.joint_places[first]) - arm.hole
         if len(nodes) == 1:
             return cls(arm, q, straight, nodes)
         arcs = arc_lengths(nodes)
@@ -341,8 +341,10 @@ def tube_bound(arm: Arm, pose: FloatArray) -> float:
     joints = arm.joint_positions_at(pose)
     share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
     places = joints[:-1, None] + share * (joints[1:, None] - joints[:-1, None])
-    along = float(pose[-1]) + arm.link_length * np.add.outer(np.arange(arm.links), share[:, 0]) > arm.hole
+    along = (
+        float(pose[-1]) + np.add(arm.joint_places[:-1, None], np.multiply.outer(arm.lengths, share[:, 0])) > arm.hole
+    )
     off = places[along] - (arm.base + arm.hole * arm.direction)
     axial = off @ arm.direction
     aside = np.linalg.norm(off - axial[:, None] * arm.direction, axis=1)
-    return max(0.0, float(np.max(np.minimum(aside, arm.link_length - axial), initial=0.0)))
+    return max(0.0, float(np.max(np.minimum(aside, float(np.min(arm.lengths)) - axial), initial=0.0)))

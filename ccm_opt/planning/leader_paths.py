@@ -298,7 +298,7 @@ class LeaderPaths:
         tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))  # chords on an arc of κ bend by 2 asin(κ l/2)
         band = ElasticBand(
             walls=self.problem.workspace.flat_walls,
-            least=arm.radius + self.problem.workspace.clearance + margin,
+            least=arm.tip_radius + self.problem.workspace.clearance + margin,
             chord=arm.link_length,
             curvature_limit=float(_CURVATURE_SHARE * tightest / arm.link_length),
             spacing=max(_BAND_SPACING * arm.link_length, _LEAST_BAND_SPACING * arm.length),
@@ -322,7 +322,7 @@ class LeaderPaths:
         workspace = self.problem.workspace
         sagitta = 0.125 * arm.joint_limit * arm.link_length  # κ l²/8 with κ = limit / l
         # Without any inflation, free space would touch itself at corners.
-        return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, SHORTEST))
+        return FreeSpace(workspace, max(arm.tip_radius + workspace.clearance + margin * sagitta, SHORTEST))
 
     def _band_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
         """Return where the band begins and ends; with a goal heading, the last link lies straight behind the goal."""

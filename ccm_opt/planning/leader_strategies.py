@@ -239,7 +239,7 @@ class LedWays:
             return (GoalMember(goal.position, goal.heading),)
         workspace = self.problem.workspace
         arm = self.problem.arm
-        room = FreeSpace(workspace, max(arm.radius + workspace.clearance, SHORTEST))
+        room = FreeSpace(workspace, max(arm.tip_radius + workspace.clearance, SHORTEST))
         # The reach is counted from the hole, where the guide tube ends.
         at_hole = replace(arm, base=arm.base + arm.hole * arm.direction)
         members = goal_members(at_hole, goal, room, fed=max(arm.base_range[1] - arm.hole, 0.0))
@@ -271,7 +271,7 @@ class LedWays:
         spacing = _TIGHT_SPACING * arm.link_length
         along = np.arange(arm.hole - arm.link_length, arm.base_range[1] + arm.length, spacing)
         points = shapely.points(arm.base + along[:, None] * arm.direction)
-        need = arm.radius + self.problem.workspace.clearance
+        need = arm.tip_radius + self.problem.workspace.clearance
         walls = self.problem.workspace.walls
         gaps = np.min([shapely.distance(wall.core, points) - wall.rounding - need for wall in walls], axis=0)
         # The arm cannot pass a wall across the axis; one that it touches within the contact tolerance, it can.
@@ -292,7 +292,7 @@ class LedWays:
         """
         arm = self.problem.arm
         low, high = arm.base_range
-        end = path.base_with_tip_at_end(arm.links, arm.link_length)
+        end = path.base_with_tip_at_end(arm.lengths)
         if self.task.goal_pose is not None:
             end = float(self.task.goal_pose[-1])  # equal up to rounding
         if not low <= end <= min(high, path.straight):
@@ -369,7 +369,7 @@ class LedWays:
             outside: position on the feed axis from which on joints may bend [m].
         """
         arm = self.problem.arm
-        joints = start[-1] + arm.link_length * np.arange(arm.links)
+        joints = start[-1] + arm.joint_places[:-1]
         first = int(np.searchsorted(joints, outside - ROUNDING))
         whole = goal.whole(arm)
         bent = start[:first].any() or (whole is not None and whole[:first].any())
@@ -411,7 +411,7 @@ def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
     met = np.linalg.norm(path.points - goal.position, axis=1) <= goal.room[0]
     if goal.heading is not None:
         # The last link is a chord, whose heading is that of the path at its middle.
-        headings = np.interp(path.arc - 0.5 * arm.link_length, path.arc, path.headings)
+        headings = np.interp(path.arc - 0.5 * arm.lengths[-1], path.arc, path.headings)
         met &= np.abs(wrap(headings - goal.heading)) <= goal.room[1]
     met[-1] = True
     count = max(int(np.argmax(met)) + 1, 2)
@@ -437,9 +437,9 @@ def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> 
     part = replace(
         arm,
         links=arm.links - first,
-        base=arm.base + (start[-1] + first * arm.link_length) * arm.direction,
+        base=arm.base + (start[-1] + arm.joint_places[first]) * arm.direction,
         base_limit=arm.base_limit if first == 0 else arm.joint_limit,
-        mount_length=max(arm.mount_length - first * arm.link_length, 0.0),
+        mount_length=max(arm.mount_length - float(arm.joint_places[first]), 0.0),
         masses=arm.masses[first:],
         inertia_axial=arm.inertia_axial[first:],
         inertia_transverse=arm.inertia_transverse[first:],
@@ -474,10 +474,10 @@ def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
     """
     arm = problem.arm
     # Self-contact is checked between distant links only, so the last links in the guide tube are left out.
-    held = first + 1 - arm.first_self_pair
+    held = int(np.searchsorted(arm.first_self_pairs, first, side="right"))
     if held < 1 or not arm.self_collision:
         return problem.workspace
-    ends = arm.base + np.outer([feed, feed + held * arm.link_length], arm.direction)
+    ends = arm.base + np.outer([feed, feed + arm.joint_places[held]], arm.direction)
     rounding = max(arm.radius - problem.workspace.clearance, 0.0)
     body = Obstacle("the arm in its guide tube", PlaneShape(shapely.LineString(ends), rounding))
     return replace(problem.workspace, obstacles=(*problem.workspace.obstacles, body))

@@ -63,7 +63,7 @@ class LinkSpace(CurveUnknowns):
         Returns:
             The map, and the coordinates of the start, shape (p,).
         """
-        headings = mean_heading_matrix(arm.links, arm.length)
+        headings = mean_heading_matrix(arm)
         # The bend of the first joint is its link's heading: for a clamped one θ(0) has no effect, and the fit leaves it
         # at 0.
         slopes = np.diff(headings, axis=0, prepend=headings[:1] if clamped else 0.0)
@@ -152,11 +152,11 @@ class LinkSpace(CurveUnknowns):
         Returns:
             Shape (..., links + 1, 2, p).
         """
-        l = self.arm.link_length
+        l = self.arm.lengths
         links = self.arm.links
         turns = self.turns[:links]
         jacobians = np.zeros((*headings.shape[:-1], links + 1, 2, self.dimension))
-        # P_j = base + l Σ_{i<j} (cos φ_i, sin φ_i) and ∂φ/∂v = A, so ∂P_j/∂v = l Σ_{i<j} (−sin φ_i, cos φ_i) A_i.
+        # P_j = base + Σ_{i<j} l_i (cos φ_i, sin φ_i) and ∂φ/∂v = A, so ∂P_j/∂v = Σ_{i<j} l_i (−sin φ_i, cos φ_i) A_i.
         np.cumsum((-l * np.sin(headings))[..., None] * turns, axis=-2, out=jacobians[..., 1:, 0, :])
         np.cumsum((l * np.cos(headings))[..., None] * turns, axis=-2, out=jacobians[..., 1:, 1, :])
         if len(self.slopes) > links:
@@ -255,7 +255,7 @@ class FedSpace(LinkSpace):
     @cached_property
     def curvature_rows(self) -> FloatArray:
         """Derivatives of the curvature at every joint, bend over link length, by the coordinates, (links, p) [1/m]."""
-        return self.bend_rows / self.arm.link_length
+        return self.bend_rows / self.arm.lengths[:, None]
 
     @cached_property
     def of_shape(self) -> BoolArray:
@@ -322,18 +322,19 @@ def _unit_matrix(links: int) -> FloatArray:
     return np.column_stack((np.ones(links), links * np.diff(primitive, axis=0)))
 
 
-def mean_heading_matrix(links: int, length: float) -> FloatArray:
-    """Return the matrix from curve coordinates to the mean headings of the links, shape (links, KNOTS + 1).
+def mean_heading_matrix(arm: Arm) -> FloatArray:
+    """Return the matrix from curve coordinates to the mean headings of an arm's links, shape (links, KNOTS + 1).
 
-    Coordinates are the heading at the base and the curvatures at the knots.
-
-    Args:
-        links: number of links.
-        length: length of the curve [m].
+    Coordinates are the heading at the base and the curvatures at the knots of a curve as long as the arm.
     """
-    matrix = _unit_matrix(links).copy()
+    if arm.proportions is None:
+        matrix = _unit_matrix(arm.links).copy()
+    else:
+        places = arm.place_shares / arm.place_shares[-1]
+        primitive = _turned().antiderivative()(places)
+        matrix = np.column_stack((np.ones(arm.links), np.diff(primitive, axis=0) / np.diff(places)[:, None]))
     # Curvature is per metre: on a curve of length L it turns the curve L times as far as on one of length 1.
-    matrix[:, 1:] *= length
+    matrix[:, 1:] *= arm.length
     return matrix
 
 
@@ -344,7 +345,7 @@ def nearest_curves(arm: Arm, q: FloatArray) -> tuple[Configuration, ...]:
         arm: planar arm.
         q: configurations, shape (k, c) [rad].
     """
-    coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), arm.headings(q).T, arm.length).T
+    coordinates = fit_coordinates(mean_heading_matrix(arm), arm.headings(q).T, arm.length).T
     length = arm.length / SEGMENTS
     begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ _turned()(np.arange(SEGMENTS) / SEGMENTS).T
     curvatures = [coordinates[:, 1 + 4 * k : 6 + 4 * k] for k in range(SEGMENTS)]

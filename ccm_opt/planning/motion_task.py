@@ -97,8 +97,8 @@ class MotionTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Distance that walls must keep from the arm's axis [m]."""
-        return self.arm.radius + self.workspace.clearance
+        """Distance that walls must keep from the axis of the last link, which leads the way [m]."""
+        return self.arm.tip_radius + self.workspace.clearance
 
     @property
     def advice(self) -> str:

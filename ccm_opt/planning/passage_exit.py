@@ -75,7 +75,7 @@ def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
         along = leg_headings(path.route)
         along += whole_turns(arm.base_heading - along[0])
         # The surplus length of the arm lies along the last leg, beyond the goal, until the pose is settled.
-        middles = arm.link_length * (np.arange(arm.links) + 0.5)
+        middles = arm.link_middles
         yield arm.bends(along[leg_indices(arcs, np.minimum(middles, arcs[-1]))])
 
 

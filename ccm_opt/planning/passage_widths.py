@@ -82,12 +82,12 @@ def gap_beside_arm(task: MotionTask) -> float:
             rooms.append(
                 min(half_width, *(_room_about(task, places) for places in (path.gate_places, path.route[-1:])))
             )
-    return max(rooms) - (arm.radius + task.workspace.clearance) if rooms else 0.0
+    return max(rooms) - (arm.tip_radius + task.workspace.clearance) if rooms else 0.0
 
 
 def _room_about(task: MotionTask, places: FloatArray) -> float:
     """Return the distance from places (m, 2) to the nearest wall [m]; inf for no places."""
-    return task.gap_about(places) + task.arm.radius + task.workspace.clearance
+    return task.gap_about(places) + task.arm.tip_radius + task.workspace.clearance
 
 
 def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:

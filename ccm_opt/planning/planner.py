@@ -440,7 +440,7 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
     """
     count = clamped_joints(problem, tree)
     arm = problem.arm
-    clamped = replace(arm, mount_length=count * arm.link_length, clamped_joints=count)
+    clamped = replace(arm, mount_length=float(arm.joint_places[count]), clamped_joints=count)
     return replace(problem, arm=clamped) if count else problem
 
 
@@ -458,7 +458,7 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     end = points[first] + share * along
     # The gap that a motion must spare beyond contact does not exist: no certificate would let the base turn.
     spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
-    reach = arm.radius + problem.workspace.clearance + spare
+    reach = float(arm.radii[first]) + problem.workspace.clearance + spare
     near = tree.nearest(np.stack((end, end))[None], reach)
     if near.owner[0] < 0 or near.gap[0] >= reach:
         return 0

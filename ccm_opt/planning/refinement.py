@@ -122,7 +122,7 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     goal, or the start of a motion planned backwards) and 0 at the other end.
     """
     arm = task.arm
-    matrix = mean_heading_matrix(arm.links, arm.length)
+    matrix = mean_heading_matrix(arm)
     p = matrix.shape[1]
     first = motion.unknowns[0]
     last = motion.unknowns[-1]
@@ -198,7 +198,13 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
     """
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
-    if task.arm.links <= _MANY_LINKS * links or task.user_limits or task.clamped or task.arm.base_axes:
+    if (
+        task.arm.links <= _MANY_LINKS * links
+        or task.user_limits
+        or task.clamped
+        or task.arm.base_axes
+        or task.arm.proportions
+    ):
         return None
     # A motion through the middle of a gate with few links is off the middle with many.
     if task.gates is not None:
@@ -252,7 +258,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
     """
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
-    if task.goal_pose is not None or task.user is not None or arm.links <= _MOST_LINKS:
+    if task.goal_pose is not None or task.user is not None or arm.links <= _MOST_LINKS or arm.proportions is not None:
         return None
     curve, start = CurveMap.through(arm, task.start)
     if float(np.max(np.abs(curve.offset), initial=0.0)) > _OFFSET:

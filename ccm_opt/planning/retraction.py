@@ -97,13 +97,13 @@ class Withdrawal:
     def _errors(self, pose: Pose) -> FloatArray:
         """Return the offsets from every joint but the base to its place on the track, shape (links, 2) [m]."""
         arm = self.fold.space.arm
-        behind_tip = arm.length - arm.link_length * np.arange(1, arm.links + 1, dtype=np.float64)
+        behind_tip = arm.length - arm.joint_places[1:]
         return self.fold.track.at(self.fold.tip_arc - behind_tip) - pose.points[1:]
 
     def _on_strand(self) -> FloatArray:
         """Return each joint's weight in the drawn-back strand, 1 well beyond the fold and 0 before it, (links,)."""
         arm = self.fold.space.arm
-        arcs = arm.link_length * np.arange(1, arm.links + 1)
+        arcs = arm.joint_places[1:]
         beyond = (arcs - self.fold.fold_at - self.fold.fold_length) / self.fold.nominal_length
         return np.clip(beyond, 0.0, 1.0)
 
@@ -265,7 +265,7 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
     arm = stepper.space.arm
     way, (joint, route) = way_back
     near_base = _NEAR_BASE * stepper.space.nominal_length
-    if joint * arm.link_length <= near_base:
+    if arm.joint_places[joint] <= near_base:
         # An arm with surplus length curls round its base; a path from the base itself ignores that curl.
         joint = 0
         route = way.from_joint(end.points, 0)

@@ -160,14 +160,15 @@ class SampledCheck:
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
         """Return the check of an arm in a workspace."""
-        gap = arm.radius + workspace.clearance
+        # What the raster refutes touches with the thinnest link.
+        gap = float(np.min(arm.radii)) + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
         least = LEAST_SPACING * arm.length
-        parts = int(np.ceil(arm.link_length / max(_POINT_SPACING * gap, least)))
+        parts = int(np.ceil(float(np.max(arm.lengths)) / max(_POINT_SPACING * gap, least)))
         places = _places(arm, parts)
         # A place at arc length s takes the whole of every link before it and part of its own.
-        before = arm.link_length * np.arange(arm.links)[:, None]
-        reach = np.clip(places - before, 0.0, arm.link_length).astype(np.float32)
+        before = arm.joint_places[:-1, None]
+        reach = np.clip(places - before, 0.0, arm.lengths[:, None]).astype(np.float32)
         spacing = max(POSE_SPACING * gap, least)
         return cls(arm, raster, reach, spacing, parts)
 
@@ -210,8 +211,9 @@ class SampledCheck:
         link, at = arm.mount_end
         return {
             "links": arm.links, "mount_link": link, "mount_at": at, "parts": self.parts, "stride": _STRIDE,
-            "first_self_pair": arm.first_self_pair if arm.self_collision else 0,
-            "link_length": arm.link_length, "radius": arm.radius, "base_x": arm.base[0], "base_y": arm.base[1],
+            "first_self_pair": arm.first_self_pairs, "lengths": arm.lengths,
+            "mean_length": arm.link_length, "longest": float(np.max(arm.lengths)),
+            "radii": arm.radii, "thickest": arm.radius, "base_x": arm.base[0], "base_y": arm.base[1],
             "side": raster.blocked.shape[0], "cell": raster.cell,
             "corner_x": raster.corner[0], "corner_y": raster.corner[1],
             "blocked": np.ascontiguousarray(raster.blocked, dtype=np.bool_), "spacing": self.spacing,
@@ -236,13 +238,13 @@ class SampledCheck:
         first, second = arm.self_pairs
         middles = 0.5 * (points[:, :-1] + points[:, 1:])
         apart = middles[:, first] - middles[:, second]
-        close = arm.link_length + 2.0 * arm.radius
+        close = float(np.max(arm.lengths)) + 2.0 * arm.radius
         pose, pair = np.nonzero(np.einsum("mpd,mpd->mp", apart, apart) < close**2)
 
         i = first[pair]
         j = second[pair]
         ends = (points[pose, i], points[pose, i + 1], points[pose, j], points[pose, j + 1])
-        meeting = segment_distances(*ends)[2] <= 2.0 * arm.radius
+        meeting = segment_distances(*ends)[2] <= arm.radii[i] + arm.radii[j]
         refuted = np.zeros(len(headings), dtype=bool)
         refuted[pose[meeting]] = True
         return refuted
@@ -250,7 +252,8 @@ class SampledCheck:
 
 def _places(arm: Arm, parts: int) -> FloatArray:
     """Return the arc lengths of the checked places beyond the mount, ``parts`` to a link, shape (places,) [m]."""
-    along = arm.link_length / parts * np.arange(arm.links * parts + 1)
+    steps = np.interp(np.arange(arm.links * parts + 1), parts * np.arange(arm.links + 1), parts * arm.place_shares)
+    along = arm.link_length / parts * steps
     link, share = arm.mount_end
-    mount = (link + share) * arm.link_length
+    mount = (arm.place_shares[link] + share * arm.length_shares[link]) * arm.link_length
     return np.append(mount, along[along > mount])

@@ -47,36 +47,41 @@ class SampledMotions:
     Attributes:
         arm: the arm.
         tree: distance tree of the surfaces.
-        kept: distance that the arm's axis has to keep from the surfaces [m].
+        clearance: gap that the arm has to keep from the surfaces [m].
         box: extent of the surfaces, lower and upper corner, shape (2, 3) [m]; empty without surfaces.
     """
 
     arm: Arm
     tree: SurfaceTree
-    kept: float
+    clearance: float
     box: FloatArray
+
+    @cached_property
+    def kept(self) -> FloatArray:
+        """Distance that the axis of each link has to keep from the surfaces, shape (links,) [m]."""
+        return self.arm.radii + self.clearance
 
     @cached_property
     def for_c(self) -> Mapping[str, Any]:
         """Fields of the C structure ``Motions``, with grids whose cells are filled on first use."""
         arm = self.arm
-        reach = self.kept + _TOLD * arm.length
+        most = float(np.max(self.kept))
+        reach = most + _TOLD * arm.length
         margin = (1.0 + _BEYOND) * arm.length
         low, high = arm.base - margin, arm.base + margin
         if len(self.box):
             low, high = np.maximum(low, self.box[0] - reach), np.minimum(high, self.box[1] + reach)
         size = np.maximum(high - low, 1e-9)
-        cell = max(float((np.prod(size) / _CELLS) ** (1.0 / 3.0)), _FINE * self.kept)
-        grids = {"fine": (cell, self.kept + _NEAR * cell), "wide": (_WIDE * cell, reach)}
+        cell = max(float((np.prod(size) / _CELLS) ** (1.0 / 3.0)), _FINE * float(np.min(self.kept)))
+        grids = {"fine": (cell, most + _NEAR * cell), "wide": (_WIDE * cell, reach)}
         counts = {name: np.ceil(size / each).astype(np.intp) + 1 for name, (each, _) in grids.items()}
         blocks = {name: -(-count // _BLOCK) for name, count in counts.items()}
         link, share = arm.mount_end
         spared = _SPARED * arm.length
         return {
-            "links": arm.links, "first_link": link,
-            "first_pair": arm.first_self_pair if arm.self_collision else arm.links,
-            "length": arm.link_length, "mount": (link + share) * arm.link_length,
-            "wall": self.kept + spared, "pair": 2.0 * arm.radius + spared,
+            "links": arm.links, "first_link": link, "first_pair": arm.first_self_pairs,
+            "lengths": arm.lengths, "mount": share, "longest": float(np.max(arm.lengths)),
+            "wall": self.kept + spared, "radii": arm.radii, "pair": spared,
             "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,
             **{
                 name: {"counts": counts[name].tolist(), "low": low, "cell": each, "reach": far,

@@ -10,7 +10,8 @@
 
 typedef struct {
     int64_t links, size, shapes, directed, steps; /* whether the goal has a direction; most steps */
-    double length, largest;                       /* of a link; largest step */
+    double whole, largest;                        /* length of the arm; largest step */
+    const double *lengths;                        /* of the links, (links,) */
     const double *place, *base, *offset, *slopes; /* the last two: (c,) and (size, c) */
     const double *limit, *inverse;                /* of the bends, (c,); of the slopes, (c, size) */
     double position[3], direction[3];
@@ -42,8 +43,8 @@ static void solve_six(double matrix[ROWS][ROWS], double *value)
 static double tip_errors(const GoalShapes *g, const double *q, double *frames, double *error, double *by_bends)
 {
     int64_t n = g->links;
-    double *rotations = frames + 3 * (n + 1), size = (double)n * g->length, most = 0.0;
-    place_links(n, g->length, 0, g->place, g->base, q, frames, rotations);
+    double *rotations = frames + 3 * (n + 1), size = g->whole, most = 0.0;
+    place_links(n, g->lengths, 0, g->place, g->base, q, frames, rotations);
     const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
     double ahead[3] = {last[0], last[3], last[6]};
     for (int d = 0; d < 3; d++) {

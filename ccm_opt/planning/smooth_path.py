@@ -82,7 +82,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 def _no_path(task: SearchTask) -> Diagnosis:
     """Return the diagnosis where a motion was found, but no path along it."""
-    advice = clearance_advice(task.arm.radius, task.kept - task.arm.radius)
+    advice = clearance_advice(task.arm.tip_radius, task.kept - task.arm.tip_radius)
     if not task.constraints:
         return Diagnosis(
             "a motion was found, but no smooth path along it keeps the required clearance", "motion", advice
@@ -291,5 +291,5 @@ def _bent_inside(arm: Arm, spline: BSpline) -> IntArray:
     of_span = np.lib.stride_tricks.sliding_window_view(feed, PATH_SAMPLES + 1)[::PATH_SAMPLES]
     way = np.max(np.abs(np.diff(of_span, axis=1)), axis=1)
     least = np.min(of_span, axis=1) - 0.5 * way
-    outside = least[:, None] + arm.link_length * np.arange(links) - arm.hole
+    outside = least[:, None] + arm.joint_places[:-1] - arm.hole
     return np.flatnonzero(np.any(bent_on_span & (outside < 0.0), axis=1))

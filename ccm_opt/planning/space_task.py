@@ -90,8 +90,8 @@ class SpaceTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Required distance of surfaces from the arm's axis, radius plus clearance [m]."""
-        return self.arm.radius + self.clearance
+        """Required distance of surfaces from the axis of the last link, which leads the way: radius plus clearance [m]."""
+        return self.arm.tip_radius + self.clearance
 
     @property
     def advice(self) -> str:
@@ -150,12 +150,12 @@ class SpaceTask(SearchTask):
         """Return the least gap of a configuration (c,) to surfaces and between links, capped at ``most`` [m]."""
         arm = self.arm
         points = arm.joint_positions_at(q)
-        _, axes = arm.exposed_links(points)
-        reach = self.kept + most
-        room = float(np.min(self.tree.distances(axes, reach), initial=reach)) - self.kept
+        first, axes = arm.exposed_links(points)
+        kept = arm.radii[first:] + self.clearance
+        reach = arm.radius + self.clearance + most
+        room = float(np.min(self.tree.distances(axes, reach) - kept, initial=most))
         if arm.self_collision:
-            nearest = nearest_links(arm, points[None], 2.0 * arm.radius + most)
-            room = min(room, float(nearest.distance[0]) - 2.0 * arm.radius)
+            room = min(room, float(nearest_links(arm, points[None], most).gap[0]))
         return room
 
     @property
@@ -201,7 +201,8 @@ class SpaceTask(SearchTask):
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """Return the shortfall of configurations (k, c) from the preferred clearance, at least 0, shape (k,) [m]."""
-        return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
+        kept = self.arm.radii + self.clearance + self.wanted_gap
+        return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
 
     def free(self, q: FloatArray) -> FloatArray:
         """Return 1 for each coordinate of a configuration (c,) that may change, 0 for clamped joints, shape (c,)."""

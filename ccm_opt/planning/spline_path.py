@@ -193,7 +193,7 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
     is linear on a span, and its control points are its values at the knots.
     """
     ends = spline.t[DEGREE:-DEGREE]
-    moving = certificate.arm.coordinates.travel(spline.derivative(2).c[: len(ends)], certificate.arm.link_length)
+    moving = certificate.arm.coordinates.travel(spline.derivative(2).c[: len(ends)], certificate.arm.lengths)
     return np.asarray(np.maximum(moving[:-1], moving[1:]) * np.diff(ends) ** 2 / 8.0)
 
 

@@ -4,7 +4,7 @@ Over an interval the coordinates are linear in t from 0 to 1. With the axes of t
 ω_j = Σ_{i≤j} (Δa_i z_i + Δb_i y_i) is the angular velocity of link j there, in which opposite turns cancel. Axes turn
 with the links before them, so that ω_j changes at a rate of at most
 D_j = D_{j−1} + S_{j−1} √(Δa_j² + Δb_j²) + |Δa_j Δb_j|, and |ω_j| is at most
-S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of at most c_k = Σ_{j<k} l (S_j² + D_j),
+S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of at most c_k = Σ_{j<k} l_j (S_j² + D_j),
 and since its mean velocity is the chord from end to end, a velocity of at most |chord_k| + ½ c_k.
 
 A point that moves by at most v over an interval, and whose distance from the walls is d(0) and d(1) at its ends, has at
@@ -54,9 +54,9 @@ class SpaceCertificate:
         return self.pair_gap
 
     @property
-    def kept(self) -> float:
-        """Certified distance of surfaces from the axes of the links, radius plus gap [m]."""
-        return self.arm.radius + self.gap
+    def kept(self) -> FloatArray:
+        """Certified distance of surfaces from the axis of each link, radius plus gap, shape (links,) [m]."""
+        return self.arm.radii + self.gap
 
     @cached_property
     def _ends(self) -> FloatArray:
@@ -69,10 +69,10 @@ class SpaceCertificate:
         arm = self.arm
         return NativeCall(
             "prove_interval",
-            links=arm.links, fed=len(arm.base_axes), length=arm.link_length, mount=arm.mount_length,
-            first_link=min(int(arm.mount_length / arm.link_length + 1e-9), arm.links),
-            first_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            wall=self.kept, pair=2.0 * arm.radius + self.pair_gap, slack=self.settings.slack,
+            links=arm.links, fed=len(arm.base_axes), lengths=arm.lengths, mount=arm.free_shares,
+            first_link=arm.whole_mount_links, first_pair=arm.first_self_pairs, radii=arm.radii,
+            longest=float(np.max(arm.lengths)), thickest=arm.radius,
+            wall=self.kept, pair=self.pair_gap, slack=self.settings.slack,
             start=arm.base, base=arm.base_rotation, before=self._ends[0], after=self._ends[1],
             surfaces=None if self.tree.search is None else self.tree.search.for_c,
             # Results at the end of the previous interval: none at first.

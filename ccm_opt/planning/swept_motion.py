@@ -44,15 +44,15 @@ class PlanarSweep(Sweep):
     @cached_property
     def sag(self) -> FloatArray:
         """Chord deviation, a bound on how far each joint may leave its chord, shape (K, n + 1) [m]."""
-        # ⅛ Σ_{i<j} l Δφ_i² for joint j, while links turn evenly.
-        squares = 0.125 * self.space.arm.link_length * self.turns**2
+        # ⅛ Σ_{i<j} l_i Δφ_i² for joint j, while links turn evenly.
+        squares = 0.125 * self.space.arm.lengths * self.turns**2
         return np.pad(np.cumsum(squares, axis=-1), ((0, 0), (1, 0)))
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
         """Derivative of the chord deviation with respect to an interval's change (K, n + 1, p) [m per unit]."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
-        steps = (0.25 * self.space.arm.link_length * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
+        steps = (0.25 * self.space.arm.lengths * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
         np.cumsum(steps, axis=-2, out=slopes[:, 1:])
         return slopes
@@ -118,10 +118,10 @@ class PlanarSweep(Sweep):
         np.add.at(sag, (rows.interval, rows.low), multipliers)
         np.add.at(sag, (rows.interval, rows.high), -multipliers)
 
-        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
+        # ∂²x_j/∂φ_i² = −l_i (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
         # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it,
         # and so do the weights of the chord deviation.
-        l = space.arm.link_length
+        l = space.arm.lengths
         carried = np.cumsum(forces[:, :links], axis=1)
         bent = np.cos(self.headings) * carried[..., 0] + np.sin(self.headings) * carried[..., 1]
         return -l * bent, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]

@@ -371,7 +371,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     @cached_property
     def _motions(self) -> SampledMotions:
         task = self.task
-        return SampledMotions(task.arm, task.tree, task.kept, task.scene)
+        return SampledMotions(task.arm, task.tree, task.clearance, task.scene)
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
         """Return the goal pose of the whole arm, or poses sampled at the tip's goal."""

@@ -17,7 +17,7 @@ from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
-_LINK_MARGIN_SHARE = 0.2
+LINK_MARGIN_SHARE = 0.2
 """Fraction of the free length between two distant links that planning keeps as a margin between them where the full
 margin cannot be kept. Taste."""
 HELD_TOLERANCE = ROUNDING
@@ -41,6 +41,22 @@ class Feed:
     hole: float
 
 
+@dataclass(frozen=True, eq=False)
+class Proportions:
+    """What the links of an arm with unequal links are, as multiples of the arm's own figures.
+
+    Attributes:
+        lengths: length of each link over ``Arm.link_length``, shape (links,), 1 in the mean.
+        radii: radius of each link over ``Arm.radius``, shape (links,), 1 at most.
+        limits: bound on the bends of each joint over ``Arm.joint_limit``, shape (links,), 1 at most; 0 locks a joint.
+            The first joint has ``Arm.base_limit`` as its bound unless it is locked.
+    """
+
+    lengths: FloatArray
+    radii: FloatArray
+    limits: FloatArray
+
+
 @dataclass(frozen=True)
 class Arm:
     """An arm with its dynamic parameters; angles in radians, lengths in metres, points with d coordinates (2 or 3).
@@ -55,13 +71,14 @@ class Arm:
     length.
 
     Attributes:
-        links: number of links, even.
-        link_length: l [m].
-        radius: radius of the links, whose ends are round [m]; 0 is allowed.
+        links: number of links, even where all are equal.
+        link_length: l, where links are unequal their mean length [m].
+        radius: radius of the links, whose ends are round, where links are unequal the greatest [m]; 0 is allowed.
         base: position of the first joint, shape (d,) [m].
-        joint_limit: bound on the absolute value of each bend of every joint except the first [rad].
+        joint_limit: bound on the absolute value of each bend of every joint except the first [rad]; the greatest of
+            them where they are unequal.
         base_limit: bound on the absolute value of each bend of the first joint [rad].
-        self_collision: whether the axes of links far apart along the arm must stay ``2 * radius`` apart.
+        self_collision: whether the axes of links far apart along the arm must stay both radii apart.
         mount_length: length of arm, measured from the base, that may touch obstacles [m].
         masses: mass of each link, shape (links,) [kg].
         inertia_axial: moment of inertia of each link about its long axis, shape (links,) [kg m²].
@@ -77,6 +94,7 @@ class Arm:
         rotor_inertia: inertia of the drives, reflected to the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
         clamped_joints: number of joints, counted from the base, whose bends are limited to zero.
+        proportions: what differs from link to link; None where all links are equal.
     """
 
     links: int
@@ -99,6 +117,7 @@ class Arm:
     rotor_inertia: FloatArray | float = 0.0
     friction: FloatArray | float = 0.0
     clamped_joints: int = 0
+    proportions: Proportions | None = None
 
     def __post_init__(self) -> None:
         # A value that is not a number or a vector is refused later, by the problem that uses the arm.
@@ -198,8 +217,50 @@ class Arm:
         """Number of bends of every joint, 1 in the plane, 2 in space."""
         return self.dimension - 1
 
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Length of each link, shape (links,) [m]."""
+        return _fixed(self.link_length * self.length_shares)
+
+    @cached_property
+    def radii(self) -> FloatArray:
+        """Radius of each link, shape (links,) [m]."""
+        shares = np.ones(self.links) if self.proportions is None else self.proportions.radii
+        return _fixed(self.radius * shares)
+
+    @property
+    def tip_radius(self) -> float:
+        """Radius of the last link [m], which leads the way."""
+        return float(self.radii[-1])
+
+    @cached_property
+    def joint_places(self) -> FloatArray:
+        """Arc lengths of the joints and the tip from the base, shape (links + 1,) [m]."""
+        return _fixed(self.link_length * self.place_shares)
+
+    @cached_property
+    def places_from_tip(self) -> FloatArray:
+        """Arc lengths of the joints and the tip back from the tip, shape (links + 1,) [m]."""
+        return _fixed(self.link_length * (self.place_shares[-1] - self.place_shares))
+
+    @cached_property
+    def link_middles(self) -> FloatArray:
+        """Arc lengths of the middles of the links from the base, shape (links,) [m]."""
+        return _fixed(self.link_length * (self.place_shares[:-1] + 0.5 * self.length_shares))
+
+    @cached_property
+    def length_shares(self) -> FloatArray:
+        """Length of each link over the mean length, shape (links,)."""
+        return np.ones(self.links) if self.proportions is None else self.proportions.lengths
+
+    @cached_property
+    def place_shares(self) -> FloatArray:
+        """Arc lengths of the joints and the tip over the mean length of links, shape (links + 1,)."""
+        # Sums of ones are exact, so that equal links end at multiples of their length.
+        return np.concatenate(([0.0], np.cumsum(self.length_shares)))
+
     def with_links(self, links: int) -> "Arm":
-        """Return an arm of equal length and total mass with another number of links, all of equal mass."""
+        """Return an arm of equal length and total mass with another number of links, all of equal length and mass."""
         share = self.links / links
         return replace(
             self,
@@ -209,6 +270,7 @@ class Arm:
             inertia_axial=np.full(links, share * float(np.mean(self.inertia_axial))),
             inertia_transverse=np.full(links, share * float(np.mean(self.inertia_transverse))),
             clamped_joints=int(np.ceil(self.clamped_joints / self.links * links)),
+            proportions=None,
         )
 
     @property
@@ -222,6 +284,10 @@ class Arm:
         k = self.bends_a_joint
         limits = np.full(k * self.links, self.joint_limit)
         limits[:k] = self.base_limit
+        if self.proportions is not None:
+            shares = np.repeat(self.proportions.limits, k)
+            limits[k:] *= shares[k:]
+            limits[:k] *= shares[:k] > 0.0
         limits[: k * self.clamped_joints] = 0.0
         limits.flags.writeable = False
         return limits
@@ -317,7 +383,7 @@ class Arm:
         rotations = np.empty((*q.shape[:-1], links, 3, 3))
         NativeCall(
             "places",
-            poses=q.size // q.shape[-1], links=links, fed=len(self.base_axes), length=self.link_length,
+            poses=q.size // q.shape[-1], links=links, fed=len(self.base_axes), lengths=self.lengths,
             start=self.base, base=self.base_rotation, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
@@ -348,7 +414,7 @@ class Arm:
             headings: link headings, shape (..., links) [rad].
             feed: displacement of the base along the base heading, shape (...) [m].
         """
-        steps = self.link_length * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
+        steps = self.lengths[:, None] * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
         start = np.zeros((*steps.shape[:-2], 1, 2))
         positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
         if isinstance(feed, float) and feed == 0.0:  # the case in the planners' inner loops
@@ -394,7 +460,7 @@ class Arm:
         Returns:
             Boolean array of shape (..., links).
         """
-        along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
+        along = np.asarray(feed)[..., None] + self.joint_places[:-1]
         held: BoolArray = along < self.hole - HELD_TOLERANCE
         return held
 
@@ -405,15 +471,27 @@ class Arm:
         The mount is the first part of the arm, which may touch obstacles. A fraction of 1 for the last link means that
         the whole arm is mount.
         """
-        length = self.mount_length / self.link_length
+        link = min(self.whole_mount_links, self.links - 1)
+        return link, float(self.free_shares[link])
+
+    @property
+    def whole_mount_links(self) -> int:
+        """Number of links that belong to the mount as a whole."""
         # The small number stops rounding from placing the end of a mount of whole links on the previous link.
-        link = min(int(length + 1e-9), self.links - 1)
-        return link, min(max(length - link, 0.0), 1.0)
+        shares = self.place_shares[1:]
+        return int(np.searchsorted(shares, self.mount_length / self.link_length + 1e-9, side="right"))
+
+    @property
+    def first_free_joint(self) -> int:
+        """Index of the first joint at or beyond the end of the mount; the tip's is ``links``."""
+        within = self.mount_length / self.link_length - 1e-9
+        return min(int(np.searchsorted(self.place_shares, within, side="left")), self.links)
 
     @property
     def free_shares(self) -> FloatArray:
         """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
-        return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
+        within = self.mount_length / self.link_length - self.place_shares[:-1]
+        return np.clip(within / self.length_shares, 0.0, 1.0)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
         """Return the index of the first link that extends beyond the mount, and the link axes without the mount.
@@ -435,24 +513,34 @@ class Arm:
         return first, axes
 
     @property
-    def first_self_pair(self) -> int:
-        """Least difference of the indices of two links that are checked for self-collision.
+    def first_self_pairs(self) -> IntArray:
+        """The first link beyond each one that must not touch it, shape (links,); ``links`` where there is none."""
+        return self.first_distant if self.self_collision else np.full(self.links, self.links)
 
-        Links i and j closer than that along the arm, ``(|i − j| − 1) l < max(2 l, π r)``, may be near each other merely
-        because the arm bends between them.
+    @cached_property
+    def first_distant(self) -> IntArray:
+        """The first link beyond each one that is far enough from it along the arm to touch it, shape (links,).
+
+        Links i < j count as neighbours around a bend unless at least two links and a length of π r lie between them,
+        where r is the greatest radius from link i on; ``links`` where there is no such link.
         """
-        reach = max(2.0 * self.link_length, np.pi * self.radius)
-        return int(np.ceil(reach / self.link_length - 1e-9)) + 1
+        reach = np.pi * np.maximum.accumulate(self.radii[::-1])[::-1] / self.link_length - 1e-9
+        ends = self.place_shares[1:]
+        long_enough = np.searchsorted(self.place_shares[:-1], ends + reach, side="left")
+        first = np.minimum(np.maximum(long_enough, np.arange(self.links) + 3), self.links)
+        first.flags.writeable = False
+        return first
 
-    @property
+    @cached_property
     def distant_pairs(self) -> tuple[IntArray, IntArray]:
         """Pairs of links i < j far enough apart along the arm to count in self-collision, two arrays of shape (p,)."""
-        first, second = np.triu_indices(self.links, self.first_self_pair)
+        number = np.arange(self.links)
+        first, second = np.nonzero(number >= self.first_distant[:, None])
         return first, second
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links i < j whose axes must stay two radii apart, two arrays of shape (p,).
+        """Pairs of links i < j whose axes must stay both radii apart, two arrays of shape (p,).
 
         They are the distant pairs, or none if self-collision is switched off.
         """
@@ -472,8 +560,15 @@ class Arm:
             second: indices of the links farther from the base, shape (p,).
             margin: full margin, which planning keeps from walls [m].
         """
-        between = (second - first - 1) * self.link_length - 2.0 * self.radius
-        return np.clip(_LINK_MARGIN_SHARE * between, 0.0, margin)
+        between = self.link_length * (self.place_shares[second] - self.place_shares[first + 1])
+        between = between - (self.radii[first] + self.radii[second])
+        return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
+
+
+def _fixed(values: FloatArray) -> FloatArray:
+    """Return the values, which can no longer be changed."""
+    values.flags.writeable = False
+    return values
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:

@@ -123,7 +123,7 @@ def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
     """
     if not arm.base_axes:
         return q
-    places = arm.link_length * np.arange(arm.links) + float(np.sum(q[2 * arm.links :])) - arm.hole
+    places = arm.joint_places[:-1] + float(np.sum(q[2 * arm.links :])) - arm.hole
     straight = q.copy()
     straight[: 2 * arm.links].reshape(-1, 2)[places <= free_before(arm)] = 0.0
     return straight

@@ -98,8 +98,19 @@ class Curve(Protocol):
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Return the positions, shape (m, d) [m], at increasing arc lengths in [0, L], shape (m,) [m]."""
 
-    def mean_directions(self, links: int) -> FloatArray:
-        """Return the mean direction over each of ``links`` equal arc lengths, shape (links, d)."""
+    def mean_directions(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
+        """Return the mean direction over each of ``links`` arc lengths, shape (links, d).
+
+        The arc lengths are equal, or in the proportion of the given ones.
+        """
+
+
+def link_edges(length: float, links: int, lengths: FloatArray | None) -> FloatArray:
+    """Return arc lengths that divide a curve into parts, equal or in the proportion of ``lengths``, (links + 1,)."""
+    if lengths is None:
+        return np.linspace(0.0, length, links + 1)
+    edges = np.concatenate(([0.0], np.cumsum(lengths)))
+    return np.asarray(np.minimum(edges * (length / edges[-1]), length))
 
 
 @dataclass(frozen=True)
@@ -191,15 +202,19 @@ class Configuration:
         """Return the exact integral of the heading over arc length from 0 to ``arc``, in its shape [rad m]."""
         return np.asarray(self.base_heading * arc + self._turns.antiderivative()(arc))
 
-    def mean_headings(self, links: int) -> FloatArray:
-        """Return the exact mean heading over each of ``links`` equal arc lengths, shape (links,) [rad]."""
-        edges = np.linspace(0.0, self.length, links + 1)
-        means: FloatArray = np.diff(self.heading_integral_at(edges)) * (links / self.length)
-        return means
+    def mean_headings(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
+        """Return the mean heading over each of ``links`` arc lengths, shape (links,) [rad]; exact.
 
-    def mean_directions(self, links: int) -> FloatArray:
-        """Return the unit vectors of the mean headings over ``links`` equal arc lengths, shape (links, 2)."""
-        return unit_vector(self.mean_headings(links))
+        The arc lengths are equal, or in the proportion of the given ones.
+        """
+        integrals = np.diff(self.heading_integral_at(link_edges(self.length, links, lengths)))
+        if lengths is None:
+            return np.asarray(integrals * (links / self.length))
+        return np.asarray(integrals * (np.sum(lengths) / (lengths * self.length)))
+
+    def mean_directions(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
+        """Return the unit vectors of the mean headings, shape (links, 2)."""
+        return unit_vector(self.mean_headings(links, lengths))
 
     @cached_property
     def tip(self) -> tuple[FloatArray, float]:
@@ -326,15 +341,15 @@ class SpaceConfiguration:
         """Return the positions at increasing arc lengths in [0, L], shape (m, 3) [m]."""
         return self.sample_frames(arc)[1]
 
-    def mean_directions(self, links: int) -> FloatArray:
-        """Return the mean direction over each of ``links`` equal arc lengths, shape (links, 3).
+    def mean_directions(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
+        """Return the mean direction over each of ``links`` arc lengths, shape (links, 3).
 
         The rotation vectors from the direction in the middle of a length to its other directions are averaged; for a
         curve in a plane the result is the direction of the mean heading.
         """
-        length = self.length / links
-        middles = length * (np.arange(links) + 0.5)
-        arcs = middles[:, None] + 0.5 * length * np.append(_NODES, 0.0)
+        edges = link_edges(self.length, links, lengths)
+        middles = 0.5 * (edges[:-1] + edges[1:])
+        arcs = middles[:, None] + 0.5 * np.diff(edges)[:, None] * np.append(_NODES, 0.0)
         order = np.argsort(arcs.ravel())
         frames = np.empty((links * arcs.shape[1], 3, 3))
         frames[order] = self.sample_frames(arcs.ravel()[order])[0]

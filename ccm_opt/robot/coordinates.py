@@ -85,7 +85,7 @@ class Coordinates:
         """
         return np.asarray(np.sum(q[..., self.base], axis=-1))
 
-    def travel(self, change: FloatArray, link_length: float) -> FloatArray:
+    def travel(self, change: FloatArray, lengths: FloatArray | float) -> FloatArray:
         """Return an upper bound on the displacement of any point of the arm for a change of coordinates [m].
 
         A link that turns moves everything beyond it by at most its length times its turn. In the plane the turn is the
@@ -94,7 +94,7 @@ class Coordinates:
 
         Args:
             change: change of the coordinates, shape (..., c) [rad, m].
-            link_length: length of a link [m].
+            lengths: length of each link, shape (links,), or of every link [m].
 
         Returns:
             Bounds, shape (...).
@@ -102,8 +102,8 @@ class Coordinates:
         bends = change[..., self.bends]
         if self.bends_a_joint > 1:
             bends = np.linalg.norm(bends.reshape(*bends.shape[:-1], -1, self.bends_a_joint), axis=-1)
-        turned = np.abs(np.cumsum(bends, axis=-1)).sum(axis=-1)
-        return np.asarray(link_length * turned + np.abs(change[..., self.base]).sum(axis=-1))
+        moved = (lengths * np.abs(np.cumsum(bends, axis=-1))).sum(axis=-1)
+        return np.asarray(moved + np.abs(change[..., self.base]).sum(axis=-1))
 
 
 @lru_cache(maxsize=64)

@@ -87,14 +87,14 @@ def dh_table(arm: Arm) -> tuple[DhRow, ...]:
     With axes in ``zyx`` order the third frame of a ball joint has its y axis along the link, so the yaw of every ball
     but the first has an offset of a quarter turn, which aligns x with the link again.
     """
-    return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
+    return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, ball))
 
 
-def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
-    h = arm.link_length
+def _ball_rows(arm: Arm, ball: int) -> tuple[DhRow, DhRow, DhRow]:
+    h = float(arm.lengths[ball])
     if arm.axes == "zyz":
         return DhRow(0.0, 0.0, 0.0, -_QUARTER), DhRow(0.0, 0.0, 0.0, _QUARTER), DhRow(0.0, 0.0, h, 0.0)
-    yaw = DhRow(0.0 if first else _QUARTER, 0.0, 0.0, -_QUARTER)
+    yaw = DhRow(0.0 if ball == 0 else _QUARTER, 0.0, 0.0, -_QUARTER)
     return yaw, DhRow(_QUARTER, 0.0, 0.0, _QUARTER), DhRow(-_QUARTER, h, 0.0, _QUARTER)
 
 

@@ -90,11 +90,11 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[Fl
         raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
     steps = np.diff(points, axis=-2)
     lengths = np.linalg.norm(steps, axis=-1)
-    errors = np.abs(lengths - arm.link_length)
+    errors = np.abs(lengths - arm.lengths)
     if not np.all(errors <= tolerance):
         worst = np.unravel_index(int(np.argmax(np.nan_to_num(errors, nan=np.inf))), errors.shape)
         raise ProblemError(
-            f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long; every link is {arm.link_length:.6g} m: "
+            f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long, not {arm.lengths[worst[-1]]:.6g} m: "
             "place the joints by a mapping that keeps link lengths"
         )
     return np.asarray(steps / lengths[..., None]), np.asarray(carried)

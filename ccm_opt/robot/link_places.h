@@ -8,8 +8,8 @@
 
 /* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the feed,
    which carries the start along the base's direction where the arm is fed. */
-static inline void place_links(int64_t links, double length, int64_t fed, const double *start, const double *base,
-                               const double *bends, double *points, double *rotations)
+static inline void place_links(int64_t links, const double *lengths, int64_t fed, const double *start,
+                               const double *base, const double *bends, double *points, double *rotations)
 {
     for (int d = 0; d < 3; d++) points[d] = start[d] + (fed ? base[3 * d] * bends[2 * links] : 0.0);
     for (int64_t j = 0; j < links; j++) {
@@ -21,7 +21,7 @@ static inline void place_links(int64_t links, double length, int64_t fed, const 
             after[3 * d] = cb * along - sb * z;
             after[3 * d + 1] = ca * y - sa * x;
             after[3 * d + 2] = sb * along + cb * z;
-            points[3 * (j + 1) + d] = points[3 * j + d] + length * after[3 * d];
+            points[3 * (j + 1) + d] = points[3 * j + d] + lengths[j] * after[3 * d];
         }
     }
 }
@@ -29,8 +29,8 @@ static inline void place_links(int64_t links, double length, int64_t fed, const 
 /* Bounds on the rates of turning of the links, (links,), and on the second derivatives of joints and tip, (links + 1,),
    from the rotations in the middle of the interval and the turns of the joints over it. Axes of a joint: z of the link
    before it, and y of that after the turn about z, which is y of the link after it. */
-static inline void bound_motion(int64_t links, double length, const double *base, const double *rotations,
-                                const double *turns, double *speed, double *bow)
+static inline void bound_motion(int64_t links, const double *lengths, const double *base,
+                                const double *rotations, const double *turns, double *speed, double *bow)
 {
     double rate[3] = {0.0, 0.0, 0.0}, drift = 0.0, before = 0.0;
     bow[0] = 0.0;
@@ -43,7 +43,7 @@ static inline void bound_motion(int64_t links, double length, const double *base
         double norm = sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]);
         double most = norm + 0.5 * drift;
         speed[j] = most;
-        bow[j + 1] = bow[j] + length * (most * most + drift);
+        bow[j + 1] = bow[j] + lengths[j] * (most * most + drift);
         before = most;
     }
 }
@@ -90,18 +90,31 @@ static inline double segments(const double *p, const double *u, const double *r,
     return sqrt(best);
 }
 
-/* The next second link, after link j, whose nearest point may be within a reach of link i: links are alike, so that one
-   whose start is farther off than the reach and both lengths is too far, and those that follow start at most a link
-   farther on. */
-static inline int64_t next_in_reach(const double *points, int64_t links, int64_t i, int64_t j, double reach, double length)
+/* The length of the longest link. */
+static inline double longest_link(const double *points, int64_t links)
+{
+    double most = 0.0;
+    for (int64_t j = 0; j < links; j++) {
+        const double *p = points + 3 * j;
+        double u[3] = {p[3] - p[0], p[4] - p[1], p[5] - p[2]};
+        most = fmax(most, dot(u, u));
+    }
+    return sqrt(most);
+}
+
+/* The next second link, after link j, whose nearest point may be within a reach of link i: no link is longer than the
+   longest, so that one whose start is farther off than the reach and twice that is too far, and those that follow start
+   at most that much farther on. */
+static inline int64_t next_in_reach(const double *points, int64_t links, int64_t i, int64_t j, double reach,
+                                    double longest)
 {
     const double *p = points + 3 * i;
     for (; j < links; j++) {
         const double *r = points + 3 * j;
         double apart[3] = {r[0] - p[0], r[1] - p[1], r[2] - p[2]};
-        double square = dot(apart, apart), most = reach + 2.0 * length;
+        double square = dot(apart, apart), most = reach + 2.0 * longest;
         if (square <= most * most) return j;
-        j += whole_within((sqrt(square) - most) / fmax(length, 1e-300) - 1.0, 0, links);
+        j += whole_within((sqrt(square) - most) / fmax(longest, 1e-300) - 1.0, 0, links);
     }
     return links;
 }

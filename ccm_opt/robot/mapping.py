@@ -6,7 +6,7 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polyline import vector_headings, wrap
 from ccm_opt.robot.arm import Arm, MappingName
-from ccm_opt.robot.configuration import Configuration, Curve
+from ccm_opt.robot.configuration import Configuration, Curve, link_edges
 from ccm_opt.robot.inverse_kinematics import LENGTH_TOLERANCE, bends_from_directions
 
 REGULARISATION = 0.05
@@ -67,7 +67,9 @@ def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def least_squares_directions(points: FloatArray, means: FloatArray, link_length: float) -> FloatArray:
+def least_squares_directions(
+    points: FloatArray, means: FloatArray, link_length: float, shares: FloatArray | None = None
+) -> FloatArray:
     """Return the link directions that bring all joints of an arm close to a curve, with the tip exactly on its end.
 
     The directions d_i minimise Σ |P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² over the joint positions P_j, subject to the
@@ -77,7 +79,8 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
     Args:
         points: points p(s_j) of the curve at the arc length of every joint, shape (links + 1, d) [m].
         means: mean direction m_i of the curve over each link, shape (links, d).
-        link_length: length of a link [m].
+        link_length: l, the mean length of the links [m].
+        shares: length of each link over that, shape (links,); ones if None.
 
     Returns:
         Unit vectors, shape (links, d).
@@ -86,9 +89,11 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
         ProblemError: the iteration does not converge.
     """
     directions = means.copy()
+    epsilon = REGULARISATION * link_length**2
+    each = np.ones(len(means)) if shares is None else shares
     before = np.inf
     for _ in range(_MOST_STEPS):
-        step, miss = _tangent_step(points, directions, means, link_length, REGULARISATION * link_length**2)
+        step, miss = _tangent_step(points, directions, means, (link_length, each), epsilon)
         size = np.linalg.norm(step, axis=1, keepdims=True)
         directions = np.asarray(np.cos(size) * directions + np.sinc(size / np.pi) * step)
         longest = float(size.max())
@@ -104,7 +109,7 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
 
 
 def _tangent_step(
-    points: FloatArray, directions: FloatArray, means: FloatArray, l: float, epsilon: float
+    points: FloatArray, directions: FloatArray, means: FloatArray, links: tuple[float, FloatArray], epsilon: float
 ) -> tuple[FloatArray, float]:
     """Return one Gauss–Newton step of the least-squares mapping, and the distance of the tip from its goal [m].
 
@@ -119,16 +124,19 @@ def _tangent_step(
         Changes of the directions, each perpendicular to its direction, shape (n, d) [rad], and the distance.
     """
     n, d = directions.shape
-    residual = points[0] + l * np.cumsum(directions, axis=0) - points[1:]
+    l, shares = links
+    residual = points[0] + l * np.cumsum(shares[:, None] * directions, axis=0) - points[1:]
     axes = _across(directions)
-    turn = l * axes.reshape(-1, d)
+    turn = (l * shares[:, None, None] * axes).reshape(-1, d)
     below = np.repeat(np.arange(n)[::-1], d - 1)[:, None]
     later = np.minimum(below, below.T).astype(np.float64)  # number of joints, without the tip, that both links move
     hessian = (turn @ turn.T) * later + epsilon * np.eye(len(turn))
     inner = residual.copy()
     inner[-1] = 0.0
     carried = np.cumsum(inner[::-1], axis=0)[::-1]
-    gradient = np.einsum("nad,nd->na", axes, l * carried - epsilon * _sphere_logarithm(directions, means)).ravel()
+    gradient = np.einsum(
+        "nad,nd->na", axes, l * shares[:, None] * carried - epsilon * _sphere_logarithm(directions, means)
+    ).ravel()
     solved = np.linalg.solve(hessian, np.column_stack((gradient, turn)))
     schur = turn.T @ solved[:, 1:]
     # A straight arm cannot move its tip along itself: the pseudo-inverse drops that direction.
@@ -167,27 +175,35 @@ def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
             close to the curve and the tip exactly to its end.
 
     Raises:
-        ProblemError: the lengths differ, or the mapping does not exist for this curve.
+        ProblemError: the arm has unequal links, the lengths differ, or the mapping does not exist for this curve.
     """
     if abs(curve.length - arm.length) > LENGTH_TOLERANCE * arm.length:
         raise ProblemError(
             f"the curve is {curve.length:.9g} m long but the arm {arm.length:.9g} m ({arm.links} links of "
             f"{arm.link_length:g} m); make the segment lengths add up to the arm's length"
         )
-    points = curve_points(curve, arm.links)
+    lengths = None if arm.proportions is None else arm.lengths
+    points = curve_points(curve, arm.links, lengths)
     if method == "even-joints":
+        if lengths is not None and np.ptp(lengths) > LENGTH_TOLERANCE * arm.link_length:
+            raise ProblemError("the even-joint mapping needs links of equal length; choose the mapping 'least-squares'")
         directions = even_joint_directions(points, arm.link_length)
     else:
-        directions = least_squares_directions(points, curve.mean_directions(arm.links), arm.link_length)
+        directions = least_squares_directions(
+            points, curve.mean_directions(arm.links, lengths), arm.link_length, arm.length_shares
+        )
     if isinstance(curve, Configuration):  # in the plane, headings follow the curve, whole turns included
-        means = curve.mean_headings(arm.links)
+        means = curve.mean_headings(arm.links, lengths)
         return arm.bends(means + wrap(vector_headings(directions) - means))
     return bends_from_directions(arm, directions).ravel()
 
 
-def curve_points(curve: Curve, links: int) -> FloatArray:
-    """Return the ends of ``links`` equal arc lengths of a curve, from base to tip, shape (links + 1, d) [m]."""
-    return curve.positions_at(np.linspace(0.0, curve.length, links + 1))
+def curve_points(curve: Curve, links: int, lengths: FloatArray | None = None) -> FloatArray:
+    """Return the ends of ``links`` arc lengths of a curve, from base to tip, shape (links + 1, d) [m].
+
+    The arc lengths are equal, or in the proportion of ``lengths``, shape (links,), where these are given.
+    """
+    return curve.positions_at(link_edges(curve.length, links, lengths))
 
 
 def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
@@ -200,6 +216,6 @@ def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
         curve: the curve.
         bends: joint bends, shape (k links,) for k bends per joint [rad].
     """
-    points = curve_points(curve, arm.links)
+    points = curve_points(curve, arm.links, None if arm.proportions is None else arm.lengths)
     joints = arm.joint_positions_at(arm.configuration(bends, 0.0)) - arm.base + points[0]
     return float(np.linalg.norm(joints - points, axis=1).max())

@@ -161,5 +161,5 @@ def point_of(arm: Arm, at: float | None) -> MovingPoint:
     length = arm.length if at is None else at
     if not 0.0 <= length <= arm.length * (1.0 + ROUNDING):
         raise ProblemError(f"a point of the arm must be from 0 to {arm.length:g} m along it, got {length:g} m")
-    before = arm.link_length * np.arange(arm.links)
-    return MovingPoint(arm, np.clip(length - before, 0.0, arm.link_length))
+    before = arm.joint_places[:-1]
+    return MovingPoint(arm, np.clip(length - before, 0.0, arm.lengths))

@@ -70,7 +70,7 @@ class Stretches:
         """Bounds on the deviation of the distal joint of each link from its chord, shape (m, links) [m]."""
         # The base moves straight, so only turning links contribute to the chord deviation.
         turned = np.cumsum((self.end - self.start)[:, : self.arm.links], axis=1)
-        return np.asarray(np.cumsum(self.arm.link_length * turned**2, axis=1) / 8.0)
+        return np.asarray(np.cumsum(self.arm.lengths * turned**2, axis=1) / 8.0)
 
     @cached_property
     def moved(self) -> FloatArray:
@@ -90,11 +90,11 @@ class PairProofs:
     """A proof method for pairs of links that must stay apart.
 
     Attributes:
-        first_apart: least difference of the indices of two links that must stay apart.
-        least: least distance between the axes of two links, by the difference of their indices, shape (links,) [m].
+        first_apart: the first link beyond each one that must stay apart from it, shape (links,).
+        least: what each of two links adds to the least distance between their axes, shape (links,) [m].
     """
 
-    first_apart: int
+    first_apart: IntArray
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
@@ -107,9 +107,10 @@ class PairProofs:
         arm = stretches.arm
         call = NativeCall(
             "pair_proofs",
-            stretches=len(stretches.owner), links=arm.links, first_apart=self.first_apart, link_length=arm.link_length,
-            least=self.least, start=stretches.a, end=stretches.b, middle=stretches.middle, sag=stretches.sag,
-            moved=stretches.moved, asked=-1 if pairs is None else len(pairs[0]),
+            stretches=len(stretches.owner), links=arm.links, first_apart=self.first_apart,
+            longest=float(np.max(arm.lengths)), least=self.least, start=stretches.a, end=stretches.b,
+            middle=stretches.middle, sag=stretches.sag, moved=stretches.moved,
+            asked=-1 if pairs is None else len(pairs[0]),
             **dict(zip(("asked_stretch", "asked_first", "asked_second"), pairs or (), strict=False)),
         )  # fmt: skip
         capacity = 1024 if pairs is None else len(pairs[0])
@@ -309,14 +310,13 @@ class Certificate:
     def _pair_proofs(self) -> PairProofs:
         arm = self.arm
         touch = max(self.settings.touch, 2.0 * self._rounding)
-        apart = 2.0 * arm.radius + self.spare + touch
-        return PairProofs(arm.first_self_pair, np.full(arm.links, apart))
+        return PairProofs(arm.first_distant, 0.5 * (2.0 * arm.radii + self.spare + touch))
 
     @cached_property
     def _wall_proofs(self) -> WallProofs:
         arm = self.arm
-        least = arm.radius + self.workspace.clearance + self.spare + max(self.settings.touch, self._rounding)
-        return WallProofs(self.workspace, np.full(arm.links, least), self._mount)
+        least = arm.radii + self.workspace.clearance + self.spare + max(self.settings.touch, self._rounding)
+        return WallProofs(self.workspace, least, self._mount)
 
     @cached_property
     def _mount(self) -> tuple[int, float]:
@@ -324,14 +324,14 @@ class Certificate:
 
         The index is the number of links if the mount is the whole arm.
         """
-        links = self.arm.mount_length / self.arm.link_length
-        whole = min(int(links + 1e-9), self.arm.links)
-        return whole, max(0.0, links - whole) if whole < self.arm.links else 0.0
+        whole = self.arm.whole_mount_links
+        return whole, float(self.arm.free_shares[whole]) if whole < self.arm.links else 0.0
 
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
     """Return the depth of contact that certificates tolerate [m]; 0 if link axes could then touch walls or links."""
-    widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
+    thinnest = float(np.min(arm.radii))
+    widths = [thinnest + workspace.clearance, *([thinnest] if arm.self_collision else [])]
     # Rounding must not refuse an arm that starts in contact, but an axis without width would end up on the other side
     # of the wall.
     return settings.contact if min(widths) > 2.0 * settings.contact else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.native import NativeCall
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import LINK_MARGIN_SHARE, Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.walls import Walls
 
@@ -162,19 +162,17 @@ class WallFinder(ContactFinder):
         super().__init__(arm, walls.names, margin, reach)
         self.walls = walls
         link, at = arm.mount_end
-        apart = np.arange(arm.links)
-        # Distance between the arm's axis and each wall's core at contact.
-        wall_gap = arm.radius + clearance + walls.rounding
         self._points = np.empty((arm.links + 1, 2))
         self._call = NativeCall(
             "near_pairs",
-            links=arm.links, mount_link=link, mount_at=at, link_length=arm.link_length, radius=arm.radius,
-            first_self_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            reach=reach, margin=margin,
-            pair_margin=arm.link_margins(np.zeros_like(apart), apart, margin),
+            links=arm.links, mount_link=link, mount_at=at, mean_length=arm.link_length, lengths=arm.lengths,
+            longest=float(np.max(arm.lengths)), radii=arm.radii, thickest=arm.radius,
+            first_self_pair=arm.first_self_pairs, reach=reach, margin=margin,
+            places=arm.place_shares, pair_share=LINK_MARGIN_SHARE,
             edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
             edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,
-            walls=len(walls.names), wall_gap=wall_gap, largest_gap=float(wall_gap.max()),
+            walls=len(walls.names), clearance=clearance, rounding=walls.rounding,
+            most_rounding=float(walls.rounding.max()),
             found=np.zeros(max(len(walls.edges), len(walls.vertices)), dtype=np.int64),
             runs=np.zeros(4 * (arm.links // _RUN + 1)),
             points=self._points,
@@ -232,9 +230,8 @@ class SurfaceFinder(ContactFinder):
     ) -> None:
         super().__init__(arm, names, margin, reach)
         self.tree = tree
-        self.kept = arm.radius + clearance
-        self._first_pair = arm.first_self_pair if arm.self_collision else arm.links
-        self._pairs = NativeCall("near_links", links=arm.links, first_pair=self._first_pair)
+        self.kept = arm.radii + clearance
+        self._pairs = NativeCall("near_links", links=arm.links, first_pair=arm.first_self_pairs)
         self._grow_capacity(256)
 
     def find(self, points: FloatArray) -> Contacts:
@@ -244,13 +241,16 @@ class SurfaceFinder(ContactFinder):
         """
         mounted, segments = self.arm.exposed_links(points)
         begins = self.arm.mount_end[1]
-        planes = self.tree.planes(segments, self.kept + self.reach, _PLANES)
+        planes = self.tree.planes(segments, float(np.max(self.kept)) + self.reach, _PLANES)
         share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)
         count = len(planes.gap)
+        link = planes.link + mounted
         walls = Contacts(
-            planes.link + mounted, share, np.full(count, WALL), np.zeros(count), planes.normal, planes.gap - self.kept,
+            link, share, np.full(count, WALL), np.zeros(count), planes.normal, planes.gap - self.kept[link],
             np.full(count, self.margin), planes.owner,
         )  # fmt: skip
+        if self.arm.proportions is not None:
+            walls = walls.take(walls.gap < self.reach)
         if not self.arm.self_collision:
             return walls
         links = self.near_links(points, self.reach)
@@ -272,8 +272,9 @@ class SurfaceFinder(ContactFinder):
         first_at, second_at, distance = self._reals[:, :k].copy()
         margin = self.arm.link_margins(first, second, self.margin)
         normal = self._normals[:k].copy()
-        gap = distance - 2.0 * self.arm.radius
-        return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
+        gap = distance - (self.arm.radii[first] + self.arm.radii[second])
+        links = Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
+        return links if self.arm.proportions is None else links.take(gap < reach)
 
     def _grow_capacity(self, capacity: int) -> None:
         """Allocate result arrays for a given number of pairs of links."""
@@ -295,12 +296,12 @@ class NearestLinks:
     Attributes:
         first: index of the link nearer to the base; −1 if no pair is within reach, shape (T,).
         second: index of the other link; −1 if no pair is within reach, shape (T,).
-        distance: distance between the axes; the reach if no pair is within reach, shape (T,) [m].
+        gap: gap between the surfaces; the reach if no pair is within reach, shape (T,) [m].
     """
 
     first: IntArray
     second: IntArray
-    distance: FloatArray
+    gap: FloatArray
 
 
 def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
@@ -309,14 +310,14 @@ def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
     Args:
         arm: the arm.
         points: joints and tip in T poses, shape (T, links + 1, 3) [m].
-        reach: distance of axes from which on pairs are left out [m].
+        reach: pairs with at least this gap between their surfaces are left out [m].
     """
     poses = len(checked_joints(arm, points))
     first, second = np.full((2, poses), -1, dtype=np.int64)
     nearest = NearestLinks(first, second, np.full(poses, float(reach)))
     NativeCall(
         "nearest_links",
-        links=arm.links, first_pair=arm.first_self_pair if arm.self_collision else arm.links, poses=poses, reach=reach,
+        links=arm.links, first_pair=arm.first_self_pairs, poses=poses, reach=reach, radii=arm.radii,
         points=points, **vars(nearest),
     )()  # fmt: skip
     return nearest

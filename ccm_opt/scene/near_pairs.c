@@ -9,18 +9,21 @@
 #define RUN 8 /* links that share a box */
 
 typedef struct {
-    int64_t links, mount_link, first_self_pair; /* the last is the number of links where links may meet */
-    double mount_at, link_length, radius, reach, margin;
-    const double *pair_margin; /* margin between links by the difference of their numbers, (links,) */
+    int64_t links, mount_link;
+    const int64_t *first_self_pair; /* the first link beyond each one that may not meet it, (links,) */
+    double mount_at, mean_length, longest, thickest, reach, margin;
+    const double *lengths, *radii; /* of the links, (links,) */
+    const double *places;          /* of joints and tip along the arm, in mean lengths, (links + 1,) */
+    double pair_share;             /* of the free length between two links that is kept, up to the margin */
 
     Tree edge_tree, vertex_tree;
     const double *edges; /* (E, 4) */
     const int64_t *edge_wall;
     const double *vertices; /* (V, 2) */
     const int64_t *vertex_wall;
-    const double *wall_gap; /* distance from axis to core in contact, (walls,) */
+    double clearance, most_rounding;
+    const double *rounding; /* distance of a wall's surface from its core, (walls,) */
     int64_t walls;
-    double largest_gap;
 
     int64_t *found;        /* working memory, max(E, V) numbers */
     double *runs;          /* working memory, 4 numbers for RUN links */
@@ -78,11 +81,20 @@ static int64_t meeting(const Tree *tree, const double *box, int64_t *found)
     return count;
 }
 
+/* Radius of the arm at the beginning of a link: of the thicker of the two that meet there. */
+static double joint_radius(const Query *q, int64_t link)
+{
+    return link > q->mount_link ? fmax(q->radii[link - 1], q->radii[link]) : q->radii[link];
+}
+
+/* Distance from the axis to a core in contact. */
+static double wall_gap(const Query *q, double radius, double rounding) { return radius + q->clearance + rounding; }
+
 /* The box about a link grown by what a wall may be apart from its axis. */
 static void box_about(const Query *q, int64_t link, double *box)
 {
     const double *p = q->points + 2 * link;
-    double grow = q->reach + q->largest_gap;
+    double grow = q->reach + wall_gap(q, joint_radius(q, link), q->most_rounding);
     for (int d = 0; d < 2; d++) {
         box[d] = fmin(p[d], p[2 + d]) - grow;
         box[2 + d] = fmax(p[d], p[2 + d]) + grow;
@@ -93,7 +105,7 @@ static void links_with_vertices(Query *q)
 {
     for (int64_t link = q->mount_link; link < q->links; link++) {
         const double *p = q->points + 2 * link;
-        double dx = p[2] - p[0], dy = p[3] - p[1];
+        double dx = p[2] - p[0], dy = p[3] - p[1], square = q->lengths[link] * q->lengths[link];
         double least = link == q->mount_link ? q->mount_at : 0.0;
         double box[4];
         box_about(q, link, box);
@@ -101,14 +113,14 @@ static void links_with_vertices(Query *q)
         for (int64_t k = 0; k < near; k++) {
             int64_t vertex = q->found[k];
             const double *v = q->vertices + 2 * vertex;
-            double along = ((v[0] - p[0]) * dx + (v[1] - p[1]) * dy) / (q->link_length * q->link_length);
-            /* Beyond its end the next link reports the joint that they share. */
-            if (along >= 1.0 && link != q->links - 1) continue;
+            double along = ((v[0] - p[0]) * dx + (v[1] - p[1]) * dy) / square;
+            /* Beyond its end the next link reports the joint that they share, if it is as thick. */
+            if (along >= 1.0 && link != q->links - 1 && q->radii[link] <= q->radii[link + 1]) continue;
             double at = fmin(fmax(along, least), 1.0);
             double x = p[0] + at * dx - v[0], y = p[1] + at * dy - v[1];
             double distance = hypot(x, y);
             int64_t wall = q->vertex_wall[vertex];
-            double gap = distance - q->wall_gap[wall];
+            double gap = distance - wall_gap(q, q->radii[link], q->rounding[wall]);
             if (gap < q->reach) report(q, link, at, -1, 0.0, x, y, distance, gap, q->margin, wall);
         }
     }
@@ -140,7 +152,8 @@ static void joint_with_edge(Query *q, int64_t joint, const double *place, int64_
     double distance = hypot(x, y);
     int64_t link = joint < q->links ? joint : q->links - 1;
     int64_t wall = q->edge_wall[edge];
-    double gap = distance - q->wall_gap[wall];
+    double radius = joint == q->links ? q->radii[link] : joint_radius(q, link);
+    double gap = distance - wall_gap(q, radius, q->rounding[wall]);
     if (gap >= q->reach) return;
     double at = joint == q->links ? 1.0 : joint == q->mount_link ? q->mount_at : 0.0;
     report(q, link, at, -1, 0.0, x, y, distance, gap, q->margin, wall);
@@ -195,9 +208,10 @@ static void link_with_link(Query *q, int64_t i, int64_t j)
     }
     if (!q->crosses && cut(p, p + 2, r, r + 2)) q->crosses = 1;
     double distance = hypot(x, y);
-    double gap = distance - 2.0 * q->radius;
-    if (gap < q->reach)
-        report(q, i, on_first[best], j, on_second[best], x, y, distance, gap, q->pair_margin[j - i], q->walls);
+    double both = q->radii[i] + q->radii[j], gap = distance - both;
+    if (gap >= q->reach) return;
+    double margin = q->pair_share * (q->mean_length * (q->places[j] - q->places[i + 1]) - both);
+    report(q, i, on_first[best], j, on_second[best], x, y, distance, gap, fmin(fmax(margin, 0.0), q->margin), q->walls);
 }
 
 static void links_with_links(Query *q)
@@ -216,16 +230,16 @@ static void links_with_links(Query *q)
                 if (x > box[2 + d]) box[2 + d] = x;
             }
     }
-    for (int64_t i = 0; i < n - q->first_self_pair; i++) {
+    for (int64_t i = 0; i < n && q->first_self_pair[i] < n; i++) {
         const double *p = q->points + 2 * i;
         double mx = 0.5 * (p[0] + p[2]), my = 0.5 * (p[1] + p[3]);
-        for (int64_t k = (i + q->first_self_pair) / RUN; k < runs; k++) {
+        for (int64_t k = q->first_self_pair[i] / RUN; k < runs; k++) {
             const double *box = q->runs + 4 * k;
-            double apart = 2.0 * q->radius + q->reach;
-            double far = apart + 0.5 * q->link_length;
+            double apart = q->radii[i] + q->thickest + q->reach;
+            double far = apart + 0.5 * q->lengths[i];
             if (mx < box[0] - far || my < box[1] - far || mx > box[2] + far || my > box[3] + far) continue;
-            double middles = far + 0.5 * q->link_length;
-            int64_t begin = i + q->first_self_pair > RUN * k ? i + q->first_self_pair : RUN * k;
+            double middles = far + 0.5 * q->longest;
+            int64_t begin = q->first_self_pair[i] > RUN * k ? q->first_self_pair[i] : RUN * k;
             int64_t end = RUN * (k + 1) < n ? RUN * (k + 1) : n;
             for (int64_t j = begin; j < end; j++) {
                 const double *r = q->points + 2 * j;

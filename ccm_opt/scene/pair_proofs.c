@@ -3,9 +3,10 @@
 #include "native.h"
 
 typedef struct {
-    int64_t stretches, links, first_apart; /* the last is the least difference of the numbers of two links that count */
-    double link_length;
-    const double *least;                 /* distance to be kept, by the difference of the numbers, (links,) */
+    int64_t stretches, links;
+    const int64_t *first_apart;          /* the first link beyond each one that counts with it, (links,) */
+    double longest;                      /* length of a link */
+    const double *least;                 /* what each link adds to the distance to be kept, (links,) */
     const double *start, *end, *middle;  /* joints, (stretches, links + 1, 2) */
     const double *sag;                   /* (stretches, links) */
     const double *moved;                 /* by which any joint leaves its mean place, (stretches,) */
@@ -64,14 +65,15 @@ static void look_at(Proofs *q, int64_t stretch, int64_t i, int64_t j)
     double corners = fmin(least_along(q->start + joints, i, j, x, y), least_along(q->end + joints, i, j, x, y));
     /* What the links before i turn moves both alike. */
     double bent = sag[j] - (i > 0 ? sag[i - 1] : 0.0);
-    if (corners > q->least[j - i] + bent) return;
+    double least = q->least[i] + q->least[j];
+    if (corners > least + bent) return;
 
     int64_t k = q->count++;
     if (k >= q->capacity) return;
     q->stretch[k] = stretch;
     q->first[k] = i;
     q->second[k] = j;
-    q->touching[k] = distance <= q->least[j - i];
+    q->touching[k] = distance <= least;
 }
 
 /* Pairs whose links' middles are so near that they may meet. */
@@ -82,10 +84,10 @@ static void look_at_all(Proofs *q)
         for (int64_t i = 0; i < q->links; i++) {
             double x = 0.25 * (a[2 * i] + a[2 * i + 2] + b[2 * i] + b[2 * i + 2]);
             double y = 0.25 * (a[2 * i + 1] + a[2 * i + 3] + b[2 * i + 1] + b[2 * i + 3]);
-            for (int64_t j = i + q->first_apart; j < q->links; j++) {
+            for (int64_t j = q->first_apart[i]; j < q->links; j++) {
                 double dx = 0.25 * (a[2 * j] + a[2 * j + 2] + b[2 * j] + b[2 * j + 2]) - x;
                 double dy = 0.25 * (a[2 * j + 1] + a[2 * j + 3] + b[2 * j + 1] + b[2 * j + 3]) - y;
-                double reach = q->least[j - i] + q->link_length + 2.0 * q->moved[s];
+                double reach = q->least[i] + q->least[j] + q->longest + 2.0 * q->moved[s];
                 if (dx * dx + dy * dy < reach * reach) look_at(q, s, i, j);
             }
         }

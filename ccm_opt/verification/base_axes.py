@@ -82,7 +82,7 @@ def _held(
     multiple of its tolerance.
     """
     # Depth of each joint behind the hole: positive within the guide tube.
-    depth = axis.hole - place[:, None] - arm.link_length * np.arange(arm.links)
+    depth = axis.hole - place[:, None] - arm.joint_places[:-1]
     # A joint counts by the greatest of its bends.
     each = bends_a_ball(trajectory.coordinates)
     bends = np.abs(trajectory.bend_angles).reshape(len(trajectory.time), -1, each).max(axis=2)

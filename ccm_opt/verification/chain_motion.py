@@ -98,6 +98,8 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
     points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
+    if arm.proportions is not None:
+        along = along * arm.proportions.lengths[:, None]
     np.cumsum(along, axis=1, out=points[:, 1:])
     points[:, 1:] *= arm.link_length
     points[:, 1:] += points[:, :1]
@@ -310,7 +312,7 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     bows = np.zeros((len(steps), arm.links + 1))
     if arm.dimension == 2:
         turned = np.cumsum(steps[:, arm.coordinates.bends], axis=1)
-        np.cumsum(arm.link_length * turned**2, axis=1, out=bows[:, 1:])
+        np.cumsum(arm.lengths * turned**2, axis=1, out=bows[:, 1:])
         return bows
     bends = bend_pairs(arm, steps)
     frames = LinkFrames.of(arm, middle)
@@ -323,7 +325,7 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     for link in range(arm.links):
         gain = gain + fastest * each[:, link] + both[:, link]
         fastest = rates[:, link] + 0.5 * gain
-        bows[:, link + 1] = bows[:, link] + arm.link_length * (fastest**2 + gain)
+        bows[:, link + 1] = bows[:, link] + arm.lengths[link] * (fastest**2 + gain)
     return bows
 
 

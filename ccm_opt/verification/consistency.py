@@ -398,6 +398,8 @@ def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: 
 def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
     """Return the mean heading of a backbone curve over each of the arm's links, shape (links,) [rad]."""
     of_links = np.linspace(0.0, curve.length, arm.links + 1)
+    if arm.proportions is not None:
+        of_links = np.concatenate(([0.0], np.cumsum(arm.lengths))) * (curve.length / float(np.sum(arm.lengths)))
     ends = np.union1d(curve.breakpoints, of_links)
     # Between breakpoints headings are quartics, which three Gauss points integrate exactly.
     nodes, weights = np.polynomial.legendre.leggauss(3)

@@ -48,7 +48,7 @@ def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTraj
 def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> tuple[float, int, int]:
     """Return the largest distance of the arm outside the tube from the reference path [m], its sample and link."""
     points = motion.points[samples]
-    along = carried(arm, motion.positions[samples])[:, None] + arm.link_length * np.arange(arm.links + 1) - arm.hole
+    along = carried(arm, motion.positions[samples])[:, None] + arm.joint_places - arm.hole
     path = _path(arm, points, along, spacing)
     tree = cKDTree(path)
     share = np.arange(_PLACES + 1)[:, None] / _PLACES
@@ -56,7 +56,7 @@ def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> 
     for begin in range(0, len(points), _CHUNK):
         some = points[begin : begin + _CHUNK]
         places = some[:, :-1, None] + share * (some[:, 1:, None] - some[:, :-1, None])
-        outside = along[begin : begin + _CHUNK, :-1, None] + arm.link_length * share[:, 0] > 0.0
+        outside = along[begin : begin + _CHUNK, :-1, None] + arm.lengths[:, None] * share[:, 0] > 0.0
         if not outside.any():
             continue
         distance = np.asarray(tree.query(places[outside])[0])

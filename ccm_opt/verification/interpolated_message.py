@@ -274,7 +274,7 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     e4 = a3 + 4.0 * w * a2 + 3.0 * a1**2 + 6.0 * a1 * w**2 + w**4
     masses = np.append(arm.masses, arm.payload)
     gyration = np.sqrt(np.append(np.maximum(arm.inertia_transverse, arm.inertia_axial) / arm.masses, 0.0))
-    reach = arm.link_length * np.append(np.arange(1.0, arm.links + 1.0), arm.links) + gyration
+    reach = np.append(arm.joint_places[1:], arm.length) + gyration
     gravity = float(np.linalg.norm(problem.simulation.gravity))
     bow = np.zeros(len(w))
     for mass, lever in zip(masses, reach, strict=True):
@@ -338,8 +338,8 @@ def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: floa
     times = factor * np.interp(numbers, samples, proved.time)
     # Nearness is measured with each coordinate weighted by how far it moves the tip.
     joints = message.coordinates.joints
-    beyond = arm.links - np.arange(joints) // bends_a_ball(message.coordinates)
-    weights = np.append(arm.link_length * beyond, np.ones(len(arm.base_axes))) ** 2
+    beyond = arm.places_from_tip[np.arange(joints) // bends_a_ball(message.coordinates)]
+    weights = np.append(beyond, np.ones(len(arm.base_axes))) ** 2
     nearest = times
     for _ in range(3):
         rates = message.at_times(nearest, 1)
@@ -374,8 +374,8 @@ def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
-    turned = np.cumsum(np.abs(np.cumsum(bends, axis=1)), axis=1)
-    return np.asarray(arm.link_length * turned + np.sum(np.abs(change[:, layout.joints :]), axis=1, keepdims=True))
+    moved = np.cumsum(arm.lengths * np.abs(np.cumsum(bends, axis=1)), axis=1)
+    return np.asarray(moved + np.sum(np.abs(change[:, layout.joints :]), axis=1, keepdims=True))
 
 
 def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:

@@ -252,7 +252,7 @@ class _PointMotion:
     def reported_accelerations(self) -> FloatArray:
         """Return the magnitudes of the point's acceleration from the reported coordinate rates, shape (T,) [m/s²]."""
         # From the midpoint of a link to its end, the acceleration grows by half of the link's contribution.
-        added = 2.0 / self.arm.link_length * (self.rates.ends - self.rates.middles)
+        added = 2.0 / self.arm.lengths[:, None] * (self.rates.ends - self.rates.middles)
         return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
 
     def gained(self) -> FloatArray:
@@ -276,7 +276,7 @@ class _PointMotion:
         """Part of each link's length that lies between the base and the point, shape (links,) [m]."""
         arm = self.arm
         at = arm.length if self.limit.at is None else self.limit.at
-        return np.clip(at - arm.link_length * np.arange(arm.links), 0.0, arm.link_length)
+        return np.clip(at - arm.joint_places[:-1], 0.0, arm.lengths)
 
     def _summed(self, of_links: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("k,tkd->td", self._levers, of_links))

@@ -48,7 +48,7 @@ class LinkRates:
             gain += second * np.cross(before + first * frames.first_axes, frames.second_axes)
         growth = np.cumsum(gain, axis=1)
         swing = np.cross(growth, frames.along) + np.cross(rate, np.cross(rate, frames.along))
-        step = arm.link_length * swing
+        step = arm.lengths[:, None] * swing
         base = carried(arm, accelerations)[:, None, None] * arm.base_rotation[:, 0]
         ends = base + np.cumsum(step, axis=1)
         return cls(rate, growth, ends, ends - 0.5 * step)
@@ -87,7 +87,9 @@ def _efforts(
     at_tip = arm.payload * (rates.ends[:, -1:] - gravity)
     # The force of all links beyond link i acts at its full length, the force of link i itself at half its length.
     beyond = from_tip(needed) - needed + at_tip
-    moments = np.cross(arm.link_length * frames.along, beyond + 0.5 * needed) + _momentum_change(arm, frames, rates)
+    moments = np.cross(arm.lengths[:, None] * frames.along, beyond + 0.5 * needed) + _momentum_change(
+        arm, frames, rates
+    )
     moments = from_tip(moments)
 
     torques = np.empty((len(positions), arm.links, 3))

@@ -335,7 +335,7 @@ class SampleBounds:
         lever = self._levers(joint)
         bow = self._eighth * self._bounds_beyond(joint)
         gain = self._hat.second(self.bodies[self._within, joint:])[0]
-        at_all = _body_bounds(arm.link_length * self._curving)[joint:]
+        at_all = _body_bounds(arm.lengths * self._curving)[joint:]
         at_all = at_all + (self.problem.limits.feed_acceleration or 0.0)
         return Factors(
             np.append(arm.masses, arm.payload)[joint:],
@@ -382,9 +382,10 @@ class SampleBounds:
         place = self.motion.rounding
         rotor = float(_of_bends(arm.rotor_inertia, arm.links)[joint, revolute])
         turning = float(np.sum(arm.inertia_transverse[joint:])) + rotor
-        noise = 4.0 * place / (before * after) * (float(masses.shares @ masses.longest) + turning / arm.link_length)
-        # The error of a direction is less than that of positions divided by a link's length.
-        return noise + 2.0 * place * float(masses.shares @ masses.mean) + place / arm.link_length * moment
+        shortest = float(np.min(arm.lengths[joint:]))
+        noise = 4.0 * place / (before * after) * (float(masses.shares @ masses.longest) + turning / shortest)
+        # The error of a direction is less than that of positions divided by its link's length.
+        return noise + 2.0 * place * float(masses.shares @ masses.mean) + place / shortest * moment
 
     def _levers(self, joint: int) -> FloatArray:
         """Return the vectors from a joint to the n masses beyond it at the three samples, shape (3, n, 3) [m]."""
@@ -394,7 +395,7 @@ class SampleBounds:
     def _bounds_beyond(self, joint: int) -> FloatArray:
         """Return bounds on the second derivatives of the vectors from a joint to the n masses beyond, (n,) [m/s²]."""
         arm = self.problem.arm
-        beyond = np.where(np.arange(arm.links) >= joint, arm.link_length * self._curving, 0.0)
+        beyond = np.where(np.arange(arm.links) >= joint, arm.lengths * self._curving, 0.0)
         return _body_bounds(beyond)[joint:]
 
     @cached_property

@@ -77,21 +77,28 @@ def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.cross(first, second)
 
 
-def first_distant(arm: Arm) -> int:
-    """Return the least difference of link numbers for which links must stay apart.
+def first_distant(arm: Arm) -> IntArray:
+    """Return the first link beyond each one that must stay apart from it, shape (links,); ``links`` if there is none.
 
-    It is the least d with (d − 1) l ≥ max(2 l, π r), for link length l and radius r: links closer along the arm are
-    unavoidably close in space. ``Arm.first_self_pair`` implements the same rule; the verifier deliberately does not use
-    it.
+    Two links at least lie between the two, and a length of at least π r with the greatest radius r from the first on.
+    ``Arm.first_distant`` implements the same rule; the verifier deliberately does not use it.
     """
-    # Links closer along the arm than two link lengths, or than π r, the tightest half turn of an arm of radius r, are
+    # Links closer along the arm than two links, or than π r, the tightest half turn of an arm of radius r, are
     # unavoidably close in space.
-    reach = max(2.0 * arm.link_length, np.pi * arm.radius)
-    apart = 1
-    # The factor keeps rounding from counting one link too many.
-    while (apart - 1) * arm.link_length < reach * (1.0 - 1e-12):
-        apart += 1
-    return apart
+    starts = np.concatenate(([0.0], np.cumsum(arm.lengths)))
+    first = np.full(arm.links, arm.links)
+    for link in range(arm.links - 3):
+        between = starts[link + 3 : -1] - starts[link + 1]
+        # The small number keeps rounding from counting one link too many.
+        far = between >= np.pi * float(np.max(arm.radii[link:])) - 1e-9 * arm.link_length
+        first[link] = link + 3 + int(np.argmax(far)) if far.any() else arm.links
+    return first
+
+
+def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:
+    """Return the pairs of links that must stay apart, each of shape (P,)."""
+    first, second = np.nonzero(np.arange(arm.links) >= first_distant(arm)[:, None])
+    return first, second
 
 
 def check_self_collision(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
@@ -117,29 +124,29 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
     """Return the verdict on whether links far apart along the arm stay clear; None if the arm has no such links."""
     arm = motion.arm
-    if first_distant(arm) >= arm.links:
+    if len(distant_pairs(arm)[0]) == 0:
         return None
-    proof = LinkProof(motion, 2.0 * arm.radius)
-    return proof.prove(least_allowed_gap(0.0, proof.thickness, settings), settings)
+    thinnest = 2.0 * float(np.min(arm.radii))
+    return LinkProof(motion, arm.radii).prove(least_allowed_gap(0.0, thinnest, settings), settings)
 
 
 class LinkProof:
-    """A proof, for all times of a motion, that links of a given thickness keep a gap.
+    """A proof, for all times of a motion, that links of given radii keep a gap.
 
     Args:
         motion: motion of the arm.
-        thickness: distance of two link axes at which the gap is zero [m].
+        radii: radius of each link, shape (links,) [m].
     """
 
-    def __init__(self, motion: ChainMotion, thickness: float) -> None:
+    def __init__(self, motion: ChainMotion, radii: FloatArray) -> None:
         self.motion = motion
-        self.thickness = thickness
+        self.radii = radii
         # The positions of both links are subject to rounding.
         self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
         """Prove a gap of at least ``least`` [m] between links far apart along the arm; see ``prove_stretches``."""
-        first, second = np.triu_indices(self.motion.arm.links, first_distant(self.motion.arm))
+        first, second = distant_pairs(self.motion.arm)
         blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
         pairs = Pairs.in_all(len(blocks), first, second)
         return prove_stretches(self.motion, blocks, pairs, self.measure, least, settings, nearest=nearest)
@@ -162,21 +169,24 @@ class LinkProof:
         # The nearest points of two links are each at most half a link from the midpoint.
         middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
         most = lengths_of(middles[k, i] - middles[k, j])
-        taken = self.thickness + self._lost + motion.off(stretches, k, i) + motion.off(stretches, k, j)
-        low = most - motion.arm.link_length * (1.0 + 1e-9) - taken
+        thick = self.radii.take(i) + self.radii.take(j)
+        taken = thick + self._lost + motion.off(stretches, k, i) + motion.off(stretches, k, j)
+        lengths = motion.arm.lengths
+        low = most - 0.5 * (lengths.take(i) + lengths.take(j)) * (1.0 + 1e-9) - taken
         exact = low - travel < cutoff
         k, i, j = k[exact], i[exact], j[exact]
         most[exact] = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
         low[exact] = (most - taken)[exact]
         travel[exact] = np.minimum(travel[exact], relative_travels(motion, stretches, travels, pairs.where(exact)))
-        return Measured(low - travel, most - self.thickness, travel, exact)
+        return Measured(low - travel, most - thick, travel, exact)
 
 
 def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
     """Return bounds on the decrease of link distances from their value in the middle of time intervals, shape (P,) [m].
 
-    Within a step, motion common to both links does not count. In the frame of link i, each joint k up to link j adds
-    only its own rotation ψ_k to the motion of link j: l Σ (j − k + 1) ψ_k in total.
+    Within a step, motion common to both links does not count. In the frame of the first link, which preserves
+    distances, each joint k between the links only adds its own rotation ψ_k, times the length of the arm from there to
+    the end of the second link.
 
     Args:
         motion: motion of the arm.
@@ -215,12 +225,14 @@ def travels_in_frame(
     arm = motion.arm
     turns = [motion.turned(at) for at in (stretches.low, stretches.middle, stretches.high)]
     turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
-    number = np.arange(1.0, arm.links + 1.0)
+    # Arc lengths in mean lengths of links.
+    place = arm.place_shares
+    number = place[:-1] + 1.0
     plain = np.cumsum(turned, axis=1)
     weighted = np.cumsum(number * turned, axis=1)
     # Subtracting cumulative sums loses digits, so the bound includes the possible rounding error.
     rounding = 8.0 * (arm.links + len(motion.time)) * UNIT * arm.links * turns[2].sum(axis=1)
-    between = (j + 2.0) * (plain[k, j] - plain[k, i]) - (weighted[k, j] - weighted[k, i])
+    between = (place[j + 1] + 1.0) * (plain[k, j] - plain[k, i]) - (weighted[k, j] - weighted[k, i])
     return np.asarray(arm.link_length * (between + rounding[k]))
 
 
@@ -236,13 +248,14 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
         The P pairs, with indices of poses instead of time intervals, and the gaps between their surfaces, shape (P,)
         [m].
     """
-    first, second = np.triu_indices(arm.links, first_distant(arm))
+    first, second = distant_pairs(arm)
     middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
-    farthest = arm.link_length * (1.0 + 1e-9) + reach + 2.0 * arm.radius
+    farthest = float(np.max(arm.lengths)) * (1.0 + 1e-9) + reach + 2.0 * arm.radius
     pose, number = np.nonzero(lengths_of(middles[:, first] - middles[:, second]) <= farthest)
     pairs = Pairs(pose, first[number], second[number])
     k, i, j = pairs.stretch, pairs.link, pairs.other
-    gap = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - 2.0 * arm.radius
+    gap = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
+    gap -= arm.radii.take(i) + arm.radii.take(j)
     return pairs, gap
 
 
@@ -264,17 +277,20 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)
     total = np.concatenate((np.zeros((len(bends), 1)), np.cumsum(bends, axis=1)), axis=1)
     found = [np.zeros((3, 0), dtype=np.intp)]
-    for apart in range(2, min(first_distant(motion.arm), links)):
+    beyond = first_distant(motion.arm) - np.arange(links)
+    for apart in range(2, int(np.max(beyond))):
         between = total[:, 1 + apart :] - total[:, 1:-apart]
         # Magnitudes of bends are convex in time between samples, so their maximum is at a sample.
         interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
+        both = apart < beyond[link]
+        interval, link = interval[both], link[both]
         found.append(np.stack((interval, link, link + apart)))
     interval, first, second = np.concatenate(found, axis=1)
     if len(interval) == 0:
         return ""
     kept, stretch = np.unique(interval, return_inverse=True)
     stretches = TimeStretches(kept.astype(np.float64), kept + 1.0)
-    measure = LinkProof(motion, 0.0).measure
+    measure = LinkProof(motion, np.zeros(links)).measure
     verdict = prove_stretches(motion, stretches, Pairs(stretch, first, second), measure, settings.touch, settings)
     if verdict.proved:
         return ""

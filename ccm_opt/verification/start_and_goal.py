@@ -186,8 +186,9 @@ def _on_curve(
 
     # The error of a mapping is proportional to κ l², like the sagitta of the curve over a link.
     steepest = float(np.max(np.abs(curve.curvature_at(arc))))
-    of_mapping = _CURVE_SHAPE_FACTOR * steepest * arm.link_length**2
-    allowed = of_mapping + _CURVE_SHAPE_SLACK * arm.link_length
+    longest = float(np.max(arm.lengths))
+    of_mapping = _CURVE_SHAPE_FACTOR * steepest * longest**2
+    allowed = of_mapping + _CURVE_SHAPE_SLACK * longest
     tip = float(np.linalg.norm(points[-1] - trace[-1]))
     j = int(np.argmax(off))
     return [

@@ -16,7 +16,7 @@ from ccm_opt.verification.following import check_following
 from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.sample_efforts import check_sample_efforts
-from ccm_opt.verification.selfcollision import check_self_collision, crossing_near_links, first_distant
+from ccm_opt.verification.selfcollision import check_self_collision, crossing_near_links, distant_pairs
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
@@ -104,17 +104,14 @@ def left_unchecked(
     remarks = [_mount_note(arm)]
     if not arm.self_collision:
         remarks.append("clearance between links was not checked, since arm.self_collision is false")
-    elif first_distant(arm) >= arm.links:
+    elif len(distant_pairs(arm)[0]) == 0:
         remarks.append("clearance between links was not checked: all are close to each other along the arm")
     # In space, crossing links are rejected however close they are along the arm, so only the plane needs a remark.
     if arm.self_collision and arm.dimension == 2:
         motion = ChainMotion(arm, trajectory.time, trajectory.positions)
         crossing = crossing_near_links(motion, settings.for_problem(problem))
         if crossing:
-            apart = first_distant(arm)
-            remarks.append(
-                f"{crossing}: links less than {apart} apart along the arm are not checked against each other"
-            )
+            remarks.append(f"{crossing}: links so near along the arm are not checked against each other")
     return tuple(remark for remark in remarks if remark)
 
 

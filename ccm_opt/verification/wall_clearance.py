@@ -243,7 +243,7 @@ def nearest_wall(
     if np.all(exposed == 1.0) or is_empty(workspace):
         return None
     surfaces = CheckedSurfaces.of(workspace)
-    least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
+    least = least_allowed_gap(workspace.clearance, float(np.min(motion.arm.radii)), settings)
     verdict = WallProof(motion, surfaces, exposed).prove(least, settings)
     return verdict, surfaces.name_of(verdict.nearest.other)
 
@@ -254,13 +254,13 @@ def exposed_starts(arm: Arm) -> FloatArray:
     The exposed part of a link starts at this fraction. ``Arm.mount_end`` gives the end of the mount; the verifier
     deliberately does not use it.
     """
-    return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+    return np.clip((arm.mount_length - arm.joint_places[:-1]) / arm.lengths, 0.0, 1.0)
 
 
 def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
     """Return a remark if a link with a given gap [m] touches a wall at the end of the mount; otherwise ""."""
-    leaves = link == int(arm.mount_length // arm.link_length)
-    return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
+    leaves = arm.joint_places[link] <= arm.mount_length < arm.joint_places[link + 1]
+    return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radii[link] else ""
 
 
 def is_empty(workspace: Workspace) -> bool:
@@ -332,13 +332,14 @@ class WallProof:
         travel = np.maximum(travels.take(joint), travels.take(joint + 1))
         start, end = link_axes(poses, pairs, self._exposed)
         low, high = self.surfaces.bounds(pairs.other, start, end)
-        thick = arm.radius + self.surfaces.rounding.take(pairs.other)
+        radius = arm.radii.take(pairs.link)
+        thick = radius + self.surfaces.rounding.take(pairs.other)
         taken = thick + self._lost + self.motion.off(stretches, pairs.stretch, pairs.link)
         # Parts whose boxes are far enough away need no exact distance.
         exact = self.surfaces.is_single(pairs.other) & (low - taken - travel < cutoff)
         low[exact], high[exact] = self.surfaces.separations(pairs.other[exact], start[exact], end[exact])
         # A box may hold parts with a smaller radius than the largest, which are farther away.
-        most = high - np.where(exact, thick, arm.radius)
+        most = high - np.where(exact, thick, radius)
         low -= taken
         if arm.base_axes:
             close = np.flatnonzero(exact & (low - travel < cutoff) & (travel > 0.0))
@@ -403,8 +404,9 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
     """
     arm = motion.arm
     # The point is where the mount ends, since the mount itself may be inside a wall.
-    k = min(int(arm.mount_length // arm.link_length), arm.links - 1)
-    share = min(arm.mount_length / arm.link_length - k, 1.0)
+    ends = arm.joint_places[1:]
+    k = min(int(np.searchsorted(ends, arm.mount_length, side="right")), arm.links - 1)
+    share = float(exposed_starts(arm)[k])
     joints = motion.points[0]
     point = joints[k] + share * (joints[k + 1] - joints[k])
     depths = _depths(workspace, point) if workspace.dimension == 2 else _depths_in_space(workspace, point)

@@ -166,7 +166,7 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
     if sheet.section is not None:
         draw_section(sheet.section, problem, points, "section along the arm, with the reach of the errors")
         arm, unit = problem.arm, METRES[problem.length_unit]
-        along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
+        along = arm.link_middles / unit
         for sign in (1.0, -1.0):
             edge = sign * (arm.radius + moved) / unit
             sheet.section.plot(along, edge, color=style.START_EDGE, linewidth=1.0, zorder=4)

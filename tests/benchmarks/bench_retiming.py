@@ -144,7 +144,7 @@ def measure(arm: Arm, dynamics: InverseDynamics, path: JointPath, limits: Limits
     timing.sample_motion = recorder  # type: ignore[assignment]
     begin = user_seconds()
     trajectory = retime(
-        path, limits, dynamics, revolutes=partial(revolute_angles, arm), link_length=arm.link_length, step=4e-3
+        path, limits, dynamics, revolutes=partial(revolute_angles, arm), link_lengths=arm.lengths, step=4e-3
     )
     seconds = user_seconds() - begin
     if recorder.profile is None:

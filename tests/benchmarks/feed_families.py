@@ -83,7 +83,7 @@ def clutter(rng: np.random.Generator, ways: list[LeaderPath]) -> list[Obstacle]:
 
 def on_way(arm: Arm, path: LeaderPath) -> JointPose:
     """The arm on a way with its tip at the end."""
-    feed = path.base_with_tip_at_end(arm.links, arm.link_length)
+    feed = path.base_with_tip_at_end(arm.lengths)
     return JointPose(pose_on_path(arm, path, feed), feed)
 
 

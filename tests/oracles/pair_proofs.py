@@ -14,11 +14,11 @@ class InterpretedProofs:
     """``PairProofs`` by numpy.
 
     Attributes:
-        first_apart: least difference of the numbers of two links that count.
-        least: distance that the axes of two links keep, by the difference of their numbers, shape (links,) [m].
+        first_apart: the first link beyond each one that counts with it, shape (links,).
+        least: what each link adds to the distance that the axes of two keep, shape (links,) [m].
     """
 
-    first_apart: int
+    first_apart: IntArray
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
@@ -45,7 +45,7 @@ class InterpretedProofs:
 
         # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
         before = np.where(i > 0, stretches.sag[span, np.maximum(i - 1, 0)], 0.0)
-        least = self.least[j - i]
+        least = self.least[i] + self.least[j]
         unsafe: BoolArray = corners <= least + stretches.sag[span, j] - before
         touching = unsafe & (distance <= least)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
@@ -57,13 +57,15 @@ class InterpretedProofs:
         y = np.ascontiguousarray(middle[..., 1])
 
         # Any point of a link lies within half a link of its middle.
-        reach = stretches.arm.link_length + 2.0 * stretches.moved
+        reach = float(np.max(stretches.arm.lengths)) + 2.0 * stretches.moved
         found = [(np.zeros(0, int),) * 3]
         # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
-        for apart in range(self.first_apart, stretches.arm.links):
+        for apart in range(1, stretches.arm.links):
             dx = x[:, apart:] - x[:, :-apart]
             dy = y[:, apart:] - y[:, :-apart]
-            span, i = np.nonzero(dx * dx + dy * dy < ((reach + self.least[apart]) ** 2)[:, None])
+            both = self.least[apart:] + self.least[:-apart]
+            counts = np.arange(apart, stretches.arm.links) >= self.first_apart[:-apart]
+            span, i = np.nonzero(counts & (dx * dx + dy * dy < (reach[:, None] + both) ** 2))
             found.append((span, i, i + apart))
         span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
         return span, i, j

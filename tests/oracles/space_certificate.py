@@ -23,7 +23,7 @@ def bows(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatArray:
     bow = np.zeros(arm.links + 1)
     NativeCall(
         "motion_bounds",
-        links=arm.links, length=arm.link_length, base=arm.base_rotation, speed=np.zeros(arm.links), bow=bow,
+        links=arm.links, lengths=arm.lengths, base=arm.base_rotation, speed=np.zeros(arm.links), bow=bow,
         rotations=rotations, turns=turns,
     )()  # fmt: skip
     return bow
@@ -44,13 +44,13 @@ def bows_by_numpy(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatAr
     for j in range(arm.links):
         drift += speed * together[j] + both[j]
         speed = norms[j] + 0.5 * drift
-        bows[j + 1] = bows[j] + arm.link_length * (speed**2 + drift)
+        bows[j + 1] = bows[j] + arm.lengths[j] * (speed**2 + drift)
     return bows
 
 
 def near_pairs_by_numpy(arm: Arm, points: FloatArray, reach: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Links i < j whose axes are nearer than a reach [m], and their distances, each of shape (k,)."""
-    first, second = np.triu_indices(arm.links, arm.first_self_pair if arm.self_collision else arm.links)
+    first, second = arm.self_pairs
     _, _, distance, _ = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
     near = distance < reach
     return first[near], second[near], distance[near]

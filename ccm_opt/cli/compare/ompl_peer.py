@@ -243,7 +243,7 @@ class SampledJoints:
         A smooth path begins to bend a joint a little earlier than the sampled path.
         """
         beyond = self.beyond_tube * self.arm.link_length
-        return np.asarray(self.arm.hole + beyond - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
+        return np.asarray(self.arm.hole + beyond - self.arm.joint_places[:-1], dtype=np.float64)
 
     def _out(self, q: FloatArray) -> FloatArray:
         """Return the factors in [0, 1] that scale the b joint angles of configurations (..., c), shape (..., b)."""

@@ -59,8 +59,7 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
         arm: the arm.
         gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
     """
-    lengths = np.full(arm.links, arm.link_length)
-    bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, lengths))
+    bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, arm.lengths))
     drives = np.hstack((_per_ball(arm, arm.rotor_inertia), _per_ball(arm, arm.friction)))
 
     # The recursions start in the base frame, so gravity is expressed in it once.

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, Revolutes
 from ccm_opt.dynamics.retiming.timing import joined, retime, reversed_trajectory
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
@@ -21,7 +22,7 @@ def timings(
     *,
     revolutes: Revolutes,
     method: RetimingName = "toppra",
-    link_length: float | None = None,
+    link_lengths: FloatArray | None = None,
     coordinates: Coordinates | None = None,
     arm: Arm | None = None,
     share: float = 1.0,
@@ -39,7 +40,8 @@ def timings(
         revolutes: map from bends to revolute angles.
         method: "toppra" for TOPP-RA, or Paul's transitions.
         coordinates: the columns of the path; if None, one bend per link, and a feed axis if there is one more column.
-        link_length: length of a link [m], for which TOPP-RA samples densely enough that chords stay near the path.
+        link_lengths: length of each link, shape (links,) [m], for which TOPP-RA samples densely enough that chords stay
+            near the path.
         arm: the arm whose points are limited; needed only if the limits name points.
         share: fraction of the drives' limits that may be used, see ``robot.coordinates``; points of the arm may use
             their limits in full.
@@ -54,7 +56,7 @@ def timings(
             limits,
             inverse_dynamics,
             revolutes=revolutes,
-            link_length=link_length,
+            link_lengths=link_lengths,
             coordinates=coordinates,
             arm=arm,
             share=share,

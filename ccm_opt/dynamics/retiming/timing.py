@@ -64,20 +64,20 @@ class Chords:
     """Allowed deviation of the straight chords between samples from a path.
 
     Attributes:
-        link_length: length of a link [m].
+        link_lengths: length of each link, shape (links,) [m].
         sag: maximum deviation of any point of the arm from the path [m].
     """
 
-    link_length: float
+    link_lengths: FloatArray
     sag: float
 
     @classmethod
-    def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
+    def beside(cls, path: JointPath, link_lengths: FloatArray, settings: SamplingSettings) -> "Chords":
         """Return chords whose allowed deviation is a fraction of the extra gap certified for a path.
 
         The allowed deviation is at least ``settings.hair``.
         """
-        return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
+        return cls(link_lengths, max(_SPARE_SHARE * path.spare, settings.hair))
 
 
 Profile: TypeAlias = SpeedProfile | SmoothProfile
@@ -181,22 +181,22 @@ def near_the_path(
     shortest = np.min(np.diff(time)) / settings.most_pieces
     for _ in range(_CUTTINGS):
         # The deviation falls with the square of the step, so the number of pieces is the square root of the excess.
-        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
+        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_lengths, coordinates) / chords.sag)
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
             break
         time = _cut(time, np.maximum(pieces, 1))
-    _report(sag(spline, profile.at(time)[0], chords.link_length, coordinates), chords, len(time))
+    _report(sag(spline, profile.at(time)[0], chords.link_lengths, coordinates), chords, len(time))
     return time
 
 
-def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordinates) -> FloatArray:
+def sag(spline: BSpline, s: FloatArray, link_lengths: FloatArray, coordinates: Coordinates) -> FloatArray:
     """Return bounds on the deviation of any point of the arm from the path on chords between points of the path.
 
     Args:
         spline: spline of the arm's coordinates as a function of the path parameter.
         s: path parameters, not decreasing, shape (T,).
-        link_length: length of a link [m].
+        link_lengths: length of each link, shape (links,) [m].
         coordinates: layout of the columns of the spline.
 
     Returns:
@@ -204,7 +204,7 @@ def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordin
     """
     # |q''| is linear between knots, so it is evaluated at knots and ends of intervals only.
     places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
-    weight = coordinates.travel(np.asarray(spline(places, 2)), link_length)
+    weight = coordinates.travel(np.asarray(spline(places, 2)), link_lengths)
     at = np.searchsorted(places, s)
     # ``reduceat`` covers an interval's start and the knots in it, but not its end, which is taken below; its last entry
     # is the end of the path alone.
@@ -352,7 +352,7 @@ def retime(
     *,
     revolutes: Revolutes,
     step: float | None = None,
-    link_length: float | None = None,
+    link_lengths: FloatArray | None = None,
     coordinates: Coordinates | None = None,
     arm: Arm | None = None,
     share: float = 1.0,
@@ -371,8 +371,8 @@ def retime(
             ``feed_forces``.
         revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.
         step: largest time between two samples [s]; that of the settings if None.
-        link_length: length of a link [m]; if given, steps are divided where chords between samples would deviate from
-            the path by more than half of the extra gap certified for the path.
+        link_lengths: length of each link, shape (links,) [m]; if given, steps are divided where chords between samples
+            would deviate from the path by more than half of the extra gap certified for the path.
         coordinates: layout of the columns of the path; if None, one bend per link, and a feed axis if there is one more
             column.
         arm: arm whose points are limited; needed only if the limits name points.
@@ -400,7 +400,7 @@ def retime(
 
     fastest = timing.fastest()
     profile = timing.smooth(fastest) if timed.smooth else fastest
-    chords = None if link_length is None else Chords.beside(path, link_length, settings.sampling)
+    chords = None if link_lengths is None else Chords.beside(path, link_lengths, settings.sampling)
     return timing.sampled(profile, largest, chords).trajectory(columns, fastest.timed_by)
 
 

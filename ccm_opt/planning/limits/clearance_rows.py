@@ -132,7 +132,7 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
     most = _most_in_gates(sweep, contact)
     planes = sweep_regions(sweep, workspace.wall_segments, sweep.space.arm.mount_end[0], reach)
     kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
-    need = np.broadcast_to(arm.radius + workspace.clearance + kept, len(planes.link))
+    need = arm.radii[planes.link] + workspace.clearance + kept
     walls = wall_rows(planes, sweep, need)
     links = pair_rows(sweep, margin, reach)
     if wanted > margin:
@@ -161,7 +161,7 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
     if contact.gates is None:
         return None
     arm = sweep.space.arm
-    inside = contact.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radius)
+    inside = contact.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radii)
     return np.where(inside[:-1] | inside[1:], contact.certificate.spare, np.inf)
 
 

@@ -55,7 +55,7 @@ def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None
     # Points on the links, shape (poses, links, places, d); those in the guide tube follow no leader.
     shares = (np.arange(_PLACES_PER_LINK) + 0.5) / _PLACES_PER_LINK
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
-    along = np.add.outer(np.arange(arm.links), shares) * arm.link_length
+    along = arm.joint_places[:-1, None] + np.multiply.outer(arm.lengths, shares)
     outside = arm.coordinates.advance(poses)[:, None, None] + along > arm.hole
     points = arm.embedded(places[outside])
     path = arm.embedded(leaders_path(arm, poses, joints))
@@ -81,7 +81,7 @@ def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
     """
     hole = arm.base + arm.hole * arm.direction
     feeds = arm.coordinates.advance(poses)
-    outside = feeds[0] + arm.link_length * np.arange(arm.links + 1) > arm.hole
+    outside = feeds[0] + arm.joint_places > arm.hole
     # A tip inside the tube leads nothing.
     leading = feeds[1:] + arm.length > arm.hole
     path = np.concatenate((hole[None], joints[0][outside], joints[1:, -1][leading]))

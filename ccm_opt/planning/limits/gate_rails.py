@@ -9,7 +9,7 @@ restores them. Before and behind the gate, joints are pulled to the rail.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import shapely
@@ -189,15 +189,16 @@ class GateLines:
         return np.where(kept[:, None], moved, coordinates)
 
     # ------------------------------------------------------------ links in gates
-    def holds_links(self, points: FloatArray, radius: float) -> BoolArray:
+    def holds_links(self, points: FloatArray, radii: FloatArray) -> BoolArray:
         """Return a mask of the links of K poses that are inside gates, shape (K, links).
 
         Args:
             points: joints and tips of the poses, shape (K, links + 1, 2) [m].
-            radius: distance from the middle line of a gate within which a link counts as inside [m].
+            radii: distance from the middle line of a gate within which each link counts as inside, shape (links,) [m].
         """
         links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
-        return np.asarray(shapely.dwithin(links, self._prepared, radius))
+        within = cast("float", radii)  # a ufunc, which takes arrays though its stub says otherwise
+        return np.asarray(shapely.dwithin(links, self._prepared, within))
 
     @cached_property
     def _prepared(self) -> shapely.Geometry:

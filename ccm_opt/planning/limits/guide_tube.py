@@ -196,7 +196,7 @@ class GuideTubeLimit(Limit):
 
     def _beyond(self, poses: FloatArray) -> FloatArray:
         """Return the distance of every joint beyond the hole in configurations (..., c), (..., links), in links."""
-        return np.asarray(self._base(poses)[..., None] + np.arange(self.arm.links) - self._hole)
+        return np.asarray(self._base(poses)[..., None] + self.arm.place_shares[:-1] - self._hole)
 
     def _range_left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the range of the base minus its displacement, low and high, each of shape (...) [link lengths].
@@ -214,7 +214,8 @@ class GuideTubeLimit(Limit):
         """
         base = self._base(poses)
         least = _least_around(base, _MIXED)
-        outside = np.ceil(self._hole + self._reserve - least - _ROUNDING)
+        beyond = self._hole + self._reserve - least - _ROUNDING
+        outside = np.searchsorted(self.arm.place_shares[:-1], beyond)
         bent = self._bent(poses)
         first_bent = np.where(bent.any(axis=1), np.argmax(bent, axis=1), self.arm.links)
         # A joint that is bent already may stay bent: the motion is certified.

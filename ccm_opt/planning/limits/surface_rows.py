@@ -44,14 +44,16 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
         finder: finder of near surfaces.
         room: gap that the rows demand [m].
     """
-    kept = finder.kept + room
+    reach = float(np.max(finder.kept)) + room + finder.reach
     chords = np.linalg.norm(np.diff(sweep.timed_joints, axis=0), axis=2)
     travel = min(float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.space.nominal_length)
-    place, link, normal, foot = _half_spaces(sweep, finder.tree, sweep.timed_joints[1:], kept + finder.reach + travel)
+    place, link, normal, foot = _half_spaces(sweep, finder.tree, sweep.timed_joints[1:], reach + travel)
     interval = place // sweep.parts
     share = (place % sweep.parts + 1) / sweep.parts
     rows = [
-        _rows_of_points(interval, share, link + end, normal, foot + kept).take(_free_points(sweep, link + end))
+        _rows_of_points(interval, share, link + end, normal, foot + finder.kept[link] + room).take(
+            _free_points(sweep, link + end)
+        )
         for end in (0, 1)
     ]
     return joined_rows(rows)
@@ -73,7 +75,7 @@ def _half_spaces(
         (m,) [m].
     """
     arm = sweep.space.arm
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    first = arm.first_free_joint
     beyond = arm.links - first
     looked_at = points[:, first:]
     segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
@@ -120,19 +122,19 @@ def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
-def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
+def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: FloatArray) -> FloatArray:
     """Return by how much the axes of links beyond the mount are closer to surfaces than required, in several poses.
 
     Args:
         arm: the arm.
         tree: distance tree of the surfaces.
         points: joints and tips of several poses, shape (k, links + 1, 3) [m].
-        kept: required distance between axes and surfaces [m].
+        kept: required distance between the axis of each link and surfaces, shape (links,) [m].
 
     Returns:
         Shortfall of every pose, at least 0, shape (k,) [m].
     """
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    first = arm.first_free_joint
     segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
-    distances = tree.distances(segments.reshape(-1, 2, 3), kept)
-    return np.asarray(kept - np.min(distances.reshape(len(points), -1), axis=1, initial=kept))
+    distances = tree.distances(segments.reshape(-1, 2, 3), float(np.max(kept))).reshape(len(points), -1)
+    return np.asarray(np.max(kept[first:] - distances, axis=1, initial=0.0))

@@ -288,12 +288,13 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
     """
     arm = sweep.space.arm
     far = reach + 2.0 * arm.radius
+    longest = float(np.max(arm.lengths))
     i, j = arm.self_pairs
     middles = sweep.middles
 
     # Broad phase: two links are at most a link length nearer to each other than their middles are.
     centres = 0.5 * (middles[:, :-1] + middles[:, 1:])
-    interval, pair = np.nonzero(np.linalg.norm(centres[:, i] - centres[:, j], axis=2) < far + arm.link_length)
+    interval, pair = np.nonzero(np.linalg.norm(centres[:, i] - centres[:, j], axis=2) < far + longest)
     i, j = i[pair], j[pair]
 
     # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
@@ -301,7 +302,7 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
     _, _, distance, normal = segment_distances(*ends)
     close = distance < far
     interval, i, j, normal = interval[close], i[close], j[close], normal[close]
-    need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
+    need = arm.radii[i] + arm.radii[j] + arm.link_margins(i, j, margin)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
     # the links from i to j turn relative to each other, so their part of the deviation is enough.

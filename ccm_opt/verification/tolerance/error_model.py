@@ -216,7 +216,7 @@ class ErrorLevers:
         """Bound on the displacement of any point of the arm, in any pose, per unit of the error [m per unit]."""
         arm = self.arm
         model = self.model
-        turned = arm.link_length * float(np.sum(self._turns * np.arange(arm.links, 0, -1)))
+        turned = float(np.sum(self._turns * arm.places_from_tip[:-1]))
         about_base = model.turns[0] * (arm.length + max(map(abs, arm.base_range)))
         return float(turned + about_base + model.stretch * arm.links + model.moves_base)
 
@@ -242,8 +242,8 @@ class ErrorLevers:
         apart = np.linalg.norm(poses[:, :, None] - poses[:, None, :-1], axis=3)
         apart += travels[:, :, None] + travels[:, None, :-1]
         # The distance of two joints is at most the length of the arm between them.
-        number = np.arange(arm.links + 1)
-        apart = np.minimum(apart, arm.link_length * np.abs(number[:, None] - number[:-1]))
+        place = arm.joint_places
+        apart = np.minimum(apart, np.abs(place[:, None] - place[:-1]))
         apart *= (self._turns * self._free(poses, travels))[:, None]
         sums = np.concatenate((np.zeros((*apart.shape[:2], 1)), np.cumsum(apart, axis=2)), axis=2)
         return sums, np.linalg.norm(poses - arm.base, axis=2) + travels
@@ -254,7 +254,7 @@ class ErrorLevers:
         if not arm.base_axes:
             return np.ones((len(poses), arm.links))
         carried = (poses[:, 0] - arm.base) @ arm.direction + travels[:, 0]
-        out = carried[:, None] + arm.link_length * np.arange(arm.links) - arm.hole
+        out = carried[:, None] + arm.joint_places[:-1] - arm.hole
         return np.asarray((out >= -self.inside).astype(np.float64))
 
     def along(
@@ -290,8 +290,8 @@ class ErrorLevers:
         middle = np.einsum("pn,pen->pe", turns, _off(points[:, :, None] - pose[:, None, :-1], normals))
         gone = np.einsum("pn,pn->p", turns, joint_travels[:, :-1]) + moved * np.sum(turns, axis=1)
         if model.stretch:
-            lies = np.abs(np.einsum("pnd,pd->pn", np.diff(pose, axis=1), normals)) / arm.link_length
-            turning = (joint_travels[:, 1:] + joint_travels[:, :-1]) / arm.link_length
+            lies = np.abs(np.einsum("pnd,pd->pn", np.diff(pose, axis=1), normals)) / arm.lengths
+            turning = (joint_travels[:, 1:] + joint_travels[:, :-1]) / arm.lengths
             # An error of the first link's length moves its own ends relative to each other.
             own = number == chains.first[:, None] - 1
             grows = model.stretch * (on if chains.fixed else on | own)
@@ -300,7 +300,7 @@ class ErrorLevers:
 
         sums = np.cumsum(turns, axis=1) if outwards else np.cumsum(turns[:, ::-1], axis=1)[:, ::-1]
         heading = model.turns[0] if chains.fixed else 0.0
-        bow = 0.5 * arm.link_length * np.sum(on * (sums + heading) ** 2, axis=1)[:, None]
+        bow = 0.5 * np.sum(on * arm.lengths * (sums + heading) ** 2, axis=1)[:, None]
         if chains.fixed:
             about_base = points - arm.base
             middle = middle + heading * _off(about_base, normals) + model.shift

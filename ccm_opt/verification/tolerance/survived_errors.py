@@ -17,7 +17,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.body_sides import nearest_lines
 from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, carried, chain_points, lengths_of
-from ccm_opt.verification.selfcollision import LinkProof, first_distant, segment_distances, travels_in_frame
+from ccm_opt.verification.selfcollision import LinkProof, distant_pairs, segment_distances, travels_in_frame
 from ccm_opt.verification.stretch_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
@@ -134,7 +134,7 @@ class _SurfacesWithErrors(WallProof):
         moved = np.maximum(travels[k, link], travels[k, link + 1])
         of_ends = self.levers.along(poses, travels, chains, ends, moved, normals, outwards=True)
         of_parts = self.levers.along(poses, travels, chains, parts, np.zeros(len(link)), normals, outwards=False)
-        taken = self.motion.arm.radius + self.surfaces.rounding.take(pairs.other) + self.clearance
+        taken = self.motion.arm.radii.take(link) + self.surfaces.rounding.take(pairs.other) + self.clearance
         lost = self._lost + self._travel_along(stretches, travels, pairs, normals)
         return _survived_between(ends, parts, normals, taken, lost, of_ends, of_parts)
 
@@ -171,7 +171,7 @@ class _LinksWithErrors(LinkProof):
     """
 
     def __init__(self, motion: ChainMotion, levers: ErrorLevers) -> None:
-        super().__init__(motion, 2.0 * motion.arm.radius)
+        super().__init__(motion, motion.arm.radii)
         self.of_links = True
         self.clearance = 0.0
         self.levers = levers
@@ -201,7 +201,7 @@ class _LinksWithErrors(LinkProof):
         of_second = self.levers.along(poses, travels, chains, second, moved[0], normals, outwards=True)
         of_first = self.levers.along(poses, travels, chains, first, moved[1], normals, outwards=False)
         lost = self._lost + travel
-        taken = np.full(len(k), self.thickness)
+        taken = self.radii.take(i) + self.radii.take(j)
         return _survived_between(second, first, normals, taken, lost, of_second, of_first)
 
     @staticmethod
@@ -305,7 +305,7 @@ def _proofs(
     proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
     if not is_empty(workspace) and np.any(exposed_starts(arm) < 1.0):
         proofs.append(_SurfacesWithErrors(motion, workspace, levers))
-    if levers.model.with_itself and arm.self_collision and first_distant(arm) < arm.links:
+    if levers.model.with_itself and arm.self_collision and len(distant_pairs(arm)[0]):
         proofs.append(_LinksWithErrors(motion, levers))
     return proofs
 
@@ -358,7 +358,7 @@ def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray
     bends = arm.coordinates.joints
     distances = gap(np.vstack((q, q + _STEP * np.eye(bends, len(q)))))
     signs = -np.sign(distances[1:] - distances[0])
-    out = float(carried(arm, q[None])[0]) + arm.link_length * np.arange(arm.links) - arm.hole
+    out = float(carried(arm, q[None])[0]) + arm.joint_places[:-1] - arm.hole
     # A joint inside the guide tube is held straight and has no error.
     inside = DEFAULT_VERIFICATION.inside
     held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)
