@@ -117,7 +117,7 @@ def _tangent_step(
         points: points of the curve at the arc length of every joint, shape (n + 1, d) [m].
         directions: current link directions, unit vectors, shape (n, d).
         means: mean direction of the curve over each link, shape (n, d).
-        l: length of a link [m].
+        links: mean length of the links [m], and the length of each over it, shape (n,).
         epsilon: weight of the angles between directions and means [m²].
 
     Returns:

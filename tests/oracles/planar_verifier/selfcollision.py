@@ -86,7 +86,7 @@ def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
 def first_distant(arm: Arm) -> int:
     """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
-    ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.
+    ``Arm.first_distant`` says the same; the verifier counts for itself, on purpose.
     """
     # Links this near along the arm cannot help being near in space: two lengths of a link, or π r, the tightest half
     # turn that an arm of radius r can make.
