@@ -141,7 +141,7 @@ class BishopFrames(CurveFrames):
         turns, means = (self.further_symbols[name][index, :].T for name in ("turns", "means"))
         gaps = ca.vertcat(
             turned[1:] - turned[:-1] - turns,
-            self.links * (integrals[1:] - integrals[:-1]) - turned[:-1] - means,
+            self.per_length * (integrals[1:] - integrals[:-1]) - turned[:-1] - means,
         )
         kinds = ("turn of link {}", "mean turn of link {}")
         direction = self.directions[index]
@@ -232,11 +232,11 @@ class BishopFrames(CurveFrames):
 
     def link_turns(self, curve: CurveNumbers) -> tuple[FloatArray, FloatArray]:
         """Return the turns Ω of a curve over every link and the mean turns ψ from the link start, each (n, 2) [rad]."""
-        joints = np.linspace(0.0, 1.0, self.links + 1)
+        joints = self.joint_arcs if self.shares else np.linspace(0.0, 1.0, self.links + 1)
         flat = [curve.turned(index) for index in range(len(self.directions))]
         at_joints = np.stack([each.heading_at(joints) for each in flat], axis=1)
         integrals = np.stack([each.heading_integral_at(joints) for each in flat], axis=1)
-        return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * self.links - at_joints[:-1]
+        return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * np.array(self.per_length) - at_joints[:-1]
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
         """Return the bounds of the curve's turns, the components of the last link, and the offset of the links.

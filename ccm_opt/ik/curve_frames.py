@@ -29,7 +29,7 @@ Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
 """Lower and upper bounds of symbols, by name."""
 
 
-def bend_matrix(links: int, knots: int) -> FloatArray:
+def bend_matrix(links: int, knots: int, shares: tuple[float, ...] = ()) -> FloatArray:
     """Return the matrix from a curve's base turn and knot curvatures to the joint bends of an arm in one direction.
 
     The curve has length 1 and a natural curvature spline with evenly spaced knots. The bend of a joint is the
@@ -38,14 +38,23 @@ def bend_matrix(links: int, knots: int) -> FloatArray:
 
     Args:
         links: number of links.
+        shares: length of each link as a fraction of the whole; empty where all are equal.
         knots: number of knots.
 
     Returns:
         Shape (links, knots + 1), with the column of the base turn first.
     """
     turned_twice = CubicSpline(np.linspace(0.0, 1.0, knots), np.eye(knots), bc_type="natural").antiderivative(2)
-    means = links * np.diff(turned_twice(np.linspace(0.0, 1.0, links + 1)), axis=0)
+    if shares:
+        means = np.diff(turned_twice(_arcs(shares)), axis=0) / np.array(shares)[:, None]
+    else:
+        means = links * np.diff(turned_twice(np.linspace(0.0, 1.0, links + 1)), axis=0)
     return np.diff(np.column_stack((np.ones(links), means)), axis=0, prepend=0.0)
+
+
+def _arcs(shares: tuple[float, ...]) -> FloatArray:
+    """Return the arc lengths of the joints and the tip for given lengths of the links, shape (links + 1,)."""
+    return np.minimum(np.append(0.0, np.cumsum(shares)), 1.0)
 
 
 @dataclass(frozen=True)
@@ -63,15 +72,16 @@ class CurveNumbers:
     base_turn: FloatArray
 
     @classmethod
-    def near(cls, turns: FloatArray, segments: int) -> "CurveNumbers":
+    def near(cls, turns: FloatArray, segments: int, shares: tuple[float, ...] = ()) -> "CurveNumbers":
         """Return the curve with evenly spaced knots whose bends best match those of a pose in least squares.
 
         Args:
             turns: bends of each of the n joints in k directions, shape (n, k) [rad].
             segments: number of curvature segments K.
+            shares: length of each link as a fraction of the whole; empty where all are equal.
         """
         knots = PIECES * segments + 1
-        matrix = bend_matrix(len(turns), knots)
+        matrix = bend_matrix(len(turns), knots, shares)
         sizes = np.linalg.norm(matrix, axis=0)
         values = np.linalg.pinv(matrix / sizes, rcond=_RANK) @ turns / sizes[:, None]
         return cls(np.linspace(0.0, 1.0, knots), values[1:].T, values[0])
@@ -106,10 +116,12 @@ class CurveFrames(ABC):
     Attributes:
         segments: number of curvature segments K.
         links: number of links n.
+        shares: length of each link as a fraction of the arm's; empty where all are equal.
     """
 
     segments: int
     links: int
+    shares: tuple[float, ...] = ()
     directions: ClassVar[tuple[str, ...]]
     """Names of the k directions in which the curvatures bend the curve; a joint has one bend for each."""
     start_keeps_rows: ClassVar[bool]
@@ -122,9 +134,19 @@ class CurveFrames(ABC):
         return first, *(LiftedCurve(self.segments, first.arcs) for _ in self.directions[1:])
 
     @cached_property
+    def joint_arcs(self) -> FloatArray:
+        """Arc lengths of the joints and the tip, shape (links + 1,)."""
+        return _arcs(self.shares) if self.shares else np.arange(self.links + 1) / self.links
+
+    @property
+    def per_length(self) -> ca.DM:
+        """One over the length of each link, shape (links, 1)."""
+        return 1.0 / ca.DM(self.shares) if self.shares else ca.DM.ones(self.links) * self.links
+
+    @cached_property
     def joints(self) -> JointsAmongPieces:
         """Evaluation of the curve of any direction at the joints and the tip."""
-        return JointsAmongPieces.of(self.parts[0], self.links)
+        return JointsAmongPieces.of(self.parts[0], self.joint_arcs)
 
     @cached_property
     def bends(self) -> ca.SX:
@@ -287,7 +309,7 @@ class PlanarFrames(CurveFrames):
         lack = self.lies - ca.horzcat(0, self.lies[:, :-1]) - self.bends
         turns = equal_to_zero(tuple(f"link {j + 1}: gap in its turn" for j in range(self.links)), ca.vec(lack))
         _, integrals = self.joints.at_joints(self.parts[0])
-        means = self.links * (integrals[1:] - integrals[:-1])
+        means = self.per_length * (integrals[1:] - integrals[:-1])
         mapped = equal_to_zero(tuple(f"mapping of link {j + 1}" for j in range(self.links)), means - self.lies.T)
         return turns, mapped
 

@@ -17,6 +17,7 @@ from ccm_opt.ik.pose_settings import DEFAULT_POSES, TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.ik.row_program import RowBlock
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -131,7 +132,9 @@ class GoalPoses:
         if len(first) == 0:
             return self._wall_gap(points)
         ends = (points[first], points[first + 1], points[second], points[second + 1])
-        return min(self._wall_gap(points), float(np.min(segment_distances(*ends)[2])) - 2.0 * arm.radius)
+        return min(
+            self._wall_gap(points), float(np.min(segment_distances(*ends)[2] - (arm.radii[first] + arm.radii[second])))
+        )
 
     def _wall_gap(self, points: FloatArray) -> float:
         """Return the least gap of a pose to walls and surfaces, beyond radius and required clearance [m].
@@ -139,10 +142,11 @@ class GoalPoses:
         ``points`` are the positions of joints and tip, shape (links + 1, d) [m].
         """
         arm = self.problem.arm
-        kept = arm.radius + self.problem.workspace.clearance
-        reach = self.settings.reach * arm.length + kept
-        gaps = self.tree.distances(held_segments(arm, points), reach)
-        return float(np.min(gaps, initial=reach)) - kept
+        reach = self.settings.reach * arm.length
+        segments = held_segments(arm, points)
+        kept = arm.radii[arm.links - len(segments) :] + self.problem.workspace.clearance
+        gaps = self.tree.distances(segments, reach + float(np.max(kept, initial=0.0)))
+        return float(np.min(gaps - kept, initial=reach))
 
     def regions(self, q: FloatArray, drawn_with: PoseSettings) -> JointRegions:
         """Return the convex regions of the joints around a pose.
@@ -170,7 +174,7 @@ class GoalPoses:
         loads = None if torque is None else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])]
         sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
         segments = self.settings.segments_for(arm.links)
-        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None))
+        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None, _link_shares(arm)))
         program = plain if self.terms is None else with_user_terms(plain, self.terms)
         weights = self.settings.objective_weights(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
         return PoseQuestion(
@@ -269,3 +273,8 @@ class GoalPoses:
         """Return the feasible one with the least cost among several solutions of the NLP, or None."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)
+
+
+def _link_shares(arm: Arm) -> tuple[float, ...]:
+    """Return the length of each link as a fraction of the arm's; empty where all are equal."""
+    return () if arm.proportions is None else tuple((arm.lengths / arm.length).tolist())

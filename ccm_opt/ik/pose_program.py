@@ -29,6 +29,7 @@ class PoseSize:
         sides: number of sides of the convex region of every joint, including padding.
         segments: number of curvature segments of the curve.
         loaded: whether joint torques are limited.
+        shares: length of each link as a fraction of the arm's; empty where all are equal.
     """
 
     dimension: int
@@ -36,6 +37,7 @@ class PoseSize:
     sides: int
     segments: int
     loaded: bool
+    shares: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +145,7 @@ class PoseProgram(RowProgram):
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """Return the rows of forward kinematics: P_0 at the feed position, and P_(j+1) = P_j + l x_j for every link.
+    """Return the rows of forward kinematics: P_0 at the feed position, and P_(j+1) = P_j + l_j x_j for every link.
 
     Args:
         frames: symbols of the n links, with their directions x_j.
@@ -157,7 +159,7 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
     d = points.shape[0]
     at_base = tuple(f"base: gap in {name}" for name in "xyz"[:d])
     of_links = tuple(f"link {link + 1}: gap in {name} of its end" for link in range(n) for name in "xyz"[:d])
-    gaps = points[:, 1:] - points[:, :-1] - frames.direction(frames.lies) / n
+    gaps = points[:, 1:] - points[:, :-1] - frames.direction(frames.lies) / ca.repmat(frames.per_length.T, d, 1)
     return (
         equal_to_zero(at_base, points[:, 0] - ca.vertcat(feed, ca.SX.zeros(d - 1))),
         equal_to_zero(of_links, ca.vec(gaps)),
@@ -244,7 +246,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 def pose_program(size: PoseSize) -> PoseProgram:
     """Return the goal-pose NLP of a size, with its symbols, rows and objective; nothing is solved."""
     kind = PlanarFrames if size.dimension == 2 else BishopFrames
-    frames: CurveFrames = kind(size.segments, size.links)
+    frames: CurveFrames = kind(size.segments, size.links, size.shares)
     points = ca.SX.sym("point", size.dimension, size.links + 1)
     feed = ca.SX.sym("feed")
     gap = ca.SX.sym("gap")

@@ -131,7 +131,7 @@ def _surface_sides(
     # axis.
     to_axis = np.einsum("rd,rd->r", rows.normal, nearest) - rows.gap
     link = rows.link + arm.links - len(segments)
-    return link, rows.normal[:, : arm.dimension], to_axis + arm.radius + clearance, np.ones(len(link))
+    return link, rows.normal[:, : arm.dimension], to_axis + arm.radii[link] + clearance, np.ones(len(link))
 
 
 def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
@@ -159,6 +159,6 @@ def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
     return (
         np.concatenate((first, second)),
         np.concatenate((normal[near], -normal[near])),
-        np.concatenate((middle, -middle)) + arm.radius,
+        np.concatenate((middle, -middle)) + np.tile(0.5 * (arm.radii[first] + arm.radii[second]), 2),
         np.concatenate((shares, shares)),
     )

@@ -152,7 +152,7 @@ class PoseQuestion:
     def nearest_curve(self) -> CurveNumbers:
         """Curve of length 1 whose bends best match those of the start configuration."""
         turns = self.program.frames.turns_of(self._bends(self.start))
-        return CurveNumbers.near(turns, self.program.size.segments)
+        return CurveNumbers.near(turns, self.program.size.segments, self.program.size.shares)
 
     @cached_property
     def _frame_symbol_counts(self) -> dict[str, FloatArray]:
@@ -334,4 +334,4 @@ class PoseQuestion:
         first = self.first_bending
         if not self.arm.base_axes or first >= self.arm.links:
             return low, high
-        return min(max(low, self.arm.hole - first * self.arm.link_length), high), high
+        return min(max(low, self.arm.hole - float(self.arm.joint_places[first])), high), high

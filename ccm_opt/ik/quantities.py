@@ -86,7 +86,7 @@ class ArmQuantities(ABC):
         # The expression of a fixed arm does not depend on the feed at all.
         for _ in self.arm.base_axes:
             point += self.base_feed * ca.DM(self.arm.direction)
-        steps = self.arm.link_length * self.link_directions
+        steps = self.link_directions * ca.repmat(ca.DM(self.arm.lengths).T, self.arm.dimension, 1)
         points = [point]
         for link in range(self.arm.links):
             points.append(points[-1] + steps[:, link])
@@ -148,7 +148,7 @@ class ArmQuantities(ABC):
 
     def _link_at_arc_length(self, s: float) -> tuple[int, float]:
         """Return the index of the link that contains an arc length [m], and the fraction of the link before that."""
-        links = self._checked(s) / self.arm.link_length
+        links = float(np.interp(self._checked(s), self.arm.joint_places, np.arange(self.arm.links + 1)))
         # The tip itself belongs to the last link, not to a link beyond it.
         link = min(int(links), self.arm.links - 1)
         return link, links - link
@@ -171,7 +171,7 @@ class Quantities(ArmQuantities):
     """Quantities of a planar arm as CasADi expressions, for users' constraints and costs; points are (2, 1) columns.
 
     Heading and curvature of the arm as a curve are interpolated linearly from the links: the heading in the middle of a
-    link is that of the link, the curvature at a joint is bend over link length.
+    link is that of the link, the curvature at a joint is its bend over the mean length of its two links.
     """
 
     @cached_property
@@ -207,8 +207,9 @@ class Quantities(ArmQuantities):
 
     def heading_at(self, s: float) -> Any:
         """Return the heading of the arm at arc length ``s`` [m] from the base [rad], linear between link middles."""
-        # A link's heading belongs to its middle, half a link after its start.
-        return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
+        # A link's heading belongs to its middle.
+        at = float(np.interp(self._checked(s), self.arm.link_middles, np.arange(self.arm.links)))
+        return _linear(self.link_headings, at)
 
     def curvature_at(self, s: float) -> Any:
         """Return the curvature of the arm at arc length ``s`` [m] from the base [1/m], linear between joints.
@@ -220,8 +221,10 @@ class Quantities(ArmQuantities):
         """
         if self.arm.links < 2:
             raise ProblemError("an arm of one link has no curvature")
-        # Joint k is k links from the base; the base itself is left out, so entries begin at one link.
-        return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
+        # The base itself is left out, so entries begin at the end of the first link.
+        at = float(np.interp(self._checked(s), self.arm.joint_places[1:-1], np.arange(self.arm.links - 1)))
+        around = 0.5 * (self.arm.lengths[1:] + self.arm.lengths[:-1])
+        return _linear(self.joint_angles[1:] / ca.DM(around), at)
 
     def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
         """Return the signed distances of a point from the sides of a convex region, positive inside, (sides, 1) [m].

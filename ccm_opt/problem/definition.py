@@ -73,6 +73,7 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
             arm.link_length > 0.0 and arm.radius >= 0.0,
             f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}",
         ),
+        (arm.proportions is None, "arm.proportions must be None: arms of unequal links are not planned yet"),
         (arm.mount_length >= 0.0, f"arm.mount_length must not be negative, got {arm.mount_length}"),
         (arm.joint_limit > 0.0, f"arm.joint_limit must be positive, got {arm.joint_limit}"),
         (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
