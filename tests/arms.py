@@ -1,4 +1,4 @@
-"""A plain arm for tests: equal links on a fixed base, and whatever a test wants otherwise."""
+"""A plain planar arm for tests, with equal links and a fixed base, of which any parameter can be changed."""
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,16 @@ from ccm_opt.verification.newton_euler import drive_efforts
 
 
 def plain_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> Arm:
-    """An arm at the origin along x, without a mount; 0.1 kg a link, joints to 2 rad, the base all round."""
+    """Return an arm at the origin, straight along x, without mount; mass 0.1 kg per link, joint limit 2 rad.
+
+    The base can rotate to any heading.
+
+    Args:
+        links: number of links.
+        link_length: length of a link [m].
+        radius: radius of the arm [m].
+        **changes: further fields of the arm that differ from those of the plain arm.
+    """
     values: dict[str, object] = {
         "links": links,
         "link_length": link_length,
@@ -30,7 +39,7 @@ def plain_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **
 
 
 def bare_problem(arm: Arm, workspace: Workspace) -> Problem:
-    """A problem of an arm in a room of which nothing else counts."""
+    """Return a problem with a given arm and workspace, a straight arm as start and goal, and limits of 1."""
     one = np.ones(3 * arm.links)
     still = JointPose(np.zeros(arm.links), min(max(arm.base_range[0], 0.0), arm.base_range[1]))
     fed = {"feed_velocity": 1.0, "feed_acceleration": 1.0} if arm.base_axes else {}
@@ -38,17 +47,35 @@ def bare_problem(arm: Arm, workspace: Workspace) -> Problem:
 
 
 def joint_torques(arm: Arm, gravity: FloatArray, *states: FloatArray) -> FloatArray:
-    """Torques of all revolutes by the verifier, for positions, velocities and accelerations, shape (T, 3 * links)."""
+    """Return the torques of all revolute joints as the verifier computes them, shape (T, 3 links) [N m].
+
+    Args:
+        arm: the arm.
+        gravity: gravitational acceleration, shape (d,) [m/s²].
+        *states: configurations, velocities and accelerations at T samples.
+    """
     return drive_efforts(arm, gravity, *states)[0]
 
 
 def held_bends(arm: Arm, feed: FloatArray | float) -> npt.NDArray[np.bool_]:
-    """Which bends a guide tube of the base still holds at zero, k a joint, shape (..., k links)."""
+    """Return a mask of the bend angles that a guide tube at the base keeps at zero, k per joint, shape (..., k links).
+
+    Args:
+        arm: the arm.
+        feed: feed positions, shape (...) [m].
+    """
     return np.repeat(arm.held(feed), arm.bends_a_joint, axis=-1)
 
 
 def limits_at(arm: Arm, feed: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest value of every coordinate where the base is, both of shape (..., c); held bends are zero."""
+    """Return lower and upper limits of configurations at given feed positions, both of shape (..., c).
+
+    Limits of bend angles that a guide tube keeps at zero are zero.
+
+    Args:
+        arm: the arm.
+        feed: feed positions, shape (...) [m].
+    """
     held = held_bends(arm, feed)
     bends = np.where(held, 0.0, arm.bend_limits)
     base = arm.coordinates.base

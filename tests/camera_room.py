@@ -1,4 +1,4 @@
-"""A room with one post, and a camera at the tip that has to keep a valve in sight: problems for users' terms."""
+"""A room with one post, and an arm whose camera at the tip must see a valve: problem and user terms for tests."""
 
 from dataclasses import replace
 from functools import cache
@@ -11,9 +11,9 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
 
 VALVE = (0.9, 0.75)
-"""What the camera looks at [m]."""
+"""Position of the valve that the camera must see [m]."""
 VIEW = float(np.tan(np.deg2rad(10.0)))
-"""Slope of the edge of the camera's view."""
+"""Tangent of half the camera's angle of view."""
 ROOM = """\
 schema = 1
 name = "camera room"
@@ -54,13 +54,13 @@ time_limit = 60
 
 @cache
 def camera_room() -> Problem:
-    """The problem; its start keeps the valve in view."""
+    """Return the problem of the room; at the start, the camera sees the valve."""
     return parse_problem(ROOM, "camera-room.toml")
 
 
 @ccm_opt.constraint(name="valve in view", upper=0.0)
 def valve_in_view(q: ccm_opt.Quantities) -> ca.SX:
-    """The valve is within ten degrees of where the last link points."""
+    """Return two values that are at most 0 if the valve is within 10° of the direction of the last link."""
     way = ca.DM(VALVE) - q.tip
     sight = ca.vertcat(ca.cos(q.tip_heading), ca.sin(q.tip_heading))
     along = ca.dot(way, sight)
@@ -70,16 +70,16 @@ def valve_in_view(q: ccm_opt.Quantities) -> ca.SX:
 
 @ccm_opt.cost(name="high tip")
 def high_tip(q: ccm_opt.Quantities) -> ca.SX:
-    """How far the tip is from a height that it can pass on its way."""
+    """Return the squared distance of the tip from the height 0.9 m, as a cost."""
     return (q.tip[1] - 0.9) ** 2
 
 
 @ccm_opt.constraint(name="left of the goal", upper=0.65)
 def left_of_the_goal(q: ccm_opt.Quantities) -> ca.SX:
-    """Contradicts the goal, which lies a tenth of a metre to the right of it."""
+    """Return the x coordinate of the tip [m], bounded by 0.65 m, which contradicts the goal at 0.75 m."""
     return q.tip[0]
 
 
 def weighted(cost: ccm_opt.Cost, weight: float) -> ccm_opt.Cost:
-    """A cost with another weight."""
+    """Return a cost with another weight."""
     return replace(cost, weight=weight)

@@ -1,4 +1,4 @@
-"""Runs of the command line in the tests' own process, and a look at the pictures that they leave."""
+"""Runs of ``ccm-opt`` commands in the process of the tests, and checks of the pictures that commands write."""
 
 import json
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from ccm_opt.cli.commands import app
 
 @dataclass(frozen=True)
 class Ran:
-    """What a command did.
+    """Result of a command.
 
     Attributes:
         code: exit code.
-        out: on standard output.
-        err: on standard error.
+        out: text on standard output.
+        err: text on standard error.
     """
 
     code: int
@@ -27,20 +27,20 @@ class Ran:
 
     @property
     def result(self) -> dict[str, object]:
-        """The only result of a run with ``--json``."""
+        """The single result of a command with ``--json``."""
         (found,) = json.loads(self.out)["results"]
         assert isinstance(found, dict)
         return found
 
 
 class CommandLine:
-    """Runs commands in this process."""
+    """Runner of ``ccm-opt`` commands in the process of the tests."""
 
     def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
         self._capsys = capsys
 
     def __call__(self, *arguments: str | Path) -> Ran:
-        """Run one command."""
+        """Run one command with its arguments, and return exit code and output."""
         with pytest.raises(SystemExit) as ended:
             app(list(map(str, arguments)))
         told = self._capsys.readouterr()
@@ -48,6 +48,6 @@ class CommandLine:
 
 
 def brightness(file: Path) -> float:
-    """How much of a picture is not white, from 0 to 1."""
+    """Return the fraction of the pixels of a picture that are not white."""
     with Image.open(file) as picture:
         return float(np.mean(np.asarray(picture.convert("L")) < 250))

@@ -1,4 +1,4 @@
-"""Tasks that tests of the comparison run in other processes; they are found there by the name of this module."""
+"""Tasks and planners that tests of comparisons run in other processes, where they are imported by module name."""
 
 import os
 import signal
@@ -14,31 +14,35 @@ from ccm_opt.problem.solution import JointPath
 
 
 def double(number: int) -> int:
-    """Twice a number."""
+    """Return twice a number."""
     return 2 * number
 
 
 def nap(seconds: float) -> int:
-    """Sleep, and tell in which process."""
+    """Sleep for some seconds, and return the id of the process."""
     time.sleep(seconds)
     return os.getpid()
 
 
 def slow_double(number: int) -> tuple[int, int]:
-    """Twice a number after 50 ms, and the process it was done in."""
+    """Return twice a number, after 50 ms, and the id of the process."""
     time.sleep(0.05)
     return 2 * number, os.getpid()
 
 
 def deadly(number: int) -> int:
-    """Twice a number; seven ends its process."""
+    """Return twice a number; for 7, end the process instead."""
     if number == 7:
         os._exit(1)
     return 2 * number
 
 
 def die_once(task: tuple[int, str]) -> int:
-    """Twice a number; the first who finds no mark leaves one and ends the process."""
+    """Return twice a number; for 5, end the process instead, but only the first time.
+
+    Args:
+        task: the number, and the path of a file that is created before the process ends, so that it ends only once.
+    """
     number, mark = task
     if number == 5 and not Path(mark).exists():
         Path(mark).touch()
@@ -47,20 +51,24 @@ def die_once(task: tuple[int, str]) -> int:
 
 
 def fail_on_odd(number: int) -> int:
-    """The number, if it is even."""
+    """Return a number if it is even.
+
+    Raises:
+        ValueError: the number is odd.
+    """
     if number % 2:
         raise ValueError(f"{number} is odd")
     return number
 
 
 class StraightPlanner:
-    """A planner that goes straight through joint space to a goal for the joints, whatever is in the way."""
+    """Planner whose path is straight in joint space between two joint poses, whatever obstacles there are."""
 
     def plan(self, problem: Problem) -> JointPath:
-        """The straight path.
+        """Return the straight path from start to goal.
 
         Raises:
-            MotionNotFound: when the goal is not one for the joints.
+            MotionNotFound: start or goal is no joint pose.
         """
         if not (isinstance(problem.start, JointPose) and isinstance(problem.goal, JointPose)):
             raise MotionNotFound(Diagnosis("this planner goes to joint poses only", "motion"))
@@ -69,15 +77,15 @@ class StraightPlanner:
 
 
 class BrokenPlanner:
-    """A planner with a defect."""
+    """Planner that fails with an exception that is no planning failure, as by a programming error."""
 
     def plan(self, problem: Problem) -> JointPath:
-        """Fail as a defect does."""
+        """Raise an exception that is no planning failure."""
         raise ZeroDivisionError(f"no plan for {problem.name}")
 
 
 def leave() -> None:
-    """End the process instead of making a planner."""
+    """Exit instead of returning a planner."""
     raise SystemExit(0)
 
 
@@ -85,55 +93,55 @@ NOT_A_PLANNER = 3
 
 
 class HangingPlanner:
-    """A planner that comes back never."""
+    """Planner that never returns."""
 
     def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
-        """Sleep for ever."""
+        """Sleep forever."""
         while True:
             time.sleep(1.0)
 
 
 class GreedyPlanner:
-    """A planner that eats all memory."""
+    """Planner that allocates memory until there is none left."""
 
     def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
-        """Fill pages for ever."""
+        """Allocate memory forever."""
         eaten = []
         while True:
             eaten.append(np.ones(4 << 20))
 
 
 class DyingPlanner:
-    """A planner that takes its process with it."""
+    """Planner that ends its process by a signal."""
 
     def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
-        """End the process as a fault of memory does."""
+        """End the process by SIGSEGV, as an invalid memory access does."""
         os.kill(os.getpid(), signal.SIGSEGV)
         raise AssertionError("still here")
 
 
 class LeavingPlanner:
-    """A planner that calls for the end of the program."""
+    """Planner that raises ``SystemExit``."""
 
     def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
-        """Leave."""
+        """Raise ``SystemExit``."""
         raise SystemExit(3)
 
 
 class RubbishPlanner:
-    """A planner that returns something that is not a path."""
+    """Planner that returns an object that is no path, and writes to the stream of the worker's results."""
 
     def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
-        """Something else, and words where answers are expected."""
+        """Write bytes to standard output, and return a string instead of a path."""
         print("rubbish")  # noqa: T201
         os.write(1, b"\x80\x04rubbish")
         return "rubbish"  # type: ignore[return-value]
 
 
 class NowherePlanner:
-    """A planner that returns a path of no numbers."""
+    """Planner that returns a path of NaN."""
 
     def plan(self, problem: Problem) -> JointPath:
-        """A path to nowhere."""
+        """Return a joint path whose coefficients are all NaN."""
         control = np.full((4, problem.arm.links), np.nan)
         return JointPath(BSpline(np.repeat([0.0, 1.0], 4), control, 3), control, (), "nowhere")

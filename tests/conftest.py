@@ -1,4 +1,4 @@
-"""Problems and a made-up plan that several tests share."""
+"""Hooks of pytest, and problems and an artificial plan that several tests share."""
 
 import os
 from collections.abc import Callable
@@ -26,8 +26,9 @@ hypothesis_settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 hypothesis_settings.load_profile("random")
-"""Examples are drawn at random everywhere, also where CI is set, for which Hypothesis would draw the same for ever. No
-test may fail because a machine is slow. A failure prints a line that repeats it, and so does the header's seed."""
+"""Examples are random everywhere, also where the variable CI is set, for which Hypothesis would always use equal ones.
+No test may fail because a machine is slow. A failing test prints a line that repeats it; so does the seed in the header
+of the report."""
 
 LONGEST = """
     docs_blocks space_diagnosis real_jobs comparison_executors comparison_supervision surroundings space_suites
@@ -35,7 +36,7 @@ LONGEST = """
     tolerance own_units space_reach pipeline diagnosis space_retargeting determinism feed_planning space_pose
     hill_climbing_examples interrupts motion_certificate
 """.split()  # noqa: SIM905 - legible
-"""Files that take longest, in this order; they are begun first, so that no process is left with one in the end."""
+"""Names of the slowest test files, slowest first; they are run first, so that none is left for the end."""
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 
@@ -70,7 +71,7 @@ position = [0.3, 0.1]
 
 
 def pytest_report_header(config: pytest.Config) -> str:
-    """Say how the drawn examples can be drawn again."""
+    """Return a line for the report's header that says how to repeat the random examples."""
     seed = config.getoption("--hypothesis-seed")
     if seed is None:
         return "examples: drawn at random; a failing test prints the line that repeats it"
@@ -78,15 +79,15 @@ def pytest_report_header(config: pytest.Config) -> str:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One process more than there are cores, for tests that plan wait for processes, clusters and clocks."""
+    """Return the number of test processes, one more than cores, since tests also wait for processes and clocks."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return cores if config.option.markexpr == "not planning" else cores + 1
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put the longest files first, mark what plans, and try laws with a fourth of their examples without planning.
+    """Run the slowest files first, and mark tests that plan; without those, run properties with fewer random examples.
 
-    ``-m "not planning"`` is for a minute's look.
+    With ``-m "not planning"``, which takes about a minute, each property gets a quarter of its examples.
     """
     places = {f"test_{name}": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.stem, len(places)))
@@ -102,24 +103,29 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture
 def small_text() -> str:
-    """A sound problem with one obstacle."""
+    """Text of a valid problem file with a planar arm of four links and one obstacle."""
     return SMALL_PROBLEM
 
 
 @pytest.fixture
 def small_problem() -> Problem:
-    """The same, parsed."""
+    """Problem with a planar arm of four links and one obstacle."""
     return parse_problem(SMALL_PROBLEM, "small.toml")
 
 
 @pytest.fixture
 def small_solution(small_problem: Problem) -> Solution:
-    """A plan whose motion is a smooth bend of every joint; nobody planned it."""
+    """Solution of the small problem with an artificial motion that bends every joint smoothly."""
     return make_solution(small_problem, np.full(small_problem.arm.links, 0.3))
 
 
 def make_solution(problem: Problem, end: np.ndarray) -> Solution:
-    """A solution that moves from zero to the bends ``end`` by a fifth-degree polynomial in one second."""
+    """Return an artificial solution that moves from zero to given bend angles in one second by a quintic polynomial.
+
+    Args:
+        problem: the problem.
+        end: final bend angles, shape (links,) [rad].
+    """
     arm = problem.arm
     time = np.linspace(0.0, 1.0, 251)
     blend = [p(time)[:, None] for p in _smooth_step()]
@@ -149,6 +155,6 @@ def make_solution(problem: Problem, end: np.ndarray) -> Solution:
 
 
 def _smooth_step() -> list[Callable[[np.ndarray], np.ndarray]]:
-    """10 t³ − 15 t⁴ + 6 t⁵ and its first two derivatives."""
+    """Return the polynomial 10 t³ − 15 t⁴ + 6 t⁵ and its first two derivatives."""
     step = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
     return [step, step.deriv(), step.deriv(2)]

@@ -1,8 +1,8 @@
-"""One exact check of poses for both sides of the comparison: does an arm of no width cross a wall or itself?
+"""Exact collision check of a planar arm of zero radius with walls and itself, common to all planners of a comparison.
 
-Written in C and called through ctypes, so that a sampling planner that asks for it a million times is not held up.
-It shares nothing with the package: links are segments, two segments cross when each has the other's ends on its two
-sides, and every pair of links that are no neighbours counts.
+The check is written in C and called through ctypes, so that it is fast enough for a sampling-based planner that calls
+it a million times. It shares no code with the package: links are segments, two segments cross if each has the ends of
+the other on opposite sides, and all pairs of non-adjacent links are checked.
 """
 
 import ctypes
@@ -67,10 +67,10 @@ int pose_is_free(const double *bends, int n, double l, const double *base, doubl
 
 @cache
 def _library() -> ctypes.CDLL:
-    """The compiled check.
+    """Compile the collision check, and return it as a loaded library.
 
     Raises:
-        RuntimeError: without a C compiler.
+        RuntimeError: no C compiler is found.
     """
     compiler = shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
@@ -90,10 +90,10 @@ def _library() -> ctypes.CDLL:
 
 
 class CrossingCheck:
-    """The check for one problem.
+    """Collision check of configurations for one problem.
 
     Args:
-        problem: with an arm of radius 0, walls of no thickness and a room that is a box.
+        problem: problem with an arm of radius 0, walls of zero thickness and a rectangular workspace.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -115,7 +115,7 @@ class CrossingCheck:
         self._free = _library().pose_is_free
 
     def __call__(self, bends: list[float] | FloatArray) -> bool:
-        """Whether the arm crosses nothing at given bends, (links,) [rad]."""
+        """Return whether the arm with bend angles, shape (links,) [rad], is in the workspace without crossings."""
         values = self._array(*bends)
         return bool(
             self._free(
@@ -124,12 +124,17 @@ class CrossingCheck:
         )
 
     def path_is_free(self, bends: FloatArray) -> bool:
-        """Whether all poses (K, links) [rad] are free."""
+        """Return whether K configurations, shape (K, links) [rad], are all free of crossings."""
         return all(self(pose) for pose in bends)
 
 
 def densely(bends: FloatArray, step: float = 5e-4) -> FloatArray:
-    """A polyline of bends (K, links), sampled so that no joint turns by more than a step [rad] between samples."""
+    """Return samples of a polyline in joint space, shape (N, links) [rad].
+
+    Args:
+        bends: vertices of the polyline, shape (K, links) [rad].
+        step: maximum change of a bend angle between samples [rad].
+    """
     counts = np.maximum(1, np.ceil(np.abs(np.diff(bends, axis=0)).max(axis=1) / step).astype(int))
     parts = [
         a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a)

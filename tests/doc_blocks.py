@@ -1,18 +1,18 @@
-"""Blocks of code in the pages, and how each of them is run.
+"""Code blocks of the documentation's pages, and the way in which tests run each of them.
 
-A block is run as it stands unless a comment right above it says otherwise::
+A block is run unchanged unless a comment directly above it says otherwise::
 
     <!-- run with: --count 200 => --count 1 -->
     <!-- only read: takes hours -->
     <!-- not run: needs a cluster -->
 
-The first puts something else in the place of what would take long, one replacement a line; all else is run as it
-stands. With the second, scripts and commands read their options and stop, so that wrong ones are seen. The third leaves
-the block out. Both say why.
+The first replaces text that would take long to run, one replacement per line. With the second, scripts and commands
+parse their options and stop, so that wrong options are detected. The third skips the block. Second and third give the
+reason.
 
-``sh`` blocks are run by bash; of ``console`` blocks the lines that begin with ``$`` are, and what they print has to
-match the other lines, in which ``…`` stands for anything; ``python`` blocks are run by Python; ``toml`` blocks are read
-as problem files, excerpts of one in place of the same tables of a whole file.
+``sh`` blocks are run by bash. In ``console`` blocks, lines that begin with ``$`` are run by bash, and their output must
+match the other lines, in which ``…`` matches any text. ``python`` blocks are run by Python. ``toml`` blocks are read as
+problem files; an excerpt replaces the tables of equal names in a complete file.
 """
 
 import re
@@ -34,16 +34,16 @@ Mark = Literal["run with", "only read", "not run"]
 
 @dataclass(frozen=True)
 class Block:
-    """One block of code.
+    """One code block of a documentation page.
 
     Attributes:
-        page: that it stands on.
-        line: of its first fence, from 1.
-        language: after the fence.
-        code: between the fences, without their indentation.
-        mark: what the comment above it says is to be done, None without one.
-        note: the rest of that comment.
-        drawn: files that it draws, for the gallery.
+        page: path of the page.
+        line: line number of the opening fence, from 1.
+        language: language named after the opening fence.
+        code: text between the fences, without their indentation.
+        mark: instruction in the comment above the block; None without one.
+        note: rest of that comment.
+        drawn: picture files that the block writes, for the gallery.
     """
 
     page: Path
@@ -56,20 +56,20 @@ class Block:
 
     @property
     def place(self) -> str:
-        """Where it stands, for messages."""
+        """Page and line number of the block, for messages."""
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
     def replacements(self) -> list[tuple[str, str]]:
-        """What is replaced for the tests' sake, and by what."""
+        """Return pairs of texts in the block and texts that replace them in tests."""
         if self.mark != "run with":
             return []
         return [(old.strip(), new.strip()) for old, new in (line.split("=>") for line in self.note.splitlines())]
 
     def tested_code(self) -> str:
-        """The code that is run.
+        """Return the code to run in tests, with replacements.
 
         Raises:
-            ValueError: when the block does not have what is to be replaced.
+            ValueError: the block does not contain a text to replace.
         """
         for old, _ in self.replacements():
             if old not in self.code:
@@ -77,7 +77,7 @@ class Block:
         return self._replaced(self.code)
 
     def tested_pictures(self) -> list[str]:
-        """The files that the code that is run draws."""
+        """Return the names of the picture files that the tested code writes."""
         return [self._replaced(file) for file in self.drawn]
 
     def _replaced(self, text: str) -> str:
@@ -87,7 +87,7 @@ class Block:
 
 
 def blocks_of(page: Path) -> Iterator[Block]:
-    """All blocks of a page in their order."""
+    """Yield all code blocks of a page, in order."""
     lines = page.read_text().splitlines()
     k = 0
     while k < len(lines):
@@ -107,20 +107,20 @@ def blocks_of(page: Path) -> Iterator[Block]:
 
 
 def runnable_blocks(page: Path) -> list[Block]:
-    """The blocks of a page that are code and not output, pictures or directives."""
+    """Return the code blocks of a page that can be run, without output, pictures and directives."""
     return [block for block in blocks_of(page) if block.language in RUNNABLE]
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Commands of a console, and what they print."""
+    """One command of a console block, and the output that the page shows for it."""
 
     command: str
     output: str
 
 
 def exchanges(code: str) -> list[Exchange]:
-    """The commands of a console block, each with the lines that follow it."""
+    """Return the commands of a console block, each with the output lines that follow."""
     found: list[Exchange] = []
     for part in re.split(r"^\$ ", code, flags=re.MULTILINE)[1:]:
         lines = part.splitlines()
@@ -130,9 +130,9 @@ def exchanges(code: str) -> list[Exchange]:
 
 
 def matches(shown: str, printed: str) -> bool:
-    """Whether a page shows what was printed; blanks are alike, and "…" stands for anything.
+    """Return whether the output of a command matches that on a page; all whitespace is equal, and "…" matches any text.
 
-    How far a command has come is told on slow machines only, and not shown.
+    Progress lines, which commands print only on slow machines, are ignored.
     """
     printed = re.sub(r"^\S+: [^,\n]+, [\d.]+ of [\d.]+ s(, candidate .*)?$", "", printed, flags=re.MULTILINE)
     words = [re.escape(" ".join(piece.split())) for piece in shown.split("…")]

@@ -1,4 +1,4 @@
-"""Stands for ``ccm-opt`` or ``python`` in the shell of the pages: hands the command to the server, ends as it ends."""
+"""Substitute for ``ccm-opt`` and ``python`` in the shell of the pages: a client that has a server run the command."""
 
 import array
 import json
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def main() -> int:
-    """Hand over the command line, the folder, the environment and the three files."""
+    """Send command line, folder, environment and standard streams to the server; return the command's exit code."""
     program, address, *arguments = sys.argv[1:]
     order = {"words": [program, *arguments], "folder": str(Path.cwd()), "environment": dict(os.environ)}
     with socket.socket(socket.AF_UNIX) as server:

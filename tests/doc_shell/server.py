@@ -1,7 +1,7 @@
-"""A process with the package loaded, which forks for every command that a client hands over.
+"""Server process with the package loaded, which forks for every command that it receives from a client.
 
-Loading takes a second and a half, most commands less than that. What runs is the command line's own ``main``, in a
-process of its own, with the client's files, folder and environment.
+Loading takes 1.5 s, most commands take less. Each command runs by the ``main`` of ``ccm-opt`` in its own process, with
+the client's standard streams, folder and environment.
 """
 
 import argparse
@@ -37,15 +37,15 @@ LOADED = (
     "scipy.interpolate",
     "scipy.spatial",
 )
-"""What commands load; nothing here begins a thread."""
+"""Modules that commands import; none of them starts a thread."""
 READ_ONLY_VARIABLE = "ONLY_READ"
-"""Set where a script or command shall read its options and stop."""
+"""Environment variable that is set if a script or command should only parse its options and stop."""
 LONGEST = 100
-"""CPU time after which a command is ended [s], for nobody may be there any longer that waits for it."""
+"""CPU time after which a command is ended [s], since its client may no longer exist."""
 
 
 class Order:
-    """A command that was handed over, and the way back to the client."""
+    """A command received from a client, and the socket for the answer."""
 
     def __init__(self, client: socket.socket) -> None:
         self.client = client
@@ -61,13 +61,13 @@ class Order:
         self.environment: dict[str, str] = order["environment"]
 
     def take_over(self) -> None:
-        """Become the client as far as files, folder and environment go."""
+        """Replace standard streams, folder and environment of this process by those of the client."""
         for number, descriptor in enumerate(self.descriptors):
             os.dup2(descriptor, number)
             os.close(descriptor)
         self.client.close()
         os.chdir(self.folder)
-        # Where processes that it starts look for its main file, if that was given by a relative path.
+        # Child processes look here for the main file, if its path is relative.
         multiprocessing.process.ORIGINAL_DIR = self.folder  # type: ignore[attr-defined]
         os.environ.clear()
         os.environ.update(self.environment)
@@ -75,7 +75,11 @@ class Order:
 
 
 def serve(address: str) -> Order:
-    """Wait for commands; returns in the process that has to run one."""
+    """Wait for commands, and return each of them in a new process that has to run it.
+
+    Args:
+        address: path of the server's socket.
+    """
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(address)
     listener.listen()
@@ -102,7 +106,7 @@ def serve(address: str) -> Order:
 
 
 def run(words: Sequence[str]) -> None:
-    """Run ``ccm-opt …`` or ``python …``."""
+    """Run a command that begins with ``ccm-opt`` or ``python``, given as a list of words."""
     program, *arguments = words
     only_read = bool(os.environ.get(READ_ONLY_VARIABLE))
     if only_read:
@@ -125,7 +129,7 @@ def run(words: Sequence[str]) -> None:
 
 
 def stop_when_read() -> None:
-    """End scripts as soon as they have read their options, which ends them with exit code 2 if these are wrong."""
+    """Change ``argparse`` such that scripts exit once their options are parsed; with code 2 if an option is wrong."""
     read = argparse.ArgumentParser.parse_args
 
     def parse_args(parser: argparse.ArgumentParser, *given: Any, **named: Any) -> None:
@@ -136,7 +140,7 @@ def stop_when_read() -> None:
 
 
 def exit_code_of(words: Sequence[str]) -> int:
-    """Run a command, and say how it ended."""
+    """Run a command, and return its exit code."""
     try:
         run(words)
     except SystemExit as end:
@@ -152,8 +156,8 @@ def exit_code_of(words: Sequence[str]) -> int:
 if __name__ == "__main__":
     for name in LOADED:
         import_module(name)
-    # What is loaded is for all of them: to look through it for garbage, or to take it apart in the end, takes longer
-    # than most commands.
+    # The loaded modules are shared by all commands: collecting garbage among their objects, or deleting them at exit,
+    # would take longer than most commands.
     gc.freeze()
     code = exit_code_of(serve(sys.argv[1]).words)
     sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""Bash in a folder of its own, with the problems, examples and a solved plan that the pages speak of."""
+"""Bash in a temporary folder with the problems, the examples and a solved plan to which the documentation refers."""
 
 import os
 import shutil
@@ -13,11 +13,11 @@ from tests.doc_shell.server import READ_ONLY_VARIABLE
 ROOT = Path(__file__).parent.parent.parent
 CLIENT = Path(__file__).with_name("client.py")
 SHOWN_COLUMNS = 100
-"""Of the terminal on which the pages' output was printed."""
+"""Width of the terminal on which the output in the documentation was printed, in columns."""
 
 
 class Server:
-    """The process that holds the package; a context."""
+    """Context manager of the server process that holds the loaded package."""
 
     def __init__(self, folder: Path) -> None:
         self.address = folder / "server"
@@ -25,12 +25,12 @@ class Server:
         self.programs.mkdir()
         for program in ("ccm-opt", "python"):
             script = self.programs / program
-            # Isolated and without site packages, a client starts in 20 ms.
+            # In isolated mode and without site packages, a client starts in 20 ms.
             script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I -S "{CLIENT}" {program} "{self.address}" "$@"\n')
             script.chmod(0o755)
 
     def __enter__(self) -> Self:
-        """Start it, and wait until it has loaded."""
+        """Start the server process, and wait until it has loaded the package."""
         module = ["-m", "tests.doc_shell.server", str(self.address)]
         self._process = subprocess.Popen(
             [sys.executable, *module], cwd=ROOT, stdout=subprocess.PIPE, text=True, env=environment(self.programs)
@@ -40,13 +40,13 @@ class Server:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it."""
+        """End the server process."""
         self._process.terminate()
         self._process.communicate()
 
 
 def environment(programs: Path) -> dict[str, str]:
-    """What programs of the pages see: theirs first, the project's modules, one thread, no colours."""
+    """Return environment variables for programs of the pages: substitutes first in PATH, one thread, no colours."""
     return {
         **os.environ,
         "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
@@ -61,14 +61,14 @@ def environment(programs: Path) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Printed:
-    """What a command said: both streams as they came, and how it ended."""
+    """Output of a command, both streams in one text, and its exit code."""
 
     text: str
     code: int
 
 
 class Shell:
-    """Runs blocks in one folder, as somebody would who follows a page from its top."""
+    """Runner of code blocks in one folder, in which files of earlier blocks remain, as for a reader of a page."""
 
     def __init__(self, server: Server, folder: Path, solved: Path | None) -> None:
         self.folder = folder
@@ -84,7 +84,7 @@ class Shell:
             shutil.copytree(solved, folder / "runs" / solved.name)
 
     def run(self, commands: str, *, only_read: bool = False) -> Printed:
-        """Run commands; the first that fails ends them. Of scripts perhaps only as far as they read their options."""
+        """Run commands in bash until one fails; with ``only_read``, scripts stop once their options are parsed."""
         read = {READ_ONLY_VARIABLE: "1"} if only_read else {}
         ended = subprocess.run(
             ["/bin/bash", "-euo", "pipefail", "-c", commands],
@@ -99,6 +99,6 @@ class Shell:
         return Printed(ended.stdout, ended.returncode)
 
     def run_python(self, code: str, name: str) -> Printed:
-        """Run Python code as a file in the folder."""
+        """Write Python code to a file of the folder, and run it."""
         (self.folder / name).write_text(code)
         return self.run(f"python {name}")
