@@ -16,6 +16,7 @@ from ccm_opt.ik.terms import Expression
 from ccm_opt.problem import Problem
 
 from .camera_room import camera_room, high_tip, valve_in_view, weighted
+from .conftest import PROBLEMS
 
 
 def _shaken(q: ccm_opt.Quantities) -> ca.SX:
@@ -56,6 +57,33 @@ def test_no_cost_makes_a_solvable_problem_fail(shape: str, exponent: float, wher
     solution = ccm_opt.solve(camera_room(), constraints=[valve_in_view], costs=[cost], explain=False)
     assert solution.metrics["residual_valve_in_view"] <= 1e-6
     assert all(check.passed for check in solution.checks)
+
+
+@pytest.mark.planning
+@pytest.mark.parametrize("name", ["swan-neck", "space/elbow"])
+def test_heavy_costs_shape_the_pose_at_the_goal_without_contact(name: str) -> None:
+    """However much the user's cost weighs, a pose is found, and one that costs no more than with less weight."""
+    problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
+    bends = []
+    for weight in (0.0, 1e2, 1e6):
+        cost = ccm_opt.Cost("bends", lambda q: ca.sumsqr(q.joint_angles), weight=weight, where="goal")
+        bends.append(
+            float(np.sum(ccm_opt.find_pose(problem, costs=[cost]).configuration[: len(problem.arm.bend_limits)] ** 2))
+        )
+    assert bends[2] <= 1.02 * bends[1]
+    assert bends[1] < bends[0]
+
+
+@pytest.mark.planning
+@pytest.mark.parametrize("weight", [1e4, 1e8])
+def test_heavy_costs_are_lowered_along_the_motion(weight: float) -> None:
+    """The mean over the motion is less than without the cost."""
+    problem = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")
+    found = [
+        ccm_opt.solve(problem, costs=[ccm_opt.Cost("bends", lambda q: ca.sumsqr(q.joint_angles), weight=heavy)])
+        for heavy in (0.0, weight)
+    ]
+    assert found[1].metrics["cost_bends"] < 0.9 * found[0].metrics["cost_bends"]
 
 
 def terms_with_cost() -> UserTerms:

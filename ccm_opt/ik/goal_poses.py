@@ -32,6 +32,8 @@ clutter in the plane need eight or fewer)."""
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
     """Return a goal-pose NLP extended by the user's hard constraints as rows and soft constraints and costs as costs.
 
+    The objective is divided by the largest weight above 1.
+
     Args:
         program: the NLP without the user's constraints and costs.
         terms: constraints and costs compiled for the arm; those that do not apply at the goal are left out.
@@ -46,7 +48,9 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
             value = item.function(pose, feed, _GOAL)
             parts[f"user: {item.cost.name}"] = item.cost.weight * value
             objective += item.cost.weight * value
-    return replace(program, rows=(*program.rows, *rows), parts=parts, objective=objective)
+    # IPOPT's tolerances are tuned for an objective of order one.
+    heaviest = max([1.0, *(item.cost.weight for item in terms.all_costs)])
+    return replace(program, rows=(*program.rows, *rows), parts=parts, objective=objective / heaviest)
 
 
 def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:

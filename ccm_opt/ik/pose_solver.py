@@ -20,6 +20,9 @@ from ccm_opt.robot.biarc import bend_shares
 
 _LIMIT_SHARE = 0.98
 """Fraction of a joint limit that a pose may use (as in the steps of the motion)."""
+_USER_GAP = 0.05
+"""Fraction of the preferred clearance that a pose keeps whatever the user's costs weigh. Measured: with 0, poses in the
+wing box come 0.1 mm nearer than the certificate allows."""
 _SIDES = (("left", "right"), ("down", "up"))
 """Names of the sides to which joints bend, for positive and negative bends."""
 
@@ -231,11 +234,16 @@ class PoseQuestion:
             "bends": self.bend_bounds(_LIMIT_SHARE),
             "points": (np.vstack((-free, position - reach)), np.vstack((free, position + reach))),
             "feed": (np.array([low / length]), np.array([high / length])),
-            "gap": (np.array([-np.inf]), np.array([self.wanted_gap / length])),
+            "gap": (np.array([self._least_gap / length]), np.array([self.wanted_gap / length])),
         }
         lower, upper = ({name: pair[side] for name, pair in by_name.items()} for side in (0, 1))
         unknowns = self.program.unknowns
         return unknowns.filled(lower, -np.inf), unknowns.filled(upper, np.inf)
+
+    @property
+    def _least_gap(self) -> float:
+        """Lower bound on the gap [m]; none without costs of the user, as the lack of clearance outweighs all others."""
+        return _USER_GAP * self.wanted_gap if len(self.program.parts) > len(self.weights) else -np.inf
 
     @cached_property
     def start_values(self) -> FloatArray:
