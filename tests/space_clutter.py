@@ -1,4 +1,4 @@
-"""Problems in space for tests: an arm among balls and boxes drawn at random, with a goal that a free pose reaches."""
+"""Random problems for tests: an arm in space among balls and boxes, with a goal that a known configuration reaches."""
 
 from dataclasses import dataclass
 
@@ -19,12 +19,12 @@ from tests.space_arms import space_arm
 
 @dataclass(frozen=True)
 class Clutter:
-    """A problem with the free pose that its goal was made from.
+    """Problem of an arm in space among random bodies, with a collision-free configuration at the goal.
 
     Attributes:
-        problem: with a goal of position and direction.
-        tree: of its surfaces.
-        seed: a pose at the goal that touches nothing, shape (c,).
+        problem: problem with a goal position and direction.
+        tree: bounding-volume tree of the obstacle surfaces.
+        seed: collision-free configuration at the goal, shape (c,) [rad, m].
     """
 
     problem: Problem
@@ -33,14 +33,14 @@ class Clutter:
 
 
 def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.004, **changes: object) -> Clutter:
-    """An arm a metre long among bodies, with one of its free poses that has little room; drawn until there is one.
+    """Return a random problem of an arm of 1 m whose goal is the tip pose of a configuration with small clearance.
 
     Args:
-        seed: of the draws.
-        links: of the arm.
-        bodies: balls and boxes.
-        most_gap: room beyond radius and clearance that the pose has at most [m].
-        changes: of the arm.
+        seed: seed of the random numbers.
+        links: number of links.
+        bodies: number of balls and boxes.
+        most_gap: maximum distance of the configuration from obstacles beyond radius and clearance [m].
+        **changes: fields of the arm that differ from those of ``space_arm``.
     """
     random = np.random.default_rng(seed)
     arm = space_arm(links, 1.0 / links, 0.012, **changes)
@@ -59,9 +59,13 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
 
 
 def curve_directions(arm: Arm, knots: int = 11) -> FloatArray:
-    """Unit changes of a configuration by the turn at the base and the curvature at knots, both ways, and by the feed.
+    """Return p unit changes of a configuration of c coordinates that keep the arm smooth, shape (c, p).
 
-    Shape (c, p).
+    The changes are rotation of the base and curvature at knots, each about two axes, and the feed.
+
+    Args:
+        arm: the arm.
+        knots: number of knots at which curvature changes.
     """
     turns = bend_matrix(arm.links, knots)
     each = knots + 1
@@ -74,7 +78,7 @@ def curve_directions(arm: Arm, knots: int = 11) -> FloatArray:
 
 
 def problem_at(arm: Arm, workspace: Workspace, q: FloatArray) -> Problem:
-    """A problem whose goal is where the tip of a pose is."""
+    """Return a problem whose goal is the tip pose of a configuration, shape (c,) [rad, m]."""
     goal = TipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
     rates = np.ones(3 * arm.links)
     fed = {"feed_velocity": 0.1, "feed_acceleration": 0.5} if arm.base_axes else {}
@@ -83,7 +87,7 @@ def problem_at(arm: Arm, workspace: Workspace, q: FloatArray) -> Problem:
 
 
 def _obstacle(random: np.random.Generator, number: int) -> Obstacle:
-    """A ball or a box, off the base."""
+    """Return a random ball or box at a distance from the base; odd numbers give balls."""
     while True:
         center = random.uniform(-0.9, 0.9, 3)
         size = random.uniform(0.03, 0.09)

@@ -1,4 +1,4 @@
-"""Problem files in space and meshes for the tests."""
+"""Problem files in space, and mesh files, for tests."""
 
 import io
 import zipfile
@@ -46,7 +46,7 @@ position = [-0.7, 0.1, 0.0]
 
 
 def binary_stl(vertices: FloatArray = CUBE, faces: IntArray = BOX_FACES) -> bytes:
-    """A binary STL file."""
+    """Return the bytes of a binary STL file with given triangles."""
     records = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     records["corners"] = vertices[faces]
     return bytes(80) + len(faces).to_bytes(4, "little") + records.tobytes()
@@ -61,18 +61,18 @@ CONTENT_TYPES = """<?xml version="1.0"?>
 
 
 def is_closed(mesh: RawMesh) -> bool:
-    """Whether every edge joins two triangles."""
+    """Return whether every edge of a mesh belongs to two triangles."""
     return bool(find_shells(mesh.vertices, mesh.faces).closed.all())
 
 
 def linked(*targets: str) -> str:
-    """Relationships to models."""
+    """Return an XML part of a 3MF file with relationships to models."""
     links = "".join(f'<Relationship Target="{each}" Id="r{k}" Type="{MODEL_TYPE}"/>' for k, each in enumerate(targets))
     return f'<?xml version="1.0"?><Relationships xmlns="{RELATIONS}">{links}</Relationships>'
 
 
 def three_mf(model: str | bytes, **others: str | bytes) -> bytes:
-    """A 3MF file with a root model, and with other parts."""
+    """Return the bytes of a 3MF file with a root model and further parts by path."""
     parts = {
         "[Content_Types].xml": CONTENT_TYPES,
         "_rels/.rels": linked("/3D/3dmodel.model"),
@@ -87,13 +87,13 @@ def three_mf(model: str | bytes, **others: str | bytes) -> bytes:
 
 
 def model_3mf(resources: str, build: str, attributes: str = 'unit="millimeter"') -> str:
-    """A model of 3MF."""
+    """Return the XML of a 3MF model with given resources and build items."""
     space = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
     return f'<model {attributes} xmlns="{space}"><resources>{resources}</resources><build>{build}</build></model>'
 
 
 def object_3mf(number: int = 1, size: float = 1.0, more: str = "", attributes: str = "") -> str:
-    """A cube as an object of 3MF, with more in its mesh."""
+    """Return the XML of a 3MF object that is a cube, with further XML in its mesh."""
     vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in size * CUBE)
     triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX_FACES)
     mesh = f"<mesh><vertices>{vertices}</vertices><triangles>{triangles}</triangles>{more}</mesh>"
@@ -101,13 +101,13 @@ def object_3mf(number: int = 1, size: float = 1.0, more: str = "", attributes: s
 
 
 def cube_3mf(*, transform: str = "") -> bytes:
-    """The unit cube as 3MF, built of a component."""
+    """Return the bytes of a 3MF file with the unit cube as a component of another object."""
     both = object_3mf() + '<object id="2"><components><component objectid="1"/></components></object>'
     return three_mf(model_3mf(both, f'<item objectid="2" {transform}/>', 'unit="meter"'))
 
 
 def written(folder: Path, mesh: bytes, name: str = "part.stl", extra: str = "") -> Path:
-    """A problem file beside a mesh, with further keys of its obstacle."""
+    """Write a mesh and a problem file that refers to it, with further keys of the obstacle; return the problem file."""
     (folder / name).write_bytes(mesh)
     file = folder / "problem.toml"
     file.write_text(TEXT.replace('mesh = "part.stl"', f'mesh = "{name}"\n{extra}'), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A plan in space that is solved once, by a way of the tests' own, and the folder that it is written to."""
+"""A plan in space that is solved once with a given path, for tests of output folders."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -15,19 +15,19 @@ from .space_plans import true_plan
 
 @dataclass(frozen=True)
 class GivenWay:
-    """A planner that knows one way."""
+    """Planner that returns a given path for every problem."""
 
     path: JointPath
 
     def plan(self, problem: Problem) -> JointPath:
-        """The way, whatever is asked."""
+        """Return the given path."""
         del problem
         return self.path
 
 
 @cache
 def solved() -> Solution:
-    """The problem of ``true_plan`` solved along a way through the samples of its motion."""
+    """Return the solution of the problem of ``true_plan`` by a joint path through samples of its motion."""
     plan = true_plan()
     samples = plan.trajectory.positions
     moved = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(samples, axis=0), axis=1))))

@@ -1,4 +1,4 @@
-"""A timed motion in space among a few bodies, true in every respect, for tests of the verifier."""
+"""A correct timed motion of an arm in space among several bodies, for tests of the verifier."""
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -26,12 +26,12 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class SpacePlan:
-    """A motion with the problem that it solves.
+    """Timed motion of an arm in space, and the problem that the motion solves.
 
     Attributes:
-        problem: what is asked.
+        problem: the problem.
         trajectory: the motion.
-        joints: the same for the drives.
+        joints: states and efforts of the drives in this motion.
     """
 
     problem: Problem
@@ -39,19 +39,19 @@ class SpacePlan:
     joints: JointStates
 
     def checks(self) -> tuple[Check, ...]:
-        """What the verifier finds."""
+        """Return the results of the verifier."""
         return verify(self.problem, self.trajectory, self.joints)
 
     def failed(self) -> list[str]:
-        """Names of the checks that do not hold."""
+        """Return the names of the failed checks."""
         return [check.name for check in self.checks() if not check.passed]
 
     def asking(self, **changes: object) -> "SpacePlan":
-        """The same motion for another problem."""
+        """Return an unchanged motion with a problem in which given fields are replaced."""
         return replace(self, problem=replace(self.problem, **changes))  # type: ignore[arg-type]
 
     def moving(self, **changes: object) -> "SpacePlan":
-        """Another motion, the states of the drives as they follow from it."""
+        """Return a motion with given fields of the trajectory replaced, and the corresponding states of the drives."""
         trajectory = replace(self.trajectory, **changes)  # type: ignore[arg-type]
         dynamics = InverseDynamics(self.problem.arm, self.problem.simulation.gravity)
         return replace(self, trajectory=trajectory, joints=joint_states(self.problem.arm, trajectory, dynamics))
@@ -59,7 +59,7 @@ class SpacePlan:
 
 @cache
 def true_plan() -> SpacePlan:
-    """An arm of eight links on a feed axis moves among five kinds of bodies in a room, and passes a place."""
+    """Return a correct motion of an arm of eight links on a feed axis among five bodies, with a via point."""
     arm = space_arm(8, feed=Feed(0.0, 0.5, 0.0), rotor_inertia=1e-3, friction=0.01, payload=0.05)
     n = 3 * arm.links
     points = (PointLimit(None, 0.6, 3.0), PointLimit(0.35, 0.4, 2.0))
@@ -83,7 +83,7 @@ def true_plan() -> SpacePlan:
 
 
 def bodies() -> tuple[Obstacle, ...]:
-    """One body of every kind, out of the way."""
+    """Return one obstacle of each of five kinds of bodies, none of them on the path of the arm."""
     low, high = np.array([0.2, 0.6, -0.2]), np.array([0.4, 0.8, 0.2])
     corners = box_corners(low - [0.0, 1.5, 0.0], high - [0.0, 1.5, 0.0])
     return (
@@ -96,11 +96,11 @@ def bodies() -> tuple[Obstacle, ...]:
 
 
 def with_body(plan: SpacePlan, name: str, body: BoxBody | SphereBody | MeshBody) -> SpacePlan:
-    """The same motion with one more body in its room."""
+    """Return a plan with an unchanged motion and one more obstacle in the workspace."""
     workspace = plan.problem.workspace
     return plan.asking(workspace=replace(workspace, obstacles=(*workspace.obstacles, Obstacle(name, body))))
 
 
 def places_of(plan: SpacePlan) -> FloatArray:
-    """Joints and tip at the samples, shape (T, links + 1, 3) [m]."""
+    """Return the positions of joints and tip at the T samples of a plan, shape (T, links + 1, 3) [m]."""
     return chain_points(plan.problem.arm, plan.trajectory.positions)

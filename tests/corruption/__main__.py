@@ -11,7 +11,7 @@ from .plans import write_plans
 
 
 def main() -> None:
-    """Draw corruptions, judge them, and list what was judged wrong."""
+    """Corrupt random plans, run ``ccm-opt check`` on each, and print those that are judged wrongly."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""Whether ``ccm-opt check`` judges changed plans right."""
+"""Check whether ``ccm-opt check`` rejects corrupted plans and accepts changed but correct ones."""
 
 import contextlib
 import io
@@ -16,19 +16,19 @@ from . import of_arrays, of_files, of_motions, still_true
 from .plans import KINDS, Folder, Kind
 
 MODULES = (of_arrays, of_files, of_motions, still_true)
-"""They enter their kinds where they are loaded."""
+"""Modules that register kinds of changes when they are imported."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A corrupted plan as it was judged.
+    """Verdict of ``ccm-opt check`` on a changed plan.
 
     Attributes:
-        kind: what was done to it.
+        kind: kind of the change.
         plan: name of the plan.
-        number: of the draw.
-        accepted: whether ``ccm-opt check`` found that every check holds.
-        said: what it said.
+        number: number of the random change, from 0.
+        accepted: whether ``ccm-opt check`` accepted the plan.
+        said: output of ``ccm-opt check``.
     """
 
     kind: Kind
@@ -39,12 +39,19 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether true plans are accepted and all others refused, without a traceback."""
+        """Whether the verdict is correct and the output has no traceback."""
         return self.accepted == self.kind.true and "Traceback" not in self.said
 
 
 def judged(plans: dict[str, Folder], place: Path, seed: int, count: int) -> Iterator[Judged]:
-    """Corrupt plans drawn at random and judge them; every kind comes in turn, beginning with that of the seed."""
+    """Change random plans, and yield the verdict of ``ccm-opt check`` on each; the kinds of changes are used in turn.
+
+    Args:
+        plans: folders of plans, by name.
+        place: folder for the changed plans.
+        seed: seed of the random changes, which also selects the first kind.
+        count: number of verdicts.
+    """
     number = 0
     attempt = 0
     while number < count:
@@ -56,7 +63,7 @@ def judged(plans: dict[str, Folder], place: Path, seed: int, count: int) -> Iter
         try:
             applies = chosen.change(folder, rng)
         except ccm_opt.ProblemError:
-            # A problem that cannot even be made is refused before anything is written.
+            # An invalid problem is refused before any file is written.
             applies = False
         if not applies:
             continue

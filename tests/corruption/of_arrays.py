@@ -1,4 +1,4 @@
-"""Ways to change the arrays of a written plan."""
+"""Kinds of changes to the arrays of a plan's folder, all of which make the plan wrong."""
 
 from collections.abc import Callable, Sequence
 
@@ -16,19 +16,26 @@ OF_FEED = ("base_feed", "feed_velocities", "feed_accelerations", "feed_forces", 
 
 
 def changed_array(folder: Folder, rng: Generator, names: Sequence[str], change: Callable[[FloatArray], None]) -> bool:
-    """Change one of some arrays, drawn among those that the plan has and that are not all zero."""
+    """Change a random nonzero array of a plan, and return whether the change is large enough to matter.
+
+    Args:
+        folder: the plan, changed in place.
+        rng: random generator.
+        names: names of the arrays to choose from; arrays that the plan does not have are ignored.
+        change: function that changes an array in place.
+    """
     there = [name for name in names if name in folder.arrays and np.any(folder.arrays[name])]
     if not there:
         return False
     before = folder.arrays[there[int(rng.integers(len(there)))]]
     kept = before.copy()
     change(before)
-    # What is as good as before is no corruption: gaps that stand at their reach, a swap of rows that are alike.
+    # An array that is almost unchanged is not wrong: clearances at the search distance, or equal rows swapped.
     return float(np.max(np.abs(before - kept))) > 1e-4 * max(float(np.max(np.abs(kept))), 1e-3)
 
 
 def scaled(rng: Generator) -> Callable[[FloatArray], None]:
-    """Scale all of an array by up to a tenth, but by half a percent at least."""
+    """Return a function that scales an array in place by a random factor that differs from 1 by 0.5 % to 10 %."""
     factor = 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.005, 0.1)
 
     def change(values: FloatArray) -> None:
@@ -38,7 +45,7 @@ def scaled(rng: Generator) -> Callable[[FloatArray], None]:
 
 
 def one_entry(rng: Generator) -> Callable[[FloatArray], None]:
-    """Move one number by a share of the greatest."""
+    """Return a function that shifts a random entry of an array in place by a fraction of the largest magnitude."""
     share = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-2.5, 0.5)
 
     def change(values: FloatArray) -> None:
@@ -48,7 +55,7 @@ def one_entry(rng: Generator) -> Callable[[FloatArray], None]:
 
 
 def one_keyframe(rng: Generator) -> Callable[[FloatArray], None]:
-    """Move one bend of a keyframe by more than a motion may pass it at."""
+    """Return a function that shifts a random bend angle in place by 0.1 to 1 rad, more than a keyframe may deviate."""
 
     def change(values: FloatArray) -> None:
         values.ravel()[int(rng.integers(values.size))] += rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 1.0)
@@ -57,7 +64,7 @@ def one_keyframe(rng: Generator) -> Callable[[FloatArray], None]:
 
 
 def shifted(rng: Generator) -> Callable[[FloatArray], None]:
-    """Move everything by some samples."""
+    """Return a function that shifts an array in place cyclically by one to eight samples."""
     steps = int(rng.integers(1, 9))
 
     def change(values: FloatArray) -> None:
@@ -67,7 +74,7 @@ def shifted(rng: Generator) -> Callable[[FloatArray], None]:
 
 
 def backwards(rng: Generator) -> Callable[[FloatArray], None]:
-    """Turn an array round."""
+    """Return a function that reverses an array in place along its first axis."""
     del rng
 
     def change(values: FloatArray) -> None:
@@ -77,7 +84,7 @@ def backwards(rng: Generator) -> Callable[[FloatArray], None]:
 
 
 def nothing(rng: Generator) -> Callable[[FloatArray], None]:
-    """Set a stretch to zero."""
+    """Return a function that sets a quarter of the rows of an array to zero, in place."""
     begin = rng.uniform(0.1, 0.6)
 
     def change(values: FloatArray) -> None:
@@ -88,7 +95,7 @@ def nothing(rng: Generator) -> Callable[[FloatArray], None]:
 
 
 def no_number(rng: Generator) -> Callable[[FloatArray], None]:
-    """Put in something that is not finite."""
+    """Return a function that sets a random entry of an array to NaN or infinity, in place."""
 
     def change(values: FloatArray) -> None:
         values.ravel()[int(rng.integers(values.size))] = rng.choice([np.nan, np.inf, -np.inf])
@@ -108,7 +115,7 @@ for _group, _names in {
         kind(f"{_group}: {_how.__name__}")(
             lambda folder, rng, names=_names, how=_how: changed_array(folder, rng, names, how(rng))
         )
-# One feed alone, moved a little along the way that the arm takes, would still be a keyframe of it.
+# A single feed position moved slightly could still be a keyframe of the motion, so all are changed.
 for _how in (scaled, backwards, nothing):
     kind(f"feeds of keyframes: {_how.__name__}")(
         lambda folder, rng, how=_how: changed_array(folder, rng, ("keyframe_feeds",), how(rng))

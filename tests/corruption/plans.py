@@ -1,4 +1,4 @@
-"""The plans that are corrupted, their folders in memory, and the list of ways to change them."""
+"""Plans to be corrupted: planar problems, plan folders in memory, and the registry of kinds of changes."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -129,14 +129,14 @@ PLANS = {"pausing": PAUSING, "smooth": SMOOTH, "fed": FED}
 
 @dataclass
 class Folder:
-    """A written plan in memory.
+    """Output folder of a plan, held in memory so that its content can be changed.
 
     Attributes:
-        arrays: of ``solution.npz``.
-        record: of ``solution.json``.
-        texts: of the other files.
-        meshes: their files, by paths in the folder; in space alone.
-        solution: the plan that was written.
+        arrays: arrays of ``solution.npz``, by name.
+        record: content of ``solution.json``.
+        texts: texts of the other files, by file name.
+        meshes: contents of mesh files, by path in the folder; empty for planar problems.
+        solution: solution that was written to the folder.
     """
 
     arrays: Arrays
@@ -147,7 +147,7 @@ class Folder:
 
     @classmethod
     def of(cls, place: Path, solution: Solution) -> "Folder":
-        """Read a folder."""
+        """Return the content of a folder to which a solution was written."""
         with np.load(place / "solution.npz", allow_pickle=False) as archive:
             arrays = {name: archive[name].copy() for name in archive.files}
         record = json.loads((place / "solution.json").read_text(encoding="utf-8"))
@@ -160,13 +160,13 @@ class Folder:
         return cls(arrays, record, texts, meshes, solution)
 
     def copy(self) -> "Folder":
-        """The same to be changed."""
+        """Return a copy that can be changed independently."""
         arrays = {name: values.copy() for name, values in self.arrays.items()}
         record = json.loads(json.dumps(self.record))
         return Folder(arrays, record, dict(self.texts), dict(self.meshes), self.solution)
 
     def write(self, place: Path) -> None:
-        """Put it into a folder."""
+        """Write all files into a new folder."""
         place.mkdir(parents=True)
         np.savez(place / "solution.npz", **self.arrays)  # type: ignore[arg-type]
         (place / "solution.json").write_text(json.dumps(self.record), encoding="utf-8")
@@ -179,12 +179,12 @@ class Folder:
 
 @dataclass(frozen=True)
 class Kind:
-    """One way to change a plan.
+    """One kind of change to the output folder of a plan.
 
     Attributes:
-        name: says what it does.
-        change: does it, in place; False where it does not apply to this plan.
-        true: whether what comes of it is still a true plan.
+        name: description of the change.
+        change: function that changes a folder in place; returns False if the change does not apply to the plan.
+        true: whether the changed plan is still correct.
     """
 
     name: str
@@ -196,7 +196,12 @@ KINDS: list[Kind] = []
 
 
 def kind(name: str, *, true: bool = False) -> Callable[[Callable[[Folder, Generator], bool]], None]:
-    """Enter a way to change a plan."""
+    """Return a decorator that registers a function as a kind of change.
+
+    Args:
+        name: description of the change.
+        true: whether the changed plan is still correct.
+    """
 
     def entered(change: Callable[[Folder, Generator], bool]) -> None:
         KINDS.append(Kind(name, change, true))
@@ -205,7 +210,12 @@ def kind(name: str, *, true: bool = False) -> Callable[[Callable[[Folder, Genera
 
 
 def write_plans(place: Path, names: Sequence[str] = (*PLANS, *PLANS_IN_SPACE)) -> dict[str, Folder]:
-    """Solve the plans that are corrupted, or some of them, once a process, and read their folders."""
+    """Solve problems by name, once per process, and return their output folders in memory.
+
+    Args:
+        place: folder for the files.
+        names: names of the problems; all by default.
+    """
     for name in names:
         if name in _WRITTEN:
             continue
