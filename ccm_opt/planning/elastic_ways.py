@@ -1,7 +1,7 @@
-"""Paths that a fed arm can follow with all its links, as elastic bands.
+"""Paths in space that a fed arm can follow with all its links, as elastic bands.
 
-A path through a grid is divided so that m pieces make a link. An arm that slides along it has its links on chords
-x_i, x_{i+m}, so its places x minimise, with lengths in nominal links u,
+A path through a grid is divided so that m pieces make a link. An arm that slides along the path has its links on chords
+x_i, x_{i+m}, so the points x minimise, with lengths in nominal links,
 
     ∫ κ² ds + ∫ |x'|² ds + Σ (lacking gap of a chord)² + Σ (excess of |x_{i-m} − 2 x_i + x_{i+m}|)²,
 
@@ -23,51 +23,51 @@ from ccm_opt.robot.biarc import bend_shares
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _PIECE = 0.25
-"""Length of the pieces of a path, at most [u]."""
+"""Maximum length of the pieces of a path, in nominal links."""
 _BENDING = (0.02, 0.3)
 """Weights on the bends of pieces and of links."""
 _TENSION = 0.02
-"""Weight on the length."""
+"""Weight on the length of a path."""
 _EVEN = 8.0
-"""Weight on differences of the pieces' lengths."""
+"""Weight on differences of the lengths of pieces."""
 _HARD = 600.0
-"""Weight on what a chord lacks of the gap that it must keep, and on bends beyond the limit."""
+"""Weight on the shortfall of a chord from the required gap, and on bends beyond the limit."""
 _WANTED = 5.0
-"""Weight on what a chord lacks of the wanted gap."""
+"""Weight on the shortfall of a chord from the preferred gap."""
 _SPARE = 0.03
-"""Gap beyond the one that must be kept at which the hard weight ends [u]."""
+"""Gap beyond the required one up to which the hard weight applies, in nominal links."""
 _BENT = 0.9
-"""Share of the largest bend at which the hard weight begins."""
+"""Fraction of the largest bend at which the hard weight begins."""
 _SHARPER = 2.0
 """Largest curvature of a path between the joints, relative to that of the circle through joints bent as far as they
 may."""
 _GENTLE = 0.7
-"""Share of the largest bend at which the soft weight begins."""
+"""Fraction of the largest bend at which the soft weight begins."""
 _STIFFNESS = 1.1
-"""Weight on the motion of the places in a round."""
+"""Weight on displacements of points in a round."""
 _LONGEST = 0.3
-"""Longest motion of a place in a round [u]."""
+"""Largest displacement of a point in a round, in nominal links."""
 _ROUNDS = 60
-"""Most rounds."""
+"""Maximum number of relaxation rounds."""
 _ROUNDS_A_PIECE = 3
-"""Rounds after which chords grow by a piece."""
+"""Number of rounds after which chords become longer by a piece."""
 _DIVIDED = (8, 20, 35)
-"""Rounds before which the path is divided anew, as it has become longer or shorter."""
+"""Indices of the rounds before which the path is divided anew, as it has become longer or shorter."""
 _GIVEN = 1e9
-"""Stiffness of places that are given."""
+"""Stiffness of given points, which keeps them from moving."""
 _STILL = 0.005
-"""Largest motion of a place in a round at which a path has come to rest [u]."""
+"""Largest displacement of a point in a round at which a path counts as converged, in nominal links."""
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticWay:
-    """A path, with measures of how well the arm can follow it.
+    """Path for the joints of a fed arm, with measures of how well the arm can follow the path.
 
     Attributes:
-        places: places on the path, from its beginning, shape (k, 3) [m].
-        gap: least gap of a link on the path in excess of the required distance [m].
-        bend: largest bend of a joint on the path, as a fraction of the bend permitted there.
-        worst: place where the path is hardest to follow, shape (3,) [m].
+        places: points on the path, from its beginning, shape (k, 3) [m].
+        gap: least gap of a link on the path beyond the required distance [m].
+        bend: largest bend of a joint on the path, as a fraction of the bend permitted at its position.
+        worst: point at which the path is hardest to follow, shape (3,) [m].
     """
 
     places: FloatArray
@@ -83,7 +83,7 @@ class ElasticWay:
 
 @dataclass(frozen=True, eq=False)
 class ElasticBand:
-    """Turns paths through a grid into paths that an arm can follow.
+    """Smoother that turns paths through a grid into paths that a fed arm can follow with all its links.
 
     Attributes:
         arm: the arm.
@@ -101,12 +101,12 @@ class ElasticBand:
 
     @property
     def pieces(self) -> int:
-        """Number m of pieces of a path per link."""
+        """Number of pieces of a path per link."""
         return max(1, round(self.arm.link_length / (_PIECE * self.unit)))
 
     @property
     def piece(self) -> float:
-        """Length of a piece [m]."""
+        """Length of a piece of a path [m]."""
         return self.arm.link_length / self.pieces
 
     def along(
@@ -117,15 +117,16 @@ class ElasticBand:
         direction: FloatArray | None,
         via: Sequence[FloatArray] = (),
     ) -> ElasticWay | None:
-        """Return a path that the arm can follow, made from a way; None if the way is shorter than its given ends.
+        """Return a smooth path for the joints of the arm near a given tip path, or None if that is too short.
 
         Args:
-            behind: places on the arm's axis, spaced by one piece, before the beginning of the way, shape (m, 3) [m].
-            way: corners of a path, shape (k, 3) [m].
-            out: arc length from the end of the guide tube to the beginning of the way [m].
+            behind: points on the arm's axis before the beginning of the tip path, spaced by one piece, shape (m, 3)
+                [m], for m pieces per link.
+            way: vertices of the tip path, shape (k, 3) [m].
+            out: arc length from the end of the guide tube to the beginning of the tip path [m].
             direction: unit vector along which the path ends, straight over the length of a link, shape (3,); None for
                 any direction.
-            via: places to pass through in this order, each of shape (3,) [m].
+            via: via points to be passed in this order, each of shape (3,) [m].
         """
         m = self.pieces
         band = self._divided(behind, way, out, direction, via)
@@ -146,7 +147,7 @@ class ElasticBand:
     def _divided(
         self, behind: FloatArray, way: FloatArray, out: float, direction: FloatArray | None, via: Sequence[FloatArray]
     ) -> "_Band | None":
-        """Return a path divided into pieces; arguments as for ``along``."""
+        """Return a tip path divided into pieces, or None if it is too short; arguments are those of ``along``."""
         m, piece = self.pieces, self.piece
         arcs = arc_lengths(way)
         count = round(float(arcs[-1]) / piece)
@@ -168,7 +169,7 @@ class ElasticBand:
         return _Band(places / self.unit, fixed, straight * bend_shares(self.arm, arcs_out), m, piece / self.unit)
 
     def _round(self, band: "_Band", chord: int) -> FloatArray:
-        """Return the displacements of the places in one round of relaxation, shape (k, 3) [u].
+        """Return the displacements of the points of a path in one round of relaxation, (k, 3) [nominal links].
 
         Args:
             band: the path.
@@ -206,7 +207,7 @@ class ElasticBand:
         return np.asarray(motion * np.minimum(1.0, _LONGEST / np.maximum(far, TINY))[:, None])
 
     def _judged(self, band: "_Band") -> ElasticWay:
-        """Return the path with measures of how well the arm can follow it."""
+        """Return a path with measures of how well the arm can follow the path."""
         m = band.m
         count = len(band.places)
         share = np.zeros(count)
@@ -230,15 +231,15 @@ class ElasticBand:
 
 @dataclass(eq=False)
 class _Band:
-    """A path divided into pieces, with all lengths in nominal links u.
+    """Path divided into pieces, in the relaxation of an elastic band; all lengths are in nominal links.
 
     Attributes:
-        places: places spaced by one piece, those on the arm first, shape (k, 3) [u].
-        fixed: mask of the given places, which do not move, shape (k,).
-        most: second difference over a link's length of a joint at its largest permitted bend, at each place, shape (k,)
-            [u].
+        places: points spaced by one piece, those on the arm first, shape (k, 3).
+        fixed: mask of the given points, which do not move, shape (k,).
+        most: second difference of the points over a link's length for a joint at its largest permitted bend, at each
+            point, shape (k,).
         m: number of pieces per link.
-        piece: length of a piece [u].
+        piece: length of a piece.
         stiffness: main and lower diagonals of the terms that do not change between rounds, shape (2 m + 1, k).
     """
 
@@ -262,7 +263,7 @@ class _Band:
                     self.stiffness[(a - b) * stride, b * stride : b * stride + inner] += weight * first * second
 
     def equations(self) -> "_Equations":
-        """Return new normal equations that hold the terms that do not change between rounds."""
+        """Return new normal equations with the terms that do not change between rounds."""
         target = -self.stiffness[0][:, None] * self.places
         for d in range(1, len(self.stiffness)):
             below = self.stiffness[d, :-d, None]
@@ -274,7 +275,7 @@ class _Band:
         return _Equations(matrix, target.ravel())
 
     def bends(self, stride: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return second differences over ``stride`` pieces, their norms, and the largest norms permitted [u].
+        """Return second differences of the points over ``stride`` pieces, their norms, and the largest permitted norms.
 
         Args:
             stride: number of pieces, m for a whole link; with fewer, the path may bend slightly more sharply.
@@ -290,17 +291,17 @@ class _Band:
         return change, np.maximum(np.linalg.norm(change, axis=1), TINY), np.maximum(most, TINY)
 
     def chords(self, pieces: int) -> FloatArray:
-        """Return the chords over a number of pieces, shape (k − pieces, 2, 3) [u]."""
+        """Return both ends of the chords over a number of pieces, shape (k − pieces, 2, 3) [nominal links]."""
         return np.stack((self.places[:-pieces], self.places[pieces:]), axis=1)
 
 
 @dataclass(eq=False)
 class _Equations:
-    """Normal equations for the motion of places, as the lower diagonals of a symmetric matrix.
+    """Normal equations for the displacements of k points, with a banded symmetric matrix.
 
     Attributes:
-        matrix: the diagonals, shape (d, 3 k).
-        target: right-hand sides, shape (3 k,).
+        matrix: main and lower diagonals of the matrix, shape (d, 3 k).
+        target: right-hand side, shape (3 k,).
     """
 
     matrix: FloatArray
@@ -309,11 +310,11 @@ class _Equations:
     def add(
         self, at: IntArray, stencil: FloatArray, normals: FloatArray, weight: float | FloatArray, value: FloatArray
     ) -> None:
-        """Add weight · (Σ_a stencil_a · normal · motion_a − value)² for each of r terms.
+        """Add the least-squares terms weight · (Σ_a stencil_a · normal · displacement_a − value)² to the equations.
 
         Args:
-            at: indices of the places that occur in each term, shape (r, a).
-            stencil: coefficients of these places, shape (a,) or (r, a).
+            at: indices of the a points that occur in each of the r terms, shape (r, a).
+            stencil: coefficients of these points, shape (a,) or (r, a).
             normals: unit vectors, shape (r, 3).
             weight: weights, shape (r,) or one for all.
             value: values, shape (r,).
@@ -329,7 +330,7 @@ class _Equations:
         self.matrix += np.bincount(flat[lower], products[lower], self.matrix.size).reshape(self.matrix.shape)
 
     def solved(self, fixed: BoolArray) -> FloatArray:
-        """Return the displacements of the places, shape (k, 3); given places do not move."""
+        """Return the displacements of the points that solve the equations, (k, 3); those masked by ``fixed`` are 0."""
         held = np.repeat(fixed, 3)
         self.matrix[0, held] = _GIVEN
         self.target[held] = 0.0

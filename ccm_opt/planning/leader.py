@@ -1,4 +1,4 @@
-"""The path that a fed arm follows with all its joints, and the path through the joints of a pose.
+"""Leader's path, which a planar fed arm follows with all its joints, and the leader's path through a pose.
 
 Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
 """
@@ -21,32 +21,35 @@ _SETTLED = 1e-13
 """Step at which Newton's method for the next joint has converged [arm lengths]. Derived: rounding."""
 
 _MOST_STEPS = 40
-"""Most steps of that method. Taste; from a chord's length ahead it needs four or five."""
+"""Maximum number of steps of Newton's method for the next joint. Taste; from a chord's length ahead it needs four or
+five."""
 
 _LEAST_SLOPE = 0.2
-"""Least slope of distance over arc length that the method assumes. Taste; a path that bends less than a U-turn has
-more."""
+"""Minimum derivative of distance with respect to arc length that Newton's method assumes. Taste; paths that bend less
+than a U-turn have more."""
 _FEED_STEP = 1.0 / 8.0
 """Feed between two keyframes, in link lengths; for arms of many links ``_LEAST_FEED_STEP`` is larger and counts.
 Taste."""
 _LEAST_FEED_STEP = 1.0 / 300.0
-"""Least feed between two keyframes, as a share of the arm's length. Taste."""
+"""Minimum feed between two keyframes, as a fraction of the arm's length. Taste."""
 _SAMPLES_PER_LINK = 32
-"""Samples of a leader's path between two of its points. Derived: cubic Hermite interpolation between them errs by less
-than 1e-7 of a link."""
+"""Number of samples of a leader's path between two of its points. Derived: cubic Hermite interpolation between them
+errs by less than 1e-7 of a link."""
 SAMPLE_PERIOD = 5e-3
 """Longest time between two samples of a trajectory, between which all joints move linearly [s]. Derived: the sample
 period of the timing."""
 LINKS_PER_SAMPLE = 0.25
-"""Most travel of the base between two samples, in link lengths. Taste; it limits only feeds that no arm needs."""
+"""Maximum travel of the base between two samples, in link lengths. Taste; it limits only feeds that no arm needs."""
 _LEAST_LEAD = 0.1
-"""Least distance along the axis from where the path leaves it to the first joint off it, in link lengths; with less,
-the spline through both would swing. Taste."""
+"""Minimum distance along the feed axis from where the path leaves the axis to the first joint off the axis, in link
+lengths; with less, the spline through both would oscillate. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class LeaderPath:
-    """A path with a continuous heading; arc length is counted from ``Arm.base`` along the feed axis.
+    """Planar path with a continuous heading that begins on the feed axis, for all joints of a fed arm to follow.
+
+    Arc length is counted from ``Arm.base``.
 
     Attributes:
         arc: arc lengths of the samples, increasing, shape (m,) [m].
@@ -73,7 +76,7 @@ class LeaderPath:
         return CubicHermiteSpline(self.arc, self.points, tangents)
 
     def positions(self, arc: FloatArray) -> FloatArray:
-        """Return the points at arc lengths, shape (...) to (..., 2) [m]; beyond its ends the path goes straight on."""
+        """Return the points (..., 2) of the path at arc lengths (...) [m]; beyond its ends the path is straight."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
         first, last = unit_vector(self.headings[[0, -1]])
@@ -95,16 +98,18 @@ class LeaderPath:
         return arc
 
     def base_with_tip_at_end(self, lengths: FloatArray) -> float:
-        """Return the arc length of the base of an arm on the path whose tip is at the path's end [m]."""
+        """Return the arc length of the base of an arm on the path whose tip is at the end of the path [m]."""
         arc = np.array([self.end])
         for length in lengths[::-1].tolist():
             arc = self._next(arc, -length)
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
-        """Return the arc lengths one chord ahead of ``arc``, or behind it if the chord is negative [m].
+        """Return the arc lengths of the points a chord's length ahead of given points, by Newton's method [m].
 
-        They are found by Newton's method.
+        Args:
+            arc: arc lengths of the given points, shape (k,) [m].
+            chord: length of the chord; negative for points before the given ones [m].
         """
         here = self.positions(arc)
         length = abs(chord)
@@ -143,19 +148,19 @@ class LeaderPath:
 
 
 def pose_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
-    """Return a smooth path through all joints of a pose that follows the feed axis up to a given arc length.
+    """Return a leader's path through all joints of a pose that follows the feed axis up to a given arc length.
 
-    Beyond the axis the path is a cubic spline through the joints. A joint that slides to its neighbour's place thus
-    takes over the neighbour's bend gradually, and the arm's links are exact chords of the path.
+    Beyond the axis the path is a cubic spline through the joints. A joint that slides to the position of its neighbour
+    thus takes over the neighbour's bend gradually, and the links are exact chords of the path.
 
     Args:
         arm: arm with a feed axis.
         bends: bends of the pose, shape (links,) [rad].
         feed: feed of the pose [m].
-        straight: least arc length up to which the path follows the axis [m].
+        straight: minimum arc length up to which the path follows the axis [m].
 
     Returns:
-        The path, or None when a joint bends so near to the hole that no such path exists.
+        The path, or None if a joint bends so near to the guide tube that no such path exists.
     """
     l = arm.link_length
     joints = arm.joint_positions_at(arm.configuration(bends, feed))
@@ -179,14 +184,14 @@ def path_through(
     name: str,
     end_heading: float | None = None,
 ) -> LeaderPath:
-    """Return the path that follows the feed axis up to an arc length, then a cubic spline through points.
+    """Return a leader's path that follows the feed axis up to an arc length, then a cubic spline through points.
 
     Args:
         arm: arm with a feed axis.
         leaves: arc length at which the path leaves the axis [m].
-        points: points in order, shape (k, 2) [m]; if there are none, the path is a piece of the axis.
+        points: points in order, shape (k, 2) [m]; without points, the path is a piece of the axis.
         name: name of the path.
-        end_heading: heading at the last point [rad], or None when any is acceptable.
+        end_heading: heading at the last point [rad], or None if any is acceptable.
     """
     curved = nodes = np.vstack((arm.base + leaves * arm.direction, points))
     arc = np.zeros(1)
@@ -216,15 +221,18 @@ def path_through(
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
-    """Return the parameters at which the curve is sampled: ``count`` per chord, including all nodes."""
+    """Return the parameters at which a spline is sampled, ``count`` per chord between nodes, with all nodes.
+
+    ``chords`` are the parameters of the nodes, increasing.
+    """
     inner = [a + (b - a) * np.arange(count) / count for a, b in pairwise(chords)]
     return np.concatenate([*inner, chords[-1:]])
 
 
 def _on_axis(arm: Arm, leaves: float) -> FloatArray:
-    """Return the arc lengths of samples on the feed axis before the path leaves it [m].
+    """Return the arc lengths of samples on the feed axis before the path leaves the axis at ``leaves`` [m].
 
-    The samples begin a link length before the base's range.
+    The samples begin a link length before the range of the base.
     """
     low, _ = arm.base_range
     arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
@@ -233,18 +241,15 @@ def _on_axis(arm: Arm, leaves: float) -> FloatArray:
 
 
 def travel_between_samples(arm: Arm, limits: Limits) -> float:
-    """Return how far the base can move between two samples of a trajectory [m].
-
-    The bound holds for trajectories that are timed under ``feed_limits``.
-    """
+    """Return the maximum travel of the base between two samples of a trajectory timed under ``feed_limits`` [m]."""
     return SAMPLE_PERIOD * (feed_limits(arm, limits).feed_velocity or 0.0)
 
 
 def feed_limits(arm: Arm, limits: Limits) -> Limits:
-    """Return the limits under which a fed arm is timed; the travel of its base between two samples is bounded.
+    """Return the limits under which a fed arm is timed, with the speed of its base reduced if necessary.
 
     Joints may bend only once they are farther out of the guide tube than the base can travel from one sample to the
-    next, so a base that is allowed to be very fast is slowed down to let its joints bend early.
+    next, so a base that may move very fast is slowed down to let its joints bend early.
     """
     if limits.feed_velocity is None:
         return limits
@@ -253,11 +258,11 @@ def feed_limits(arm: Arm, limits: Limits) -> Limits:
 
 
 _NO_BEND = 1e-10
-"""Bends below this are rounding of straight chords [rad]."""
+"""Bend up to which a joint counts as straight, since chords are subject to rounding [rad]."""
 
 
 def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
-    """Return keyframes, shape (K, links + 1), that carry the arm along a path from one feed to another [m]."""
+    """Return keyframes (K, links + 1) of an arm that slides along a leader's path from one feed to another [m]."""
     feeds = feeds_between(arm, start, end)
     joints = path.joints(feeds, arm.lengths)
     bends = arm.bends(path.link_headings(joints))
@@ -267,12 +272,12 @@ def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
 
 
 def pose_on_path(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
-    """Return the bends of the arm on a path at a feed [m], shape (links,) [rad]."""
+    """Return the bends of an arm on a leader's path at a feed [m], shape (links,) [rad]."""
     return slide(arm, path, feed, feed)[0, :-1]
 
 
 def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
-    """Return feeds from ``start`` to ``end``, both included, spaced by at most a ``feed_step`` [m]."""
+    """Return evenly spaced feeds from ``start`` to ``end``, both included, at most a ``feed_step`` apart, (K,) [m]."""
     if start == end:
         return np.array([start])
     # Whole steps stay whole when rounding puts the distance slightly above them.
@@ -286,7 +291,7 @@ def feed_step(arm: Arm) -> float:
 
 
 def joined_keyframes(*pieces: FloatArray) -> FloatArray:
-    """Return the joined keyframes of several pieces, each of which begins where the previous one ends."""
+    """Return the keyframes of several motions joined to one; each motion begins where the previous one ends."""
     first, *others = [piece for piece in pieces if len(piece)]
     beginnings_dropped = [piece[1:] for piece in others]
     return np.concatenate((first, *beginnings_dropped))

@@ -1,19 +1,20 @@
-"""Motions in space in which a fed arm lies on the path of its tip at all times.
+"""Motions in space in which a fed arm lies on the path of its tip at all times ("follow the leader").
 
-The path is that of the pose in which a motion ends: along the axis of the guide tube to the first joint that bends, and
-a cubic spline through the joints beyond. An arm fed along it ends in that pose. The next link comes out of the tube
-straight and leaves the path a little; the joints beyond lead back onto it, so that the tip stays on its path.
+The tip path is that of the end pose of a motion: along the axis of the guide tube to the first joint that bends, then a
+cubic spline through the joints beyond. An arm fed along this path ends in that pose. Each link comes out of the tube
+straight and deviates slightly; the joints beyond return to the path, so that the tip stays on the path.
 
-An arm that starts on another path is first drawn back along that path, until its part outside the tube lies on both
-paths.
+An arm that starts on another path is first retracted along that path, until its part outside the tube lies on both.
 
-As joints bend only where they have left the tube, each begins to bend suddenly, and those beyond make up for it. Single
-joints would decide the time of the motion by their accelerations, so the bends are smoothed along the feed: with the
-bends q over the feed x and the displacement p of the joints and the tip from the path, across the links,
+As joints bend only after they have left the tube, each begins to bend suddenly, and those beyond compensate. The
+accelerations of single joints would then determine the duration of the motion, so the bends are smoothed along the
+feed: with the bends q as functions of the feed x and the displacement p of the joints and the tip from the path, across
+the links,
 
-    min ∫ |q''|² + w |p|² dx,
+    min ∫ |q''|² + w |p|² dx
 
-by the Gauss-Newton method, with a banded matrix. Bends at the ends of the motion, and of joints in the tube, stay.
+is solved by the Gauss–Newton method with a banded matrix. Bends at the ends of the motion, and of joints in the tube,
+are kept.
 """
 
 from dataclasses import dataclass
@@ -40,36 +41,37 @@ from ccm_opt.robot.biarc import bend_shares, free_before, smooth_step
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _STEP_SHARE = 0.4
-"""Most feed between two keyframes as a share of the length on which joints stay straight beyond the guide tube, where a
-pose bends a joint closer to the tube than usual."""
+"""Maximum feed between two keyframes, as a fraction of the length on which joints stay straight beyond the guide tube,
+if a pose bends a joint closer to the tube than usual."""
 _LEAST_STEP = 0.03
-"""Least feed between two keyframes [u]. Taste: with less, paths have a thousand keyframes."""
+"""Minimum feed between two keyframes, in nominal links. Taste: with less, paths have a thousand keyframes."""
 _SAMPLES = 16
-"""Samples of the path between two joints. Taste: chords of a bend of 45 degrees then err by less than a thousandth of a
-link."""
+"""Number of samples of the path between two joints. Taste: chords of a bend of 45 degrees then err by less than a
+thousandth of a link."""
 _ROUNDING = 1e-2
-"""Most that the arm on its path may differ from the pose at its end [rad]: what sampled chords leave."""
+"""Largest difference between the arm on its path and the pose at the end of the path, which sampled chords cause
+[rad]."""
 _LONGER = 1.35
-"""Most time that the slowest drives may take behind the tip, as a multiple of what they take in the optimised motion.
-Taste. Measured: 1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 where a tour draws
-the arm back from each goal."""
+"""Maximum duration of the motion along the tip's path, as a multiple of that of the optimised motion. Taste. Measured:
+1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 in tours that retract the arm from
+each goal."""
 _LONGER_WITH_ROOM = 1.75
-"""The same where that gains room, a tenth of the wanted gap or more. Taste. Measured between ribs: 1.4 times the time
-for 6 mm instead of 1."""
+"""Maximum duration of the motion along the tip's path if it has more clearance, as a multiple of that of the optimised
+motion. Taste. Measured between ribs: 1.4 times the time for 6 mm instead of 1."""
 _GAINED_ROOM = 0.1
-"""Share of the wanted gap that counts as room gained. Taste."""
+"""Fraction of the preferred gap above which gained clearance counts. Taste."""
 _LOST_ROOM = 0.02
-"""Share of the wanted gap by which the motion behind the tip may lack more clearance. Taste."""
+"""Fraction of the preferred gap by which the motion along the tip's path may have less clearance. Taste."""
 _WEIGHTS = (1e3, 1e4, np.inf)
-"""Weights w on displacements of joints and tip from the path [u], relative to second derivatives of bends [rad/u²]; the
-first that loses no clearance is taken. Measured in a wing box and in a row of blades: with the first, motions take
-three quarters and two thirds of their time, and leave the path of the tip by half a millimetre more at worst; with a
-tenth of it they take another twentieth less, and leave it by up to one and a half millimetres more."""
+"""Weights w on displacements of joints and tip from the path, relative to second derivatives of bends, with lengths in
+nominal links; the first that loses no clearance is taken. Measured in a wing box and in a row of blades: with the
+first, motions take three quarters and two thirds of their time, and deviate from the tip's path by half a millimetre
+more at worst; with a tenth they take another twentieth less, and deviate by up to one and a half millimetres more."""
 _SMOOTHINGS = 2
-"""Steps of the Gauss-Newton method. Taste: the second one changes little."""
+"""Number of Gauss-Newton steps of the smoothing. Taste: the second one changes little."""
 _MOST_SMOOTHED = 60
-"""Links above which bends are not smoothed. Measured: with 60 links that takes 0.3 s and gains little, as links that
-are short leave the path less."""
+"""Number of links above which bends are not smoothed. Measured: with 60 links smoothing takes 0.3 s and gains little,
+as short links deviate less from the path."""
 _STRAIGHT = 1e-9
 """Bends up to which joints count as straight [rad], and lengths that count as none [arm lengths]."""
 
@@ -110,11 +112,12 @@ class OwnPath:
         return float(self.pose[-1])
 
     def slide(self, first: float, weight: float) -> FloatArray:
-        """Return keyframes, shape (K, c), of the arm on the path, from the feed ``first`` [m] to the pose.
+        """Return keyframes (K, c) of the arm sliding along the path, from a given feed to that of the pose.
 
         Args:
             first: feed of the first keyframe [m].
-            weight: weight on displacements for the sake of smooth bends; if infinite, bends are not smoothed.
+            weight: weight on displacements from the path in the smoothing of bends; if infinite, bends are not
+                smoothed.
         """
         arm = self.arm
         bends = self.straight > 0.0
@@ -137,14 +140,14 @@ class OwnPath:
 
 
 def _smoothed(arm: Arm, slide: FloatArray, weight: float) -> FloatArray:
-    """Return a slide, shape (K, c), with bends that are smooth along the feed.
+    """Return keyframes of a fed arm with bends smoothed along the feed, shape (K, c) [rad, m].
 
-    Both ends stay, and so do bends that are zero, as those of joints in the tube are.
+    The first and last keyframe are kept, and bends that are zero, as those of joints in the tube are.
 
     Args:
         arm: arm on a feed axis.
         slide: configurations at even steps of the feed, shape (K, c) [rad, m].
-        weight: weight on displacements across the links.
+        weight: weight on displacements of the joints across the links.
     """
     count, bends = len(slide), 2 * arm.links
     unit = arm.length / NOMINAL_LINKS
@@ -175,14 +178,15 @@ def _smoothed(arm: Arm, slide: FloatArray, weight: float) -> FloatArray:
 
 
 def _across(arm: Arm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return projections across the arm at all joints but the base, and at the tip, and slopes of displacements across.
+    """Return projections perpendicular to the arm at all joints but the base and at the tip, and projected Jacobians.
 
     Args:
         arm: arm in space.
-        q: configurations, shape (K, c).
+        q: configurations, shape (K, c) [rad, m].
 
     Returns:
-        Shapes (K, links, 3, 3) and (K, links, 3, 2 links), the slopes with respect to the bends [m].
+        Projections, shape (K, links, 3, 3), and derivatives of the projected displacements with respect to the bends,
+        shape (K, links, 3, 2 links) [m].
     """
     points, frames = arm.joint_positions_at(q), arm.link_rotations(q)
     before = np.concatenate((np.broadcast_to(arm.base_rotation, frames[:, :1].shape), frames[:, :-1]), axis=1)
@@ -198,10 +202,10 @@ def _across(arm: Arm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) -> JointPath | None:
-    """Return the certified path to the end of a motion on which the arm lies on the path of its tip.
+    """Return a certified joint path to the end of a motion on which the arm lies on the path of its tip, or None.
 
-    None where there is no such path, or where it costs too much time and clearance. Under a limit on how far the arm
-    may leave the path of its tip, it is accepted at any cost.
+    The result is None if there is no such path, or if it costs too much time or clearance. Under a limit on the
+    deviation of the arm from the path of its tip, the path is accepted at any cost.
 
     Args:
         task: task of an arm on a feed axis.
@@ -230,7 +234,7 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
 
 
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
-    """Return whether ``_worth`` prefers a motion, shape (K, c), to all others between its ends."""
+    """Return whether ``_worth`` prefers a motion, keyframes (K, c), to any other motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
     lacking = task.room_lacking(behind)
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
@@ -262,9 +266,9 @@ def _time(q: FloatArray, task: SpaceTask) -> float:
 def keyframes_behind_tip(
     arm: Arm, start: FloatArray, end: FloatArray, weight: float = _WEIGHTS[0]
 ) -> FloatArray | None:
-    """Return keyframes on the paths of two poses, back along the first and in along the second, shape (K, c).
+    """Return keyframes of a motion back along the path of the start pose and in along that of the end pose, (K, c).
 
-    None where the paths do not meet these poses, or each other.
+    The result is None if the paths do not meet the poses, or each other.
 
     Args:
         arm: arm on a feed axis.

@@ -1,4 +1,4 @@
-"""Paths of a leader through free space, smoothed as elastic bands.
+"""Leader's paths through free space for planar fed arms: routes smoothed as elastic bands.
 
 The band is a chain of points at equal distances h. A step moves every point by a along its own normal, left positive;
 its curvature then changes to first order by a'' + κ² a and its length by -κ a. The step minimises the band's bending,
@@ -27,7 +27,7 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
 
 _STEPS = 80
-"""Most steps of a band. Taste."""
+"""Maximum number of smoothing steps of a band. Taste."""
 _SETTLED = 0.002
 """Largest shift of a point, in distances between points, below which the band counts as settled. Taste."""
 _LARGEST_STEP = 0.3
@@ -38,52 +38,52 @@ _RIDGE = 0.001
 """Weight of the shifts themselves, which keeps the Hessian definite. Taste."""
 
 _TENSION = 0.02
-"""Dimensionless weight of the band's length against its bending. Taste; just enough to take up slack."""
+"""Dimensionless weight of the band's length against its bending. Taste; just enough to remove surplus length."""
 _TIGHTNESS_POWERS = (6, 2)
 """Powers of curvature over its limit by which the weight of bending grows; the second is tried after all margins.
-Measured behind an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half of
-what it may."""
+Measured behind an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half as
+much as the arm may."""
 _MOST_TIGHT = 1.5
-"""Curvature, as a share of the limit, beyond which the weight of bending no longer grows; a kink would otherwise swamp
-all other terms. Taste."""
+"""Curvature, as a multiple of the limit, beyond which the weight of bending no longer grows; a kink would otherwise
+dominate all other terms. Taste."""
 _LEAST_SLANT = 0.3
 """Sine of the angle between the band and the direction of a wall below which the wall lies ahead or behind and bounds
 no shift sideways. Taste."""
 _FREE_SPACE_MARGINS = (1.0, 0.4, 0.1)
-"""Margins of free space beyond radius and clearance, widest first, as shares of a link's sagitta at its joint limit:
-links are chords of the path and cut its corners by that much. Taste."""
+"""Margins of free space beyond radius and clearance, widest first, as fractions of a link's sagitta at its joint limit,
+by which links, as chords of the path, cut its corners. Taste."""
 _BAND_MARGINS = (0.2, 0.05, 0.01)
 """Margins of elastic bands beyond radius and clearance, kept where possible, in link lengths. Taste."""
 _BAND_GAP = 0.8
-"""Margin as a share of the wanted gap, tried first where it is wider than the others. Measured in tubes that leave just
-the wanted gap, at 48 links: at 1 the band has no play, swings, and lasts 1.5 times as long."""
+"""Margin as a fraction of the preferred gap, tried first if wider than the others. Measured in tubes that leave just
+the preferred gap, at 48 links: at 1 the band has no freedom, oscillates, and the motion lasts 1.5 times as long."""
 _BAND_SPACING = 1.0 / 3.0
 """Distance between the points of a band, in link lengths. Taste."""
 _LEAST_BAND_SPACING = 1.0 / 90.0
-"""Least distance between the points of a band, as a share of the arm's length; it counts for arms of many links.
-Measured on clutter at 48 links: points nearer together turn sharply one by one where corners push them, and the cost of
-a step is cubic in their number."""
+"""Minimum distance between the points of a band, as a fraction of the arm's length, for arms of many links. Measured on
+clutter at 48 links: points nearer together turn sharply one by one where corners push them, and the cost of a step is
+cubic in their number."""
 _BAND_EVENNESS = 1.0 / 16.0
-"""Length over which a band's change of curvature weighs as much as its curvature, as a share of the arm's length.
+"""Length over which a band's change of curvature weighs as much as its curvature, as a fraction of the arm's length.
 Taste."""
 _CHORD_ALLOWANCE = 1e-2
-"""Share by which a path may be longer than the chords of the arm on it. Taste."""
+"""Fraction by which a path may be longer than the chords of the arm on the path. Taste."""
 _CURVATURE_SHARE = 0.9
-"""Share of the tightest bend that a path may use, so that the arm can still be steered. Taste."""
+"""Fraction of the greatest curvature that a path may use, so that the arm can still be steered. Taste."""
 
 
 @dataclass(frozen=True)
 class ElasticBand:
-    """The walls, margins and weights with which a band is smoothed.
+    """Smoother of a planar path as an elastic band among walls.
 
     Attributes:
         walls: edges and vertices of the walls.
         least: distance kept from the walls [m].
-        chord: length of the chords that will lie on the band; their sagitta is kept on top of ``least`` [m].
-        curvature_limit: bound on |κ| that the band tries to keep [1/m].
-        spacing: h, distance between points [m].
+        chord: length of the links, chords of the band; their sagitta is kept in addition to ``least`` [m].
+        curvature_limit: bound on the absolute curvature that the band keeps if possible [1/m].
+        spacing: distance h between points [m].
         evenness: length over which a change of curvature weighs as much as the curvature itself [m].
-        tightness_power: power by which the weight of bending grows on the way to the limit.
+        tightness_power: power of curvature over its limit with which the weight of bending grows.
     """
 
     walls: Walls
@@ -95,14 +95,14 @@ class ElasticBand:
     tightness_power: int = _TIGHTNESS_POWERS[0]
 
     def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
-        """Return a smooth band from a taut path.
+        """Return a smooth path near a shortest path, with its ends.
 
         Args:
-            taut: a polyline, shape (k, 2) [m]; the band keeps its ends.
-            headings: headings at its beginning and at its end [rad]; None at the end when any is acceptable.
+            taut: shortest path, a polyline, shape (k, 2) [m].
+            headings: headings at the beginning and at the end [rad]; None at the end if any is acceptable.
 
         Returns:
-            Points, shape (m, 2) [m].
+            Points of the path at equal distances, shape (m, 2) [m].
         """
         band = divided(taut, self.spacing)
         for _ in range(_STEPS):
@@ -113,7 +113,7 @@ class ElasticBand:
         return band
 
     def _step(self, band: FloatArray, headings: tuple[float, float | None]) -> tuple[FloatArray, FloatArray]:
-        """Return the shift of every point along its normal, shape (m,) [m], and the normals, shape (m, 2)."""
+        """Return the shifts of a band's points along their normals in one step, (m,) [m], and the normals (m, 2)."""
         h = float(np.hypot(*(band[1] - band[0])))
         around = _with_ghosts(band, headings, h)
 
@@ -134,7 +134,7 @@ class ElasticBand:
         return (np.zeros(m) if shift is None else shift), normals
 
     def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-        """Return the Hessian (m, m) and gradient (m,) of a step's objective with respect to the shifts.
+        """Return the Hessian (m, m) and gradient (m,) of a smoothing step's objective with respect to the shifts a.
 
         The objective is half the sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a
         ridge.
@@ -163,7 +163,7 @@ class ElasticBand:
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far every point may move to the right (negative) and to the left, each of shape (m,) [m].
+        """Return the lower and upper bounds on the shifts of a band's points to the left, each of shape (m,) [m].
 
         Where the passage is too narrow, both bounds lead to its middle.
 
@@ -191,9 +191,10 @@ class ElasticBand:
         return np.minimum(low, high), high
 
     def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances of points from the walls' edges and vertices, and the side on which each of these lies.
+        """Return the distances of a band's points from the edges and vertices of walls, and the sides of these.
 
-        Both have shape (m, walls): the distances [m], and the sides as sines in [-1, 1] that are positive to the left.
+        Both have shape (m, edges and vertices): the distances [m], and the sines of the angles between the band and the
+        nearest points of the walls, positive to the left.
         """
         walls = self.walls
         # A vertex is an edge whose two ends coincide.
@@ -207,9 +208,9 @@ class ElasticBand:
 
 
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
-    """Return the band with one more point before and one after it, shape (m + 2, 2) [m].
+    """Return a band (m, 2) with a point added before its beginning and one after its end, shape (m + 2, 2) [m].
 
-    The headings at the band's ends determine these points.
+    The headings at the ends of the band determine these points, at the distance h.
     """
     first, last = headings
     if last is None:
@@ -220,9 +221,9 @@ def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: floa
 
 
 def divided(path: FloatArray, spacing: float) -> FloatArray:
-    """Return points at equal distances along a path, shape (m, 2) [m].
+    """Return points at equal distances of about ``spacing`` along a path (k, 2), shape (m, 2) [m].
 
-    The distances are measured along the polyline or, where its points are dense, along a cubic spline through them.
+    The points lie on the polyline or, if its vertices are dense, on a cubic spline through them.
     """
     arc = arc_lengths(path)
     # At least four pieces, so that some points between the ends can move.
@@ -236,7 +237,7 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class LeaderPaths:
-    """Computes paths for the leader of one problem.
+    """Generator of leader's paths from the feed axis to a goal.
 
     Attributes:
         problem: problem with a feed axis.
@@ -247,12 +248,12 @@ class LeaderPaths:
     goal: GoalMember
 
     def bands(self, straight: float) -> Iterator[LeaderPath]:
-        """Yield smoothed routes in different homotopy classes, shortest first for each margin.
+        """Yield leader's paths along routes in different homotopy classes, shortest first for each margin.
 
         Routes that would take the base out of its range at the end are left out.
 
         Args:
-            straight: arc length at which the path may leave the axis [m].
+            straight: position on the feed axis at which the path leaves the axis [m].
         """
         arm = self.problem.arm
         least, most = (end + arm.length for end in arm.base_range)
@@ -275,10 +276,10 @@ class LeaderPaths:
 
     @property
     def _band_kinds(self) -> tuple[tuple[float, int], ...]:
-        """Pairs of a band's margin beyond radius and clearance [m], and its tightness power, in order of trial.
+        """Pairs of a margin beyond radius and clearance [m] and a tightness power of bands, in order of trial.
 
-        With short links, margins that are fractions of a link are less than the preferred clearance, and lead to
-        equally tight turns around corners.
+        For short links, margins that are fractions of a link are less than the preferred clearance, and lead to equally
+        tight turns around corners.
         """
         margins = tuple(self.problem.arm.link_length * share for share in _BAND_MARGINS)
         wanted = _BAND_GAP * self.problem.wanted_gap
@@ -289,9 +290,16 @@ class LeaderPaths:
     def _band(
         self, free_space: FreeSpace, route: Route, straight: float, kind: tuple[float, int], name: str
     ) -> LeaderPath:
-        """Return a band from the feed axis along a route to the goal.
+        """Return the leader's path from the feed axis along a route to the goal, smoothed as an elastic band.
 
-        With a heading at the goal, the last link is straight.
+        With a heading at the goal, the path is straight over the last link.
+
+        Args:
+            free_space: free space in which the route was found.
+            route: route from the end of the straight part to the goal.
+            straight: position on the feed axis at which the path leaves the axis [m].
+            kind: margin [m] and tightness power of the band.
+            name: name of the path.
         """
         arm = self.problem.arm
         margin, power = kind
@@ -313,7 +321,7 @@ class LeaderPaths:
         return path_through(arm, straight, points, name, self.goal.heading)
 
     def _free_space(self, margin: float) -> FreeSpace:
-        """Return the free space with a margin beyond radius and clearance.
+        """Return the free space with a margin beyond radius and clearance, for routes of the leader.
 
         Args:
             margin: margin, as a fraction of a link's sagitta at its joint limit.
@@ -325,12 +333,15 @@ class LeaderPaths:
         return FreeSpace(workspace, max(arm.tip_radius + workspace.clearance + margin * sagitta, SHORTEST))
 
     def _band_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
-        """Return where the band begins and ends; with a goal heading, the last link lies straight behind the goal."""
+        """Return the begin and end of a band, each (2,) [m]; with a goal heading, it ends a link before the goal.
+
+        ``straight`` is the position on the feed axis at which the path leaves the axis [m].
+        """
         arm = self.problem.arm
         back = self._last_link * unit_vector(self.goal.heading or 0.0)
         return arm.base + straight * arm.direction, self.goal.position - back
 
     @property
     def _last_link(self) -> float:
-        """Length of the path's straight end, which gives the last link the goal's heading; 0 without one [m]."""
+        """Length of the straight end of a path, which gives the last link the goal heading; 0 without a heading [m]."""
         return 0.0 if self.goal.heading is None else self.problem.arm.link_length

@@ -1,4 +1,4 @@
-"""A certified motion, piecewise linear in the unknowns of a curve."""
+"""Certified motions, piecewise linear in the unknowns of a curve."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,26 +13,26 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 
 _BENDING_FROM = (0.0, 0.5, 0.8)
-"""Shares of a motion from which its deformation to another end begins, tried in turn. Taste."""
+"""Fractions of a motion at which its deformation to another end begins, tried in turn. Taste."""
 
 
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
-"""Type of the map of a motion."""
+"""Type of the map from unknowns to configurations of a motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurveMotion(Generic[CurveType]):
-    """A certified motion, linear between its keyframes.
+    """Certified motion whose unknowns are linear between K keyframes.
 
     Attributes:
-        curve: the map that its unknowns belong to.
+        curve: map from the unknowns to configurations.
         unknowns: unknowns at the keyframes, shape (K, p).
         configurations: configurations at the keyframes, shape (K, c) [rad, m].
         candidate: name of the candidate that found the motion.
-        u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where nothing depends on them.
-        end_pose: configuration of the offered goal pose in which the motion ends, of the arm it was planned for; None
-            where it ends elsewhere.
-        follows: whether a fed arm follows a leader during the whole motion.
+        u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None if nothing depends on them.
+        end_pose: configuration of the offered goal pose in which the motion ends, for the arm with which the motion was
+            planned, shape (c,); None if it ends elsewhere.
+        follows: whether a fed arm follows a leader's path during the whole motion.
     """
 
     curve: CurveType
@@ -45,20 +45,22 @@ class CurveMotion(Generic[CurveType]):
 
     @classmethod
     def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
-        """Return the motion through poses."""
+        """Return the motion through given poses, named after a candidate."""
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
 
     def without_blending(self, curve: CurveType) -> "CurveMotion[CurveType]":
-        """Return the motion in a map with further unknowns, which blend in another end and are set to 0."""
+        """Return the motion in a map with further unknowns, which blend into another end and are set to 0."""
         further = curve.dimension - self.unknowns.shape[1]
         return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
 
     def through(self, unknowns: FloatArray) -> "CurveMotion[CurveType]":
-        """Return the motion through other keyframes, shape (K, p)."""
+        """Return a motion like this one through other keyframes, unknowns of shape (K, p)."""
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
-        """Yield the motion deformed to another end by a change that grows along the motion, starting later each time.
+        """Yield the motion deformed to another end by a change that grows smoothly along the motion.
+
+        The change starts later from motion to motion.
 
         Args:
             end: unknowns of the other end, shape (p,).
@@ -72,7 +74,7 @@ class CurveMotion(Generic[CurveType]):
             yield self.through(unknowns)
 
     def continued(self, poses: list[Pose]) -> "CurveMotion[CurveType]":
-        """Return the motion with further keyframes at its end."""
+        """Return the motion with further poses appended as keyframes."""
         return replace(
             self,
             unknowns=np.vstack((self.unknowns, *(pose.v for pose in poses))),
@@ -82,7 +84,7 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def path_parameters(self) -> FloatArray:
-        """Path parameters of the keyframes as given, or else as fractions of the joint path's length, shape (K,)."""
+        """Path parameters of the keyframes: those given, or else fractions of the length of the joint path, (K,)."""
         if self.u is not None:
             return self.u
         arcs = arc_lengths(self.curve.drives(self.configurations))
@@ -91,16 +93,16 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def busiest(self) -> float:
-        """Sum over the intervals of the largest travel of any drive, which bounds the duration, Σ max |Δq|."""
+        """Sum over the intervals of the largest travel of any drive, which bounds the duration of the motion."""
         return float(np.abs(np.diff(self.curve.drives(self.configurations), axis=0)).max(axis=1).sum())
 
     @property
     def travel(self) -> float:
-        """Length of the joint path, Σ |Δq|."""
+        """Length of the joint path in the space of the drives."""
         return path_length(self.curve.drives(self.configurations))
 
 
 Motion: TypeAlias = CurveMotion[LinkSpace]
-"""A motion in the plane."""
+"""Certified motion of a planar arm."""
 SpaceMotion: TypeAlias = CurveMotion[CurveMap]
-"""A motion in space."""
+"""Certified motion of an arm in space."""

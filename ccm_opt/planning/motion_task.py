@@ -1,4 +1,4 @@
-"""The task of a motion in the plane: arm, workspace, ends and limits, and the certificates built from them."""
+"""Search task of a planar motion: arm, workspace, start, goal and limits, with the certificates built from them."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -33,54 +33,55 @@ from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 _SPARE_AT_ENDS = 0.5
-"""Share of the gap at the ends that the certificate may ask for. Taste."""
+"""Fraction of the gap at start and goal that the certificate may demand. Taste."""
 
 _REACH_MARGINS = 4.0
-"""Reach of contacts for rows of the step in planning margins, where that is more than ``_REACH``. Taste."""
+"""Gap below which contacts make rows of a step, in planning margins, where larger than ``_REACH``. Taste."""
 _SPARE_IN_GATES = 0.1
-"""Share of the gap in narrow gates that the certificate may ask for. Taste: half of what poses keep there by their
-margin."""
+"""Fraction of the gap in narrow gates that the certificate may demand. Taste: half of the fraction that poses keep by
+their margin."""
 _END_REACH = 4.0
-"""Largest gap at the ends that is measured, in multiples of the spare gap. Taste."""
+"""Largest gap at start and goal that is measured, in multiples of ``_SPARE``. Taste."""
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Function that offers better goal poses than the one in which a motion ends."""
 _REACH = 0.96
-"""Gap below which contacts make rows of the step, in nominal links. Taste: a step moves a link by less."""
+"""Gap below which contacts make rows of a step, in nominal links. Taste: a step moves a link by less."""
 _PLAY = 0.5
-"""Distance from the middle line of a gate up to which joints are not drawn to it, in planning margins. Taste."""
+"""Distance from the middle line of a gate up to which joints are not pulled to it, in planning margins. Taste."""
 _LARGEST_LINK = 1.0 / 36.0
-"""Largest length that counts as one link in the optimisation, as a share of the arm's length. Taste."""
+"""Largest length that counts as one link in the optimisation, as a fraction of the arm's length. Taste."""
 _ROW_REACH = 2.5
-"""Gap of walls and links above which they make no rows of the optimisation, in such links. Taste."""
+"""Gap of walls and links above which they make no rows of the optimisation, in links, of at most ``_LARGEST_LINK``.
+Taste."""
 _ROW_MARGIN = 1e-3
-"""Gap that rows of the optimisation ask for beyond contact, as a share of the arm's length. Taste."""
+"""Gap that rows of the optimisation demand beyond contact, as a fraction of the arm's length. Taste."""
 _ROW_SEEN = 1.1
-"""Distance from their bound below which rows enter the QP, in such links. Taste."""
+"""Distance from their bound below which rows enter the QP, in links, of at most ``_LARGEST_LINK``. Taste."""
 _GROUPS = 36
 """Number of links above which rows are for groups of neighbouring joints. Taste."""
 _SPARE = 1e-4
-"""Gap beyond contact that the certificate asks for, as a share of the arm's length. Taste."""
+"""Gap beyond contact that the certificate demands, as a fraction of the arm's length. Taste."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionTask(SearchTask):
-    """Inputs of the search in the plane.
+    """Inputs of the search for a planar motion.
 
     Attributes:
         workspace: the workspace.
         guesses: configurations, each of shape (c,), of possible goal poses as targets of interpolation; computed on
             demand.
-        tip_paths: classes of tip motions, most promising first.
+        tip_paths: homotopy classes of tip paths, most promising first.
         clamped: whether the first link must keep its heading.
         further_guesses: more configurations of possible goal poses, used when the first do not help; computed on
             demand.
-        slowness: slowness of the joints; None when all are alike.
-        end_poses: offers better goal configurations than the one in which a motion of an arm ends, the best first, all
-            of shape (c,).
-        fed_space: space of the motions of an arm on a feed axis; None where the base is fixed, and the arm moves in the
-            curves through its start.
-        nominal_links: number of nominal links to the arm's length; more than usual where passages are narrow.
+        slowness: relative slowness of the joints; None if all are equally fast.
+        end_poses: function that offers better goal configurations (c,) than the one in which a motion of an arm ends,
+            the best first.
+        fed_space: map from coordinates to configurations for an arm on a feed axis; None if the base is fixed, where
+            the map is that of curves through the start.
+        nominal_links: number of nominal links in the arm's length; more than usual for narrow passages.
         settings: settings of every stage of the search.
     """
 
@@ -102,14 +103,14 @@ class MotionTask(SearchTask):
 
     @property
     def advice(self) -> str:
-        """General advice where nothing more specific is known."""
+        """Advice to the user for the case that no motion is found and nothing more specific is known."""
         return "raise planner.routes (not tried)"
 
     @cached_property
     def contact_certificate(self) -> Certificate:
-        """Certificate of contact that motions must pass, with a small spare gap that is at most the gap at the ends.
+        """Certificate of contact that motions must pass, with a small gap beyond contact that the ends permit.
 
-        Motions that touch no deeper than rounding may leave and reach ends that are in contact.
+        Motions that touch no deeper than rounding may begin and end in contact.
         """
         ends = [self.start] if self.goal_pose is None else [self.start, self.goal_pose]
         gaps = [self._end_finder.find(self.arm.joint_positions_at(end)).gap.min(initial=np.inf) for end in ends]
@@ -123,16 +124,16 @@ class MotionTask(SearchTask):
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
     def space_through(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """Return the space of motions from a configuration, (c,), and the configuration's coordinates in it.
+        """Return the map for motions from a configuration (c,), and the coordinates of the configuration.
 
-        The space of a fed arm contains any configuration, (..., c).
+        For a fed arm, one map contains all configurations, which may have the shape (..., c).
         """
         if self.fed_space is not None:
             return self.fed_space, self.fed_space.fitted(q)
         return LinkSpace.through(self.arm, q, self.nominal_links, clamped=self.clamped)
 
     def at_full_limits(self) -> "MotionTask":
-        """Return the task with steps that use nearly all of the joint limits."""
+        """Return the task with settings of steps that use nearly the full joint limits."""
         step = self.settings.step
         return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
 
@@ -143,7 +144,7 @@ class MotionTask(SearchTask):
         return bool(np.any(np.abs(q[: self.arm.links]) > (share - hair) * self.arm.bend_limits))
 
     def gap_about(self, places: FloatArray) -> float:
-        """Return the least gap to walls of an arm whose axis passes through places, shape (m, 2) [m]."""
+        """Return the least gap to walls of an arm whose axis passes through points (m, 2) [m]; inf without points."""
         if len(places) == 0:
             return np.inf
         _, nearest = self.workspace.nearest(shapely.MultiPoint(places))
@@ -151,12 +152,12 @@ class MotionTask(SearchTask):
 
     @cached_property
     def certificate(self) -> MotionCertificate:
-        """The certificate of all limits that motions must pass."""
+        """Certificate of all limits, which every motion must pass."""
         return self.certificate_with(-np.inf)
 
     @cached_property
     def _end_finder(self) -> WallFinder:
-        """Finder of contacts for the gaps at the ends of the motion."""
+        """Finder of contacts that measures the gaps at start and goal."""
         return self.finder(0.0, _END_REACH * _SPARE * self.arm.length)
 
     def finder(self, margin: float, reach: float) -> WallFinder:
@@ -165,7 +166,7 @@ class MotionTask(SearchTask):
         return WallFinder(self.arm, walls, self.workspace.clearance, margin, reach)
 
     def stepper(self, space: LinkSpace, margin: float) -> Stepper:
-        """Return the stepper in a space that keeps a planning margin, in nominal links."""
+        """Return the solver of QP steps in the coordinates of a map, with a planning margin in nominal links."""
         kept = margin * space.nominal_length
         finder = self.finder(kept, max(_REACH * space.nominal_length, _REACH_MARGINS * kept))
         return Stepper(space, self.limits(finder), self.settings, finder=finder)
@@ -177,8 +178,8 @@ class MotionTask(SearchTask):
 
         Args:
             finder: finder of contacts, with the margin and reach of the contact limit.
-            wanted_gap: gap beyond contact that is asked for [m].
-            certificate: certificate of contact; ``contact_certificate`` when None.
+            wanted_gap: preferred gap beyond contact [m].
+            certificate: certificate of contact; ``contact_certificate`` if None.
         """
         step = self.settings.step
         rows = partial(motion_rows, workspace=self.workspace)
@@ -189,22 +190,27 @@ class MotionTask(SearchTask):
 
     @cached_property
     def _rails(self) -> tuple[FloatArray, ...]:
-        """Middle lines of the narrow gates on the tip's paths, each of shape (k, 2) [m]."""
+        """Middle lines of the narrow gates on the tip paths, extended straight on both sides, each (k, 2) [m]."""
         return tuple(rail for path in self.tip_paths for rail in path.rails)
 
     @cached_property
     def gates(self) -> GateLines | None:
-        """The lines across the narrow gates on the tip's paths; None where there are none."""
+        """Lines across the narrow gates on the tip paths; None without gates."""
         rails = self._rails
         return GateLines.from_rails(rails, self.workspace) if rails else None
 
     def certificate_with(self, spare: float) -> MotionCertificate:
-        """Return the certificate of all limits with at least a given gap beyond contact [m]."""
+        """Return a certificate of all limits that requires at least a given gap beyond contact [m]."""
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
         return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
     def program(self, motion: Motion, margin: float | None = None) -> MotionProgram[PlanarSweep]:
-        """Return the program that optimises a motion, with its keyframes still to be chosen."""
+        """Return the optimisation problem of a motion, except its keyframes.
+
+        Args:
+            motion: certified motion.
+            margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+        """
         margin = _ROW_MARGIN if margin is None else margin
         length = self.arm.length
         # Otherwise the reach of a few long links would include every wall of the workspace.
@@ -234,7 +240,7 @@ class MotionTask(SearchTask):
         )
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return each configuration's shortfall from the preferred clearance, shape (k, c) to (k,) [m]."""
+        """Return the shortfall of configurations (k, c) from the preferred clearance, shape (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
@@ -242,9 +248,14 @@ class MotionTask(SearchTask):
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the keyframes, the path and the nearest curves; a fed arm is exactly straight in its guide tube.
+        """Return the keyframes, the joint path, and the continuous curves nearest to the keyframes.
 
-        Leaders' paths bend in the tube by rounding errors, which are set to 0.
+        Bends of a fed arm inside its guide tube, which are rounding errors, are set to 0.
+
+        Args:
+            keyframes: configurations at the keyframes of a motion, shape (K, c).
+            spline: joint path near the keyframes.
+            legs: unused.
         """
         del legs
         if self.arm.base_axes:
@@ -252,9 +263,9 @@ class MotionTask(SearchTask):
         return keyframes, spline, nearest_curves(self.arm, keyframes)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1 for each bend that a knot may change, shape (c,).
+        """Return 1 for each coordinate of a configuration (c,) that may change, else 0, shape (c,).
 
-        The result is 0 for a clamped base, joints in a guide tube and the feed.
+        The result is 0 for a clamped base joint, joints in a guide tube and the feed.
         """
         arm = self.arm
         free = np.zeros(len(q))
@@ -264,25 +275,25 @@ class MotionTask(SearchTask):
         return free
 
     def with_goal_pose(self, coordinates: FloatArray, q: FloatArray) -> "MotionTask":
-        """Return the task for motions that end in a given pose.
+        """Return the task with a pose of the whole arm as its goal.
 
         Args:
             coordinates: coordinates of the pose, shape (p,).
-            q: configuration of the pose, shape (c,).
+            q: configuration of the pose, shape (c,) [rad, m].
         """
         return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=q)
 
     @property
     def among_many_walls(self) -> bool:
-        """Whether so many walls are near that goal poses are costly to find, and clearances are small."""
+        """Whether there are so many walls that goal poses are costly to find and clearances are small."""
         return len(self.workspace.walls) > self.settings.many_walls
 
 
 class CachedItems:
-    """Items that are costly to compute: each is computed on first use, and cached.
+    """Iterable of items that are costly to compute; each is computed on first use, and cached.
 
     Args:
-        items: generates them.
+        items: generator of the items.
     """
 
     def __init__(self, items: Iterable[FloatArray]) -> None:
@@ -290,7 +301,7 @@ class CachedItems:
         self._known: list[FloatArray] = []
 
     def __iter__(self) -> Iterator[FloatArray]:
-        """Yield all items from the first."""
+        """Yield all items from the first on."""
         for k in count():
             if k == len(self._known):
                 item = next(self._items, None)
@@ -301,7 +312,7 @@ class CachedItems:
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:
-    """Return the task for an arm of the same length with fewer links."""
+    """Return a planar task for an arm of equal length with fewer links, with all configurations resampled."""
     many = task.arm.links
 
     arm = task.arm.with_links(links)

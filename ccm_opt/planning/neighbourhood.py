@@ -1,12 +1,12 @@
-"""Reduces the workspace to the walls that planning has to consider.
-
-Douglas and Peucker's algorithm (1973) omits vertices that are no farther than an error from the edges that stay; the
-simpler outline swept by a disc of that radius contains the old one.
+"""Reduction of a planar workspace to the walls that planning has to consider, with simplified outlines.
 
 An arm on a fixed base never leaves the disc of its length about the base, and a pose with the tip at the goal never
 leaves the ellipse of all points whose distances from base and goal add up to its length: walls farther away are left
-out. Outlines of very many vertices are simplified outwards. The verifier does not use this: it checks against the
-problem's own walls.
+out.
+
+Outlines of very many vertices are simplified outwards: the algorithm of Douglas and Peucker (1973) omits vertices that
+are no farther than an error from the remaining edges, and the simpler outline swept by a disc of that radius contains
+the original one. The verifier checks against the original walls.
 """
 
 from dataclasses import replace
@@ -19,23 +19,23 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _NEIGHBOURHOOD = 0.1
-"""Distance beyond the arm's reach above which walls are left out, as a share of its length. Taste: more than any row
-of the search or of the optimisation looks ahead."""
+"""Distance beyond the arm's reach above which walls are left out, as a fraction of the arm's length. Taste: more than
+the reach of any row of the search or of the optimisation."""
 _OUTLINE_ERROR = 5e-5
-"""Distance by which outlines of many vertices may be simplified, as a share of the arm's length. Taste: less than a
-tenth of the clearance that the optimisation keeps."""
+"""Maximum error of simplified outlines, as a fraction of the arm's length. Taste: less than a tenth of the clearance
+that the optimisation keeps."""
 _OUTLINE_GAP_SHARE = 0.02
-"""The same distance as a share of the least gap at the ends. Taste."""
+"""Maximum error of simplified outlines, as a fraction of the least gap at start and goal. Taste."""
 _MANY_VERTICES = 100
-"""Least number of vertices of an outline that is simplified. Taste."""
+"""Minimum number of vertices of an outline that is simplified. Taste."""
 _VERTICES_KEPT = 0.7
-"""Share of the vertices kept above which an outline is left unchanged. Taste."""
+"""Fraction of remaining vertices above which an outline is left unchanged. Taste."""
 
 
 def simplified(obstacle: Obstacle, error: float) -> Obstacle:
-    """Return an obstacle that contains the given one, grown by at most twice the error [m] and with far fewer vertices.
+    """Return an obstacle with fewer vertices that contains a given one and is larger by at most twice the error [m].
 
-    Return the obstacle itself where the simplification saves few vertices.
+    The given obstacle is returned if the simplification removes few vertices.
     """
     core = obstacle.core
     before = shapely.get_num_coordinates(core)
@@ -51,9 +51,13 @@ def simplified(obstacle: Obstacle, error: float) -> Obstacle:
 
 
 def neighbourhood(problem: Problem, ends: Ends) -> Problem:
-    """Return the problem with only the walls that the arm can come near to.
+    """Return a problem with only the walls that the arm can come near, their outlines simplified.
 
-    The walls' outlines are simplified within a fraction of the arm's gap.
+    Problems with a feed axis are unchanged.
+
+    Args:
+        problem: the problem.
+        ends: start and goal of the motion.
     """
     arm = problem.arm
     workspace = problem.workspace
@@ -68,7 +72,7 @@ def neighbourhood(problem: Problem, ends: Ends) -> Problem:
 
 
 def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
-    """Return how far outlines may grow [m], a small fraction of the arm's length and of the gaps at the ends."""
+    """Return the allowed error of simplified outlines, a small fraction of arm length and gaps at both ends [m]."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions_at(ends.start))]
     if ends.goal_pose is None:
@@ -81,7 +85,7 @@ def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
 
 
 def route_workspace(problem: Problem, ends: Ends) -> Workspace:
-    """Return the workspace with only the obstacles that poses at the goal can come near to."""
+    """Return a workspace with only the obstacles that poses at the goal can come near; unchanged for a feed axis."""
     arm = problem.arm
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:

@@ -1,4 +1,4 @@
-"""The strategies of the search for a motion, in their order: routes and guides in the plane, tip paths in space."""
+"""Strategies of the search for a motion, in order of trial: guides along routes in the plane, tip paths in space."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,29 +31,31 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TREE_MARGINS = (0.12, 0.06, 0.024)
-"""Margins with which trees of poses are grown, in nominal links: a wide one advances faster, a narrow one gets
-through. Taste."""
+"""Margins with which trees of poses are grown, in nominal links: with a wide one trees grow faster, with a narrow one
+they reach through narrow passages. Taste."""
 _MOST_LINKS = 48
 """Number of links above which RRT-Connect is not used. Taste: the cost of a pose grows with the links."""
 
 _WORTH_SHORTENING = 1.2
-"""Multiple of the straight line's duration above which a motion that follows its leader is still optimised. Taste."""
+"""Duration of a motion along a leader's path, as a multiple of that of a linear motion, above which it is optimised.
+Taste."""
 
 
 FEW_BUDGETS = (5000, 10000, 20000)
-"""Extensions of successive RRT-Connect searches before all else, for arms of few links. Measured: most scenes take
-some thousand; a search that takes long mostly succeeds sooner when restarted."""
+"""Numbers of extensions of successive RRT-Connect searches before all other strategies, for arms of few links.
+Measured: most scenes take about a thousand; a search that takes long mostly succeeds sooner when restarted."""
 _WHOLE_ARM_BUDGETS = (8000,)
-"""Extensions of the early search for other arms with a goal for the whole arm, except arms so thin that poses have
-to be checked at spacings below their width. Taste: a quarter of a second."""
+"""Numbers of extensions of the early search for other arms with a goal for the whole arm, except arms so thin that
+poses have to be checked at spacings below their width. Taste: a quarter of a second."""
 _MIDDLE_BUDGETS = (60000, 60000)
-"""Extensions of the searches after the candidates with the widest margin, for the same arms. Taste: three seconds."""
+"""Numbers of extensions of the searches after the candidates with the widest margin, for arms of many links. Taste:
+three seconds."""
 _LATE_BUDGETS = (60000, 60000)
-"""Extensions of the late searches for all arms. Taste: some seconds."""
+"""Numbers of extensions of the late searches for all arms. Taste: a few seconds."""
 
 
 class Turn(IntEnum):
-    """When RRT-Connect is tried: EARLY before, MIDDLE among and LATE after the candidates, LAST after the trees."""
+    """Turn of RRT-Connect: EARLY before, MIDDLE among and LATE after the candidates, LAST after the search trees."""
 
     EARLY = 0
     LATE = 1
@@ -62,12 +64,19 @@ class Turn(IntEnum):
 
 
 def goes_straight_to_pose(task: MotionTask) -> bool:
-    """Return whether interpolation is possible, as the goal is a whole-arm pose and no limit depends on u."""
+    """Return whether interpolation applies: the goal is a pose of the whole arm, and no limit depends on u."""
     return task.goal_pose is not None and not task.parametric
 
 
 def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a straight motion to, or back from, a whole-arm goal, deflected by the steps' limits; else None."""
+    """Return a motion found by interpolation to, or back from, a goal of the whole arm, or None.
+
+    QP steps deflect the motion where limits demand it.
+
+    Args:
+        task: search task with a goal for the whole arm.
+        failures: list to which failures are appended.
+    """
     margins = fitting_margins(task)
     forward = PlanarRun.from_task(task, margins[0])
     motion = forward.run(forward.direct(), failures)
@@ -82,21 +91,21 @@ def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
-    """Return whether RRT-Connect is tried in this turn.
+    """Return whether RRT-Connect is tried for a task in a given turn.
 
-    Limits that move keyframes, or depend on u, rule it out, since they refuse all straight motions.
+    User limits rule it out, since they refuse motions that are linear in the coordinates.
     """
     refused = task.parametric or bool(task.user_limits)
     return not refused and len(_budgets(task, turn)) > 0
 
 
 def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY) -> Motion | None:
-    """Return the motion found by RRT-Connect in the coordinates of the curve, within this turn's extensions; else None.
+    """Return a motion found by RRT-Connect in the coordinates of the curve, or None.
 
     Args:
-        task: arm, workspace, ends and limits.
-        failures: a failure is appended here.
-        turn: which turn of RRT-Connect this is; the last is for goals of every kind.
+        task: search task.
+        failures: list to which a failure is appended.
+        turn: turn of RRT-Connect, which determines the numbers of extensions.
     """
     budgets = _budgets(task, turn)
     if task.arm.links > _MOST_LINKS:
@@ -127,16 +136,19 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
 
 
 def bends_freely(task: MotionTask) -> bool:
-    """Return whether arcs may lead to the goal: a tip goal with a tip path, an unclamped fixed base, no user limits."""
+    """Return whether a task suits goal poses with joints at their limits.
+
+    The goal must be one of the tip with a tip path, the base fixed but free to turn, and there must be no user limits.
+    """
     free = not task.clamped and not task.arm.base_axes and not task.user_limits
     return free and task.goal_pose is None and len(task.tip_paths) > 0
 
 
 def find_by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion, straight or by RRT-Connect, to a pose with joints at their limits; else None.
+    """Return a motion to a goal pose with joints at their limits, by interpolation or RRT-Connect, or None.
 
-    Only tip goals that need such a pose are tried: those where guides that draw the tip there end near the goal with a
-    few joints at their limits and the others short of theirs.
+    Only goals of the tip that need such a pose are tried: those where guides that lead the tip end near the goal with a
+    few joints at their limits and the others below theirs.
     """
     poses = ArcsAtLimits(task.arm, task.goal).where_needed(task.settings.step.full_limit_share)
     ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
@@ -149,12 +161,12 @@ def find_by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | No
 
 
 def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: bool = False) -> Motion | None:
-    """Return the first candidate motion that arrives and is certified, trying one planning margin after another.
+    """Return the first certified motion of the candidates, trying one planning margin after another, or None.
 
     Args:
-        task: arm, workspace, ends and limits.
-        failures: failures of candidates are appended here.
-        narrow: whether to use the narrower margins, if RRT-Connect has its turn after the widest margin.
+        task: search task.
+        failures: list to which failures of candidates are appended.
+        narrow: whether only the narrower margins are used, if RRT-Connect has its turn after the widest margin.
     """
     margins = fitting_margins(task)
     if is_divided(task):
@@ -169,15 +181,19 @@ def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: boo
 
 
 def is_divided(task: MotionTask) -> bool:
-    """Return whether RRT-Connect has its turn between the candidates' widest margin and the others."""
+    """Return whether RRT-Connect is tried for a task between the candidates with the widest margin and the others."""
     return not task.parametric and task.arm.links <= _MOST_LINKS and connects(task, Turn.MIDDLE)
 
 
 def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion found without the user's limits and then tracked under them; one is tried for each margin.
+    """Return a motion that is found without the user's limits and then tracked under them, or None.
 
-    This is meant for limits that depend on the path parameter, and is another way to meet other limits under which
-    candidates fail.
+    Tracking is needed for limits that depend on the path parameter, and can satisfy other limits under which candidates
+    fail. One motion is tried for each planning margin.
+
+    Args:
+        task: search task with user limits.
+        failures: list to which failures are appended.
     """
     free = replace(task, user=None)
     for margin in fitting_margins(task):
@@ -191,7 +207,7 @@ def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def find_by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion that joins trees of poses from both ends; None where they do not meet in time."""
+    """Return a motion found by growing trees of poses from start and goal, or None if they do not meet in time."""
     if not task.tip_paths:
         return None
     full = task.at_full_limits()
@@ -206,20 +222,25 @@ def find_by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def _independent_of_path_parameter(task: MotionTask) -> bool:
-    """Return whether no limit depends on u: candidates, and poses of trees, have no path parameter."""
+    """Return whether no limit of a task depends on the path parameter, which candidates and tree poses do not have."""
     return not task.parametric
 
 
 def needs_dense_sampling(task: MotionTask) -> bool:
-    """Return whether poses have to be checked at spacings below the arm's width, which slows RRT-Connect down."""
+    """Return whether poses have to be checked at spacings below the arm's width, which makes RRT-Connect slow."""
     return POSE_SPACING * task.kept < LEAST_SPACING * task.arm.length
 
 
 def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) -> Iterator[Motion | None]:
-    """Yield motions forwards, then backwards from every goal pose, then forwards with the remaining candidates.
+    """Yield the motion, or None, of each pass over the candidates of a task with one planning margin.
 
-    Yields None for each pass that fails. Backwards comes first where the path leads into narrow gates, since an arm can
-    be slid out of them.
+    The passes are forwards, then backwards from every goal pose, then forwards with the remaining candidates. Backwards
+    comes first if the tip path leads into narrow gates, since an arm can slide out of these more easily.
+
+    Args:
+        task: search task.
+        margin: planning margin, in nominal links.
+        failures: list to which failures of candidates are appended.
     """
     forward = PlanarRun.from_task(task, margin)
     into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
@@ -245,14 +266,14 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
 
 
 def _touches_nothing(task: MotionTask, q: FloatArray) -> bool:
-    """Return whether a configuration, shape (c,), touches neither walls nor itself."""
+    """Return whether a configuration, shape (c,), is free of contact with walls and between links."""
     points = task.arm.joint_positions_at(q)
     finder = task.finder(0.0, task.arm.link_length)
     return not finder.crosses(points) and bool(finder.find(points).gap.min(initial=np.inf) > 0.0)
 
 
 def _stopped_by_joint_limits(task: MotionTask, failure: Failure) -> bool:
-    """Return whether a candidate ended near its goal with a joint bent as far as planning allows."""
+    """Return whether a failed candidate ended near its goal with a joint bent as far as planning allows."""
     return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.pose)
 
 
@@ -274,20 +295,20 @@ STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
     Strategy(TREES, find_by_trees, _independent_of_path_parameter, costly=True),
     _connecting(f"{CONNECT} again", Turn.LAST),
 )
-"""Strategies tried in order in the plane where the base is fixed."""
+"""Search strategies for planar arms on a fixed base, in order of trial."""
 SAMPLERS = tuple(_connecting(f"{CONNECT}, turn {turn.name.lower()}", turn) for turn in Turn)
-"""RRT-Connect alone."""
+"""Search strategies for planar arms that use RRT-Connect alone."""
 
 
 def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion], ...] = STRATEGIES) -> Motion:
-    """Find a certified motion from the start to the goal.
+    """Return a certified and optimised planar motion from the start to the goal of a task.
 
-    Arms of many links are planned with few links and the motion is refined to the arm's own links; when that fails, or
+    Arms of many links are planned with few links and the motion is refined to the arm's own links; if that fails, or
     the arm has few links, the search uses the arm's own links.
 
     Args:
-        task: arm, workspace, ends and limits.
-        strategies: strategies tried in order, where they apply.
+        task: search task.
+        strategies: strategies, tried in order where they apply.
 
     Raises:
         MotionNotFound: every candidate failed; the diagnosis lists why.
@@ -313,9 +334,9 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
 
 
 def _finished(found: Motion, task: MotionTask) -> Motion:
-    """Return the motion optimised, or as found where that is better.
+    """Return a found planar motion after optimisation, or as found if that is better.
 
-    A motion that follows its leader usually takes little longer than its feed alone, and its path has clearance.
+    A motion along a leader's path usually takes little longer than its feed alone, and the path has clearance.
     """
     plain = not task.user_limits and task.weights == Weights()
     if found.follows and plain:
@@ -337,20 +358,23 @@ def _is_fed(run: SpaceRun) -> bool:
 
 
 def _passes_places(run: SpaceRun) -> bool:
-    """Return whether via places may be goals of stages; not with user terms, which are written for the whole motion."""
+    """Return whether via points may be goals of stages: not with user terms, which apply to the whole motion."""
     return bool(run.task.via) and run.task.user is None
 
 
 def _passes_none(run: SpaceRun) -> bool:
-    """Return whether there are no via places; only motions led by the tip can pass via places."""
+    """Return whether a search has no via points, which only motions led by the tip can pass."""
     return not run.task.via
 
 
 def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
-    """Return the strategy of moving to poses at the goal, for tasks with a goal pose of the whole arm or without one.
+    """Return the strategy in space of moving to poses at the goal, for goals of the whole arm or of the tip.
 
-    A whole-arm pose is known and need not be sampled, so that the strategy comes early for tasks with one; for them
-    other tip paths mostly lead to other poses.
+    A goal of the whole arm is known and need not be sampled, so that the strategy comes early for such goals, as tip
+    paths mostly lead to other poses.
+
+    Args:
+        whole: whether the strategy is for goals of the whole arm.
     """
     return Strategy(
         "poses at the goal",
@@ -361,14 +385,13 @@ def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
 
 
 def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, SpaceMotion]:
-    """Return a round of sampled trees, for arms on a fixed base.
+    """Return the strategy of one round of sampled trees (RRT-Connect), for arms in space on a fixed base.
 
-    The joints of a fed arm leave the guide tube one by one, which no straight edge describes.
+    The joints of a fed arm leave the guide tube one by one, which no linear motion describes.
 
     Args:
-        number: number of the round.
-        whole: whether the round is only for tasks with a goal pose of the whole arm, or only for those without; for all
-            when None.
+        number: index of the round.
+        whole: True for a round only for goals of the whole arm, False only for goals of the tip, None for all.
     """
 
     def applies(run: SpaceRun) -> bool:
@@ -406,20 +429,20 @@ WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
     _sampling(5),
     Strategy("from place to place", _by_stages, _passes_places, costly=True),
 )
-"""Strategies tried in order in space."""
+"""Search strategies for arms in space, in order of trial."""
 SAMPLED_WAYS = tuple(_sampling(number) for number in range(SAMPLED_ROUNDS))
-"""RRT-Connect alone, for arms on a fixed base."""
+"""Search strategies for arms in space on a fixed base that use RRT-Connect alone."""
 
 
 def find_by_ways(task: SpaceTask, ways: tuple[Strategy[SpaceRun, SpaceMotion], ...] = WAYS) -> SpaceMotion:
-    """Find a certified motion in space with the first strategy that succeeds.
+    """Return a certified motion in space, found by the first search strategy that succeeds.
 
     Args:
-        task: arm, surfaces, ends and limits.
-        ways: strategies tried in order, where they apply.
+        task: search task.
+        ways: strategies, tried in order where they apply.
 
     Raises:
-        MotionNotFound: no strategy reached the goal; says how far the best came, and which obstruction was in its way.
+        MotionNotFound: no strategy reached the goal; the diagnosis says how far the best came, and what stopped it.
         UnreachableGoal: it is proved that no motion can reach the goal.
         TimeLimitReached: the deadline passed first.
     """

@@ -1,4 +1,4 @@
-"""Planar motions between keyframes: the chord deviation of joints, and the curvature of the rows."""
+"""Planar motions between keyframes, with the chord deviation of joints and second derivatives of contact rows."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,10 +13,12 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvatu
 
 @dataclass(frozen=True, eq=False)
 class PlanarSweep(Sweep):
-    """A piecewise-linear motion in the plane (K intervals, n links, p coordinates) with quantities for its rows.
+    """Planar motion whose coordinates are linear over K intervals, with the quantities that its contact rows need.
+
+    The arm has n links, the curve p coordinates.
 
     Attributes:
-        space: the link space.
+        space: map from coordinates to configurations.
         unknowns: coordinates at the keyframes, shape (K + 1, p).
     """
 
@@ -27,30 +29,30 @@ class PlanarSweep(Sweep):
 
     @cached_property
     def headings(self) -> FloatArray:
-        """Link headings, shape (K + 1, links) [rad]."""
+        """Link headings at the keyframes, shape (K + 1, links) [rad]."""
         return self.space.arm.headings(self.configurations)
 
     @property
     def turn_metrics(self) -> FloatArray:
-        """Metrics of the links' squared turns in terms of the coordinates, equal for all keyframes, (K + 1, p, p)."""
+        """Metric of squared link turns in the coordinates, equal for all keyframes, shape (K + 1, p, p)."""
         metric = self.space.heading_metric
         return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Turns of the links over the intervals Δφ, shape (K, links) [rad]."""
+        """Turns Δφ of the links over the intervals, shape (K, links) [rad]."""
         return np.diff(self.headings, axis=0)
 
     @cached_property
     def sag(self) -> FloatArray:
-        """Chord deviation, a bound on how far each joint may leave its chord, shape (K, n + 1) [m]."""
+        """Bound on how far each joint may leave the straight line over each interval, shape (K, n + 1) [m]."""
         # ⅛ Σ_{i<j} l_i Δφ_i² for joint j, while links turn evenly.
         squares = 0.125 * self.space.arm.lengths * self.turns**2
         return np.pad(np.cumsum(squares, axis=-1), ((0, 0), (1, 0)))
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
-        """Derivative of the chord deviation with respect to an interval's change (K, n + 1, p) [m per unit]."""
+        """Derivatives of ``sag`` by the change of the coordinates over the interval, (K, n + 1, p) [m per unit]."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         steps = (0.25 * self.space.arm.lengths * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
@@ -59,24 +61,24 @@ class PlanarSweep(Sweep):
 
     # ------------------------------------------------------------ what rows need
     def deviation(self, rows: IntervalRows) -> FloatArray:
-        """Return how far the points of rows may leave their chord, shape (m,) [m]."""
+        """Return bounds on how far the points of m rows may leave the straight line over the interval, (m,) [m]."""
         return np.asarray(self.sag[rows.interval, rows.high] - self.sag[rows.interval, rows.low])
 
     def deviation_slopes(self, rows: IntervalRows) -> FloatArray:
-        """Return derivatives of the deviation with respect to an interval's change, shape (m, p) [m per unit]."""
+        """Return the derivatives of ``deviation`` by the change of coordinates over the interval, (m, p) [m]."""
         return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
 
     def lost(self, rows: IntervalRows) -> FloatArray:
-        """Return zeros, since the deviation already bounds the loss."""
+        """Return zeros, shape (m,), since ``deviation`` already bounds the motion half-way through the interval."""
         return np.zeros(len(rows))
 
     def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:
-        """Return the convex part of the second derivatives of Σ λ g + pull·tip, for rows at the ends of intervals.
+        """Return the convex part of the second derivatives of Σ λ g + pull·tip with respect to the coordinates.
 
         Args:
-            rows: rows g.
-            multipliers: λ of the rows, shape (m,).
-            pull: multipliers of the last keyframe's tip position, shape (2,).
+            rows: contact rows g at the ends of intervals.
+            multipliers: multipliers λ of the rows, shape (m,).
+            pull: multipliers of the tip position at the last keyframe, shape (2,).
         """
         # Headings are affine in v, so a curvature that is diagonal in headings becomes Aᵀ diag(c) A. Dropping negative
         # entries of the diagonal is the exact projection onto convex ones.
@@ -88,7 +90,12 @@ class PlanarSweep(Sweep):
     def heading_curvature(
         self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
+        """Return the second derivatives of Σ λ g + pull·tip, which are diagonal in link headings and in link turns.
+
+        Args:
+            rows: contact rows g at the ends of intervals.
+            multipliers: multipliers λ of the rows, shape (m,).
+            pull: multipliers of the tip position at the last keyframe, shape (2,).
 
         Returns:
             Second derivatives of the positions with respect to headings, shape (K + 1, links), of any sign, and of the

@@ -1,4 +1,4 @@
-"""Tip paths, the candidates of the search in space."""
+"""Tip paths in space, the candidates of the search for a motion."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -18,46 +18,46 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares
 
 _FOLLOWABLE_CELLS = (200000, 1500000)
-"""Numbers of cells of the grids in which followable paths are sought, in turn."""
+"""Numbers of cells of the grids in which paths that a fed arm can follow are sought, in turn."""
 
 _TIGHTEST = 1.5
-"""Radius of the tightest bend [u]; the least for which knots of the curve still represent a right angle."""
+"""Smallest bend radius, in nominal links, for which knots of the curve still represent a right angle."""
 _LIMIT_SHARES = (1.15, 0.75, 1.6)
-"""Assumed bend radii, as multiples of that of the circle through the joints of an arm that bends as far as it may;
-tried in turn. The circle that its links touch has a radius of cos(limit / 2) of that, 0.71 for right angles: with
-less than the whole, links reach out of a bend on both sides."""
+"""Assumed bend radii, tried in turn, as multiples of that of the circle through the joints of an arm bent to its
+limits. The circle that the links touch has cos(limit / 2) of that radius, 0.71 for right angles: with factors below 1,
+links reach out of a bend on both sides."""
 _APART = 0.9
-"""Largest ratio of the smaller to the greater of two radii for both to be tried."""
+"""Largest ratio of the smaller to the greater of two bend radii for both to be tried."""
 
 _GRID_MARGINS = (1.0, 0.0)
-"""Shares of the margin with which the grid is free; tried in turn until there is a path."""
+"""Fractions of the planning margin with which grid cells are free, tried in turn until there is a path."""
 _STRAIGHT_ENDS = (3.0, 0.0, 1.5, 6.0)
-"""Lengths of the straight end along the wanted direction, tried in turn [u]."""
+"""Lengths of the straight end of a path along the goal direction, tried in turn, in nominal links."""
 
 _APPROACHES = (1.0, 0.0)
-"""Lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links where these
-are longer. Used for paths that a fed arm follows."""
+"""Lengths of the straight end along the goal direction of paths that a fed arm follows, tried in turn, in nominal
+links, or in links where these are longer."""
 _PRICES = ((3.0, 1.0), (1.0, 0.0))
-"""Pairs tried in turn: extra cost of a path along a wall relative to one far away, as a multiple, and the share of
-the margin with which the grid is free."""
+"""Pairs tried in turn: relative extra cost of a path along a wall, and the fraction of the planning margin with which
+grid cells are free."""
 _CELLS = (200_000, 1_500_000, 8_000_000)
 """Numbers of cells of the grids in which paths are sought, the coarse one first."""
 _FINEST = 0.12
-"""Least size of the grids' cells [u]."""
+"""Minimum size of grid cells, in nominal links."""
 _NEARNESS = (3.0, 20.0)
-"""Extra cost of a path along a wall relative to one far away, as a multiple; tried in turn."""
+"""Relative extra costs of a path along a wall, tried in turn."""
 _CLOSE = 0.4
-"""Share of the margin that steps keep where all of it has failed."""
+"""Fraction of the planning margin that steps keep after the full margin has failed."""
 _FAR = 2.0
-"""Distance above which walls do not make a path more costly [u]."""
+"""Distance above which walls do not make a path more costly, in nominal links."""
 _AROUND = 4.0
-"""Distance that paths may extend beyond everything in the scene [u]; there is nothing to go round farther out."""
+"""Distance by which paths may extend beyond all obstacles of the scene, in nominal links."""
 
 _CLOSE_ONTO_TRACK = 3.0
-"""Weight of drawing the joints onto the track where an arm got stuck on walls; links that are long relative to the
-bends of a duct get through with less (measured in pipes and slots with 8 and 12 links)."""
+"""Weight of pulling the joints onto the track after an arm got stuck on walls; links that are long relative to the
+bends of a duct pass with less (measured in pipes and slots with 8 and 12 links)."""
 _BANDS = 6
-"""Most elastic bands that are made through one grid."""
+"""Maximum number of elastic bands made through one grid."""
 _CHAIN_SEED = 1000
 """First number of the seeds of chains of links, among those of a task."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
@@ -72,35 +72,38 @@ second."""
 _CHAINS = 16
 """Most elastic bands that are made from chains at once. Taste: one takes a twentieth of a second."""
 _PASSAGE = 0.6
-"""Distance from walls above which they do not make the path from which an elastic band is made more costly [u]."""
+"""Distance above which walls do not make the path from which an elastic band is made more costly, in nominal links."""
 _CLOSED = 1.0
-"""Radius about the place where an arm can follow a band least within which no further band is sought [u]. Taste."""
+"""Radius about the point at which a band is hardest to follow within which no further band is sought, in nominal links.
+Taste."""
 _TURNED = 1.5
-"""Radius about the start within which no band leads back, and about the goal within which none overshoots it [u]."""
+"""Radius about the start within which no band leads back, and about the goal within which none overshoots, in nominal
+links."""
 _BENT_OVER = 1.2
-"""Largest bend that a band asks of a joint, as a share of what it may bend there, for the arm to try; the joint beyond
-it takes over what is left."""
+"""Largest bend of a joint on a band, as a multiple of its limit there, for the band to be tried; the next joint
+compensates for the excess."""
 _SHORTCUT_GAP = 0.5
-"""Gap that straight parts keep where corners are cut [u]."""
+"""Gap that straight parts keep where corners are cut, in nominal links."""
 _DETOUR_PRICE = 4.0
-"""Extra cost of a path near one that has failed, as a multiple."""
+"""Relative extra cost of a path near one that has failed."""
 _DETOURS = 3
-"""Most paths that are sought away from those before."""
+"""Maximum number of paths sought away from earlier ones."""
 _BEHIND_HOLE = np.array((0.75, 1.5))
-"""Size of the region closed to paths behind the end of the guide tube, along its axis and across it [u]. Taste."""
+"""Depth and radius of the region before the end of the guide tube that is closed to paths, in nominal links. Taste."""
 _SPARE_LENGTH = 2.0
-"""Excess allowed for the length of a path over what an arm can be fed [u]."""
+"""Allowed excess of the length of a path over the feed that is left, in nominal links."""
 
 
 def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
-    """Return the bends assumed for an arm that follows its tip, in order of trial.
+    """Return the bend radii assumed for paths that a fed arm can follow, in order of trial.
 
     Args:
         arm: the arm.
-        unit: length u of its nominal links [m].
+        unit: length of a nominal link [m].
 
     Returns:
-        For each bend, its least radius, and how far a link reaches out of it between joints, beyond a nominal link [m].
+        Pairs of the smallest radius of a path [m] and the additional clearance of the path for the sagitta of links
+        [m].
     """
     # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
     half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
@@ -119,13 +122,13 @@ def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True)
 class TipWay:
-    """One tip path.
+    """Tip path in space, a polyline, with the parameters of a motion along the path.
 
     Attributes:
         name: name of the path in the record of candidates.
-        corners: corners of the path, shape (m, 3) [m].
+        corners: vertices of the path, shape (m, 3) [m].
         margin: fraction of the planning margin that steps along the path keep.
-        followed: weight with which all joints are drawn onto the path behind the tip; 0 where they are not.
+        followed: weight with which all joints are pulled onto the path of the tip; 0 if they are not.
     """
 
     name: str
@@ -136,19 +139,18 @@ class TipWay:
 
 @dataclass
 class SpaceTipWays:
-    """Generates the tip paths of a task one by one; the grids are built on first use.
+    """Generator of tip paths in space for a search task; grids are built on first use.
 
     Args:
-        task: the task; its goal is one for the tip.
-        tip: tip where the motion begins, shape (3,) [m].
-        goal: place of the tip at the end, shape (3,) [m].
-        direction: direction of the last link at the end, shape (3,); None when any is acceptable.
-        heading: direction of the last link when the motion begins, shape (3,).
-        fed: how much farther the base can be fed [m]; None where it is fixed.
-        straight: distance by which the tip moves straight on until the first joint is out of the guide tube [m].
-        joints: joints and tip of a fed arm where the motion begins, shape (links + 1, 3) [m].
-        out: arc length of the tip beyond the end of the guide tube where the motion begins, negative inside the tube
-            [m].
+        task: search task.
+        tip: position of the tip at the start, shape (3,) [m].
+        goal: position of the tip at the goal, shape (3,) [m].
+        direction: direction of the last link at the goal, a unit vector of shape (3,); None if any is acceptable.
+        heading: direction of the last link at the start, a unit vector of shape (3,).
+        fed: remaining feed of the base [m]; None if the base is fixed.
+        straight: distance by which the tip moves straight until the first joint is out of the guide tube [m].
+        joints: joints and tip of a fed arm at the start, shape (links + 1, 3) [m].
+        out: arc length from the end of the guide tube to the tip at the start, negative inside the tube [m].
     """
 
     task: SpaceTask
@@ -169,14 +171,14 @@ class SpaceTipWays:
 
     @cached_property
     def start(self) -> FloatArray:
-        """Tip where the arm can turn off from its straight path, shape (3,) [m]."""
+        """Position of the tip at which it can leave its initial straight path, shape (3,) [m]."""
         return self.tip + self.straight * self.heading
 
     def first(self, *, bands: bool = True) -> Iterator[TipWay]:
-        """Yield the tip paths that are tried first, the straight path and, for a fed arm, paths that it can follow.
+        """Yield the tip paths that are tried first: the straight path and, for a fed arm, paths that it can follow.
 
         Args:
-            bands: whether elastic bands are among these.
+            bands: whether elastic bands are among them.
         """
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
         if bands:
@@ -185,7 +187,7 @@ class SpaceTipWays:
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
-        """Yield followable paths of finer grids, the cheapest paths with any bends, and paths round other sides."""
+        """Yield paths that a fed arm can follow, from finer grids, then cheapest paths with any bends, and detours."""
         yield from self._elastic(_CELLS[1])
         yield from self._chained(range(*_GROWTHS))
         for cells in _FOLLOWABLE_CELLS[1:]:
@@ -198,11 +200,11 @@ class SpaceTipWays:
                 yield TipWay("with another approach", way, _CLOSE)
 
     def finest(self) -> Iterator[TipWay]:
-        """Yield paths through the finest grid, which takes longer than all coarser grids together."""
+        """Yield tip paths through the finest grid, which takes longer than all coarser grids together."""
         yield from self._through_cells(_CELLS[-1])
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
-        """Yield the cheapest paths through a grid, and paths round other sides; none if it was searched before."""
+        """Yield the cheapest tip paths through a grid of a number of cells, and detours; none if searched before."""
         size = self._grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
@@ -221,7 +223,7 @@ class SpaceTipWays:
         yield from self._detours(cells, seen)
 
     def _elastic(self, cells: int) -> Iterator[TipWay]:
-        """Yield elastic bands that a fed arm can follow, each avoiding the places where earlier bands fit worst."""
+        """Yield elastic bands that a fed arm can follow, each avoiding the points at which earlier bands fit worst."""
         band = self._band
         if band is None:
             return
@@ -300,9 +302,9 @@ class SpaceTipWays:
         return LinkChains(self.task.tree, self._box, arm.link_length, limits, first_pair, 2.0 * arm.radius, exact=False)
 
     def _passages(self, cells: int) -> TipGrid:
-        """Return the grid of cells through which a path of the tip may pass, though perhaps not through their middles.
+        """Return the grid of cells through which a tip path may pass, though perhaps not through their centres.
 
-        Cells behind the start and beyond the goal are closed.
+        Cells directly behind the start and beyond the goal are closed. ``cells`` is the approximate number of cells.
         """
         task = self.task
         far = _PASSAGE * task.unit
@@ -314,7 +316,7 @@ class SpaceTipWays:
         return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
-        """Yield the paths that a fed arm can follow; none for an arm on a fixed base."""
+        """Yield the tip paths through a grid that a fed arm can follow with all joints; none for a fixed base."""
         if self.fed is None:
             return
         seen = self._followed
@@ -330,7 +332,14 @@ class SpaceTipWays:
     def _followable(
         self, cells: int, allowance: tuple[float, float], price: tuple[float, float], approach: float
     ) -> FloatArray | None:
-        """Return a path past all places whose bends the arm can follow behind its tip; None without one."""
+        """Return a tip path via all via points whose bends a fed arm can follow, shape (m, 3) [m], or None.
+
+        Args:
+            cells: approximate number of cells of the grid.
+            allowance: smallest bend radius, and additional clearance for the sagitta of links [m].
+            price: relative extra cost along walls, and fraction of the planning margin.
+            approach: length of the straight end, in nominal links or, if longer, links.
+        """
         task = self.task
         nearness, margin = price
         radius, beside = allowance
@@ -357,7 +366,7 @@ class SpaceTipWays:
         return self._joined([*parts, self.goal])
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
-        """Yield paths that keep away from those that have failed already."""
+        """Yield tip paths through a grid that keep away from given paths (``seen``), which have failed."""
         for _ in range(_DETOURS):
             way = self._through_grid(cells, _NEARNESS[0], _GRID_MARGINS[-1], _STRAIGHT_ENDS[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
@@ -366,13 +375,16 @@ class SpaceTipWays:
             yield TipWay("round another side", way, _CLOSE)
 
     def _ends(self, approach: float) -> list[FloatArray]:
-        """Return the last places of a path: the via places, the beginning of the straight approach, and the goal."""
+        """Return the last points of a path: the via points, the beginning of the straight approach, and the goal."""
         if self.direction is None or approach == 0.0:
             return [*self.task.via, self.goal]
         return [*self.task.via, self._before_goal(approach), self.goal]
 
     def _before_goal(self, approach: float) -> FloatArray:
-        """Return the place where the straight approach begins, as far before the goal as clearance permits."""
+        """Return the point at which the straight approach begins, as far before the goal as clearance permits.
+
+        ``approach`` is its largest distance from the goal, in nominal links.
+        """
         if self.direction is None:
             return self.goal
         task = self.task
@@ -387,7 +399,15 @@ class SpaceTipWays:
     def _through_grid(
         self, cells: int, nearness: float, margin: float, approach: float, avoided: list[FloatArray] | None
     ) -> FloatArray | None:
-        """Return the cheapest path through the grid past all places, corners cut where possible; None without one."""
+        """Return the cheapest tip path through a grid via all via points, corners cut where possible, or None.
+
+        Args:
+            cells: approximate number of cells of the grid.
+            nearness: relative extra cost of a path along a wall.
+            margin: fraction of the planning margin with which cells are free.
+            approach: length of the straight end, in nominal links.
+            avoided: paths from which the path has to keep away, or None.
+        """
         task = self.task
         if task.deadline.passed():
             return None
@@ -407,16 +427,16 @@ class SpaceTipWays:
 
     @property
     def _longest_followed(self) -> float:
-        """Length of the longest followable path, up to where the approach begins [m]."""
+        """Length of the longest path that the arm can be fed along, up to where the straight approach begins [m]."""
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
-        """Return the grid of places where the tip has a fraction of the margin and a further distance as clearance.
+        """Return the grid of cells in which the tip has a fraction of the planning margin and a further clearance.
 
         Args:
             cells: approximate number of cells.
             margin: fraction of the planning margin.
-            beside: the further distance [m].
+            beside: further clearance [m].
             longest: length of the longest path that is sought, up to where the approach begins [m]; cells on no such
                 path count as closed.
         """
@@ -432,9 +452,9 @@ class SpaceTipWays:
         return self._grids[key]
 
     def _closed_behind(self, grid: TipGrid) -> TipGrid:
-        """Return the grid closed just behind the end of the guide tube: no arm turns back through its hole.
+        """Return a grid with cells before the end of the guide tube closed, since no arm turns back through the tube.
 
-        Return the grid itself where the base is fixed, or where a place to be passed lies behind the tube's end.
+        The grid is unchanged if the base is fixed, or if a point to be passed lies in that region.
         """
         arm = self.task.arm
         if not arm.base_axes:
@@ -452,7 +472,10 @@ class SpaceTipWays:
         return _closed_where(grid, hole, depth + wide, behind)
 
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
-        """Return the distances of the places of a grid, at least up to a reach; arguments as for ``_grid``."""
+        """Return the distances of the cells of a grid from surfaces, at least up to a reach [m].
+
+        Other arguments are those of ``_grid``.
+        """
         known = self._known.get((cells, longest))
         if known is None or known.reach < reach:
             task = self.task
@@ -467,7 +490,10 @@ class SpaceTipWays:
 
     @cached_property
     def _box(self) -> FloatArray:
-        """Box of the tip paths, which contains both ends and, up to a little beyond the scene, the reach of the tip."""
+        """Box of the tip paths, lower and upper corner, shape (2, 3) [m].
+
+        It contains both ends and the part of the tip's reach that lies not far outside the scene.
+        """
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
         found = np.vstack([np.atleast_2d(place) for place in places])
@@ -485,7 +511,7 @@ class SpaceTipWays:
 
 
 def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
-    """Return the extra cost of cells near paths that have failed, as an array of the grid's shape."""
+    """Return the extra cost of grid cells, ``price`` near paths to be avoided and 0 elsewhere, in the grid's shape."""
     prices = np.zeros(grid.gaps.shape)
     for way in avoided:
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
@@ -502,14 +528,14 @@ def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArra
 
 
 def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatArray | None = None) -> TipGrid:
-    """Return the grid with the cells closed that are within a radius of a place, all round or on one side only.
+    """Return a grid with the cells within a radius of a point closed, all round or on one side only.
 
     Args:
         grid: the grid.
-        place: the place, shape (3,) [m].
+        place: the point, shape (3,) [m].
         radius: the radius [m].
-        side: direction to the side on which cells more than half a cell away are closed, shape (3,); all round when
-            None.
+        side: direction to the side on which cells more than half a cell away are closed, shape (3,); None for all
+            round.
     """
 
     def near(places: FloatArray) -> BoolArray:
@@ -525,13 +551,13 @@ def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatAr
 def _closed_where(
     grid: TipGrid, middle: FloatArray, reach: float, closed: Callable[[FloatArray], BoolArray]
 ) -> TipGrid:
-    """Return the grid with the cells closed that a condition selects in a cube.
+    """Return a grid with the cells closed that a condition selects within a cube.
 
     Args:
         grid: the grid.
-        middle: middle of the cube, shape (3,) [m].
-        reach: half of the cube's side [m].
-        closed: returns a mask of the places (..., 3) whose cells are to be closed.
+        middle: centre of the cube, shape (3,) [m].
+        reach: half of the side of the cube [m].
+        closed: function from cell centres (..., 3) to a mask of the cells to be closed.
     """
     low, high = (grid.index(middle + way * reach) for way in (-1.0, 1.0))
     about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
@@ -542,7 +568,7 @@ def _closed_where(
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
-    """Return whether two paths stay within a nominal link of each other."""
+    """Return whether two paths stay within a distance ``unit`` of each other at equal fractions of their lengths."""
     share = np.linspace(0.0, 1.0, 33)
 
     def places(corners: FloatArray) -> FloatArray:

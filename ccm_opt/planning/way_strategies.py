@@ -1,4 +1,4 @@
-"""The strategies of the search in space, by tip paths and by poses at the goal; all steps are certified."""
+"""Strategies of the search for a motion in space, by tip paths and by poses at the goal, with certified steps."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -27,51 +27,54 @@ from ccm_opt.planning.via_places import passings
 from ccm_opt.planning.withdrawals import turned_over, withdrawn
 
 _WANTED_POSES = 8
-"""Number of poses that are moved to in turn before sampling is tried."""
+"""Number of poses at the goal to which motions are tried in turn before sampling."""
 
 _SLIDE_ROOM = 0.5
-"""Share of the wanted gap that the first fit of a slide must keep; where no fit does, any that touches nothing is
-used."""
+"""Fraction of the preferred gap that a slide along the tip path must keep at first; if none does, any collision-free
+one is used."""
 
 _SLIDE_STEP = 0.25
-"""Feed from keyframe to keyframe of a slide [u]. Measured in a wing box: with twice as much, joints that slide round
-sharp bends take 2 mm of a gap of 3 between keyframes."""
+"""Feed from keyframe to keyframe of a slide, in nominal links. Measured in a wing box: with twice as much, joints that
+slide round sharp bends lose 2 mm of a gap of 3 mm between keyframes."""
 
 _KNOTS = (11, 16, 22)
 """Numbers of knots of the curve, tried in turn: more knots represent sharp bends better, but the optimisation takes
-longer (measured in pipes: with 8 to 16 links 16 knots represent what chords leave, with 24 links 22 do)."""
+longer (measured in pipes: 16 knots suffice for 8 to 16 links, 22 for 24 links)."""
 _GRAZING = 0.1
-"""Share of the wanted gap below which a motion led by the tip is replaced by a slide, if possible: the optimisation
-seldom restores the clearance of such a motion."""
+"""Fraction of the preferred gap below which a motion led by the tip is replaced by a slide, if possible: the
+optimisation seldom restores the clearance of such a motion."""
 _TURNS_OFF = 1.5
-"""Number of links that leave the guide tube before the tip turns off its straight path. With a single one the joint
-in the mouth would have to bend as it comes out (measured between ribs)."""
+"""Number of links that leave the guide tube before the tip leaves its straight path. With a single one the joint at the
+end of the tube would have to bend as it comes out (measured between ribs)."""
 _TURN = 1.0
-"""Largest turn of a link onto the tip's track that is asked for in one step [rad]. Taste."""
+"""Largest turn of a link onto the tip's track at which one step aims [rad]. Taste."""
 _SAMPLED = 100
 """First seed number of the sampled trees, among those of a task."""
 _CHAINED = 200
 """First seed number of the chains of links that become poses at the goal, among those of a task."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
-"""Most searches for poses at the goal of the tip, and extensions of the sampled trees, in one round after another.
+"""Maximum numbers of searches for poses at the goal of the tip, and of extensions of the sampled trees, round by round.
 Taste: such a search, and 1000 extensions, take a twentieth of a second."""
 SAMPLED_ROUNDS = len(_SAMPLED_ROUNDS)
-"""Number of these rounds."""
+"""Number of rounds of sampled trees."""
 _SAMPLED_GOALS = 6
-"""Number of poses at the goal that are enough. Taste."""
+"""Number of poses at the goal after which no further ones are sought. Taste."""
 _WITHDRAWN_SHARE = 0.5
-"""Share of the time left that the search from the guide tube may use after a withdrawal. Taste."""
+"""Fraction of the remaining time that the search from the guide tube may use after a retraction. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceRun(SearchRun[SpaceTask, CurveMap]):
-    """One search in space, in the unknowns of one curve."""
+    """Search for a motion in space in the unknowns of one curve."""
 
     stepper: SpaceStepper
 
     @classmethod
     def from_task(cls, task: SpaceTask, knots: int = KNOTS) -> "SpaceRun":
-        """Return the search in the curve through a task's start, or continuing from the task's stage."""
+        """Return the search in the curve through the start of a task, or continuing from the task's stage.
+
+        ``knots`` is the number of knots of the curve.
+        """
         curve, start = task.stage or CurveMap.through(task.arm, task.start, knots)
         goal = task.limited_goal
         if task.goal_pose is None:
@@ -85,25 +88,28 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ led by the tip
     def find_along_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion along the tip paths that are tried first; None where all fail."""
+        """Return a motion along one of the tip paths that are tried first, or None if all fail.
+
+        Failures are appended to ``failures``.
+        """
         return self.follow_ways(self.first_ways(), failures)
 
     def begins_bent(self) -> bool:
-        """Return whether a fed arm begins with bent joints, so that it has to leave its place along its own shape."""
+        """Return whether a fed arm has bent joints at the start, so that it has to move back along its own shape."""
         return bool(self.task.arm.base_axes) and bool(np.any(self.start.q[:-1]))
 
     def begins_straight(self) -> bool:
-        """Return whether a fed arm begins straight, so that it may move on from its start without being withdrawn."""
+        """Return whether a fed arm is straight at the start, so that it may move on without being retracted."""
         return bool(self.task.arm.base_axes) and not self.begins_bent()
 
     def find_straight(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion that leads the tip straight to the goal; None where it fails."""
+        """Return a motion that leads the tip straight to the goal, or None if that fails."""
         return self.follow_ways(islice(self.ways().first(), 1), failures)
 
     def first_ways(self) -> Iterator[TipWay]:
-        """Yield the tip paths that turn off where a joint has left the guide tube, then those that turn off at once.
+        """Yield tip paths that are straight until a joint has left the guide tube, then those that may bend at once.
 
-        A bend may begin so near to the mouth of the tube that only the latter exist for an arm of few links.
+        A passage may bend so near to the end of the tube that only the latter exist for an arm of few links.
         """
         ways = self.ways()
         yield from ways.first()
@@ -111,24 +117,24 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             yield from replace(ways, straight=0.0).first(bands=False)
 
     def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion along all other tip paths; None where all fail."""
+        """Return a motion along one of the tip paths not tried first, or None if all fail."""
         return self.follow_ways(self._other_ways.others(), failures)
 
     def find_along_finest_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion along tip paths through the finest grid, which are costly to find; None where all fail."""
+        """Return a motion along a tip path through the finest grid, which is costly to search, or None if all fail."""
         return self.follow_ways(self._other_ways.finest(), failures)
 
     def find_by_withdrawing(
         self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]
     ) -> SpaceMotion | None:
-        """Return the motion back into the guide tube, and from there to the goal by any strategy; None on failure.
+        """Return a motion back into the guide tube, and from there to the goal by any strategy, or None.
 
-        Where the arm cannot be drawn back along its own shape, the way back is one from the tube to the start, run
-        backwards. Where that fails too, the tip is led to the goal from where the withdrawal ended.
+        If the arm cannot be retracted along its own shape, a motion from the tube to the start is used in reverse. If
+        that fails too, the tip is led to the goal from where the retraction ended.
 
         Args:
-            find: finds a motion from the tube to the goal, or to the start; raises ``NoPlanFound``.
-            failures: failures of candidates are appended here.
+            find: function that finds a motion from the tube to the goal, or to the start; raises ``NoPlanFound``.
+            failures: list to which failures of candidates are appended.
         """
         task = self.task
         home = np.zeros(len(self.start.q))
@@ -158,7 +164,13 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def _found_from(
         self, home: FloatArray, find: Callable[[SpaceTask], SpaceMotion], task: SpaceTask
     ) -> SpaceMotion | None:
-        """Return the motion of a task that begins in the guide tube, if found in a fraction of the time; else None."""
+        """Return a motion of a task from the arm in the guide tube, or None if none is found in a fraction of the time.
+
+        Args:
+            home: configuration with the arm in the tube, shape (c,).
+            find: function that finds a motion; raises ``NoPlanFound``.
+            task: task, whose start is replaced.
+        """
         share = task.deadline.within(_WITHDRAWN_SHARE * task.deadline.left)
         try:
             return find(replace(task, start=home, stage=None, deadline=share))
@@ -166,7 +178,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             return None
 
     def _drawn_back_before(self, found: SpaceMotion) -> SpaceMotion | None:
-        """Return the certified motion back along the arm's own shape, and then along a motion from the guide tube."""
+        """Return a certified motion back along the arm's own shape, then along a motion found from the guide tube."""
         curve, start = found.curve.blended_to(self.start.q)
         stepper = self.task.stepper(curve, 0.0)
         poses = withdrawn(stepper, start, self.task.deadline)
@@ -176,7 +188,12 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def _led_back_before(
         self, found: SpaceMotion, from_tube: Callable[[SpaceTask], SpaceMotion | None]
     ) -> SpaceMotion | None:
-        """Return the certified motion back along ``from_tube``, run backwards, and then along ``found``."""
+        """Return a certified motion back along a motion from the tube to the start in reverse, then along ``found``.
+
+        Args:
+            found: motion from the guide tube to the goal.
+            from_tube: function that finds a motion of a task from the tube.
+        """
         start = GoalPose(self.start.tip, self.start.tip_direction)
         entered = from_tube(replace(self.task, goal=start, goal_pose=self.start.q, via=(), refuse=lambda: None))
         if entered is None or entered.curve.knots != found.curve.knots:
@@ -185,7 +202,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self._turned_over(replace(found, curve=curve).through(onward), back)
 
     def _turned_over(self, onward: SpaceMotion, back: FloatArray) -> SpaceMotion | None:
-        """Return the ways back (unknowns of shape (K, p)) and onward as one certified motion; None if not certified."""
+        """Return a retraction, unknowns (K, p), and an onward motion joined to a certified motion, or None."""
         stepper = self.task.stepper(onward.curve, 0.0)
         unknowns = turned_over(stepper, back, onward.unknowns, wholly=bool(self.task.via))
         if unknowns is None:
@@ -197,7 +214,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.ways()
 
     def ways(self) -> SpaceTipWays:
-        """Return the generator of tip paths from the start of the run."""
+        """Return the generator of tip paths from the start of the search."""
         arm = self.task.arm
         start = self.start
         ways = partial(SpaceTipWays, self.task, start.tip, self.goal.position, self.goal.direction)
@@ -211,12 +228,12 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def follow_ways(
         self, ways: Iterator[TipWay], failures: list[Failure], *, slides: bool = True
     ) -> SpaceMotion | None:
-        """Return the motion along the first tip path that succeeds, or None.
+        """Return a motion along the first tip path that succeeds, or None.
 
         Args:
             ways: tip paths.
-            failures: failures of candidates are appended here.
-            slides: whether the motion begins at the task's start, so that the arm lies on the track of its own tip.
+            failures: list to which failures of candidates are appended.
+            slides: whether the motion begins at the start of the task, so that all joints can slide along the tip path.
         """
         task = self.task
         slides = slides and task.stage is None and bool(task.arm.base_axes)
@@ -233,11 +250,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def with_margin(self, share: float) -> "SpaceRun":
-        """Return a copy of the run that keeps a fraction of the planning margin."""
+        """Return a copy of the search that keeps a fraction of the planning margin."""
         return replace(self, stepper=self.task.stepper(self.stepper.space, share))
 
     def _has_room(self, motion: SpaceMotion) -> bool:
-        """Return whether a motion has so much clearance that the optimisation should reach the preferred clearance."""
+        """Return whether a motion has enough clearance for the optimisation to reach the preferred clearance."""
         return self._keeps(_GRAZING * self.task.wanted_gap, motion.curve, motion.unknowns)
 
     def _keeps(self, gap: float, curve: CurveMap, unknowns: FloatArray) -> bool:
@@ -252,10 +269,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return len(roomy.stepper(curve, 0.0).failing_edges(unknowns)) == 0
 
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion with all joints sliding along a tip path, or None.
+        """Return a motion with all joints of a fed arm sliding along a tip path, or None.
 
-        The motion lies in the curve of the fewest knots that leaves the path half of the preferred clearance or,
-        failing that, touches nothing.
+        The curve has as few knots as leave half of the preferred clearance or, failing that, are collision-free.
         """
         task = self.task
         corners = np.vstack([part for part, _ in self._legs(way)])
@@ -269,7 +285,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return run.attempt("on the track of the tip", partial(run.arrived, poses), failures)
 
     def _fitted_slide(self, configurations: FloatArray) -> "tuple[SpaceRun, FloatArray] | None":
-        """Return a run in a curve that represents configurations, and their certified unknowns in it; else None."""
+        """Return a search in a curve that represents given configurations (K, c), and certified unknowns, or None."""
         task = self.task
 
         @cache
@@ -286,7 +302,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def along(self, way: TipWay) -> list[Pose]:
-        """Return the poses along a tip path and onto the goal."""
+        """Return the poses of a motion with the tip led along a tip path and onto the goal.
+
+        Raises:
+            Stalled: the arm makes no progress.
+        """
         stepper = self.stepper
         task = self.task
         poses = [self.start]
@@ -301,7 +321,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.arrived(poses)
 
     def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, GoalPose | None]]:
-        """Yield the legs of a tip path between via places, each with the place at its end; None for the last leg."""
+        """Yield the parts of a tip path between via points: vertices, and via point (None for the last part)."""
         task = self.task
         before = way.corners[:0]
         first = 0
@@ -315,14 +335,14 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         yield np.vstack((before, way.corners[first:])), None
 
     def _places(self) -> list[GoalPose]:
-        """Return the via places as goals of the tip."""
+        """Return the via points as goals of the tip."""
         task = self.task
         near_enough = (0.5 * task.via_reach, 0.0)
         return [GoalPose(place, near_enough=near_enough, settings=task.settings.goal) for place in task.via]
 
     # ------------------------------------------------------------ led to poses of the whole arm, and drawn
     def to_poses(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion to a goal pose, straight in the unknowns or else via straighter poses; None on failure."""
+        """Return a motion to a pose at the goal, linear in the unknowns or via less bent poses, or None."""
         task = self.task
         name = "straight to the pose" if task.goal_pose is not None else "straight to a pose at the goal"
         goals = []
@@ -331,18 +351,18 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             found = self.attempt(name, partial(self.led_to, pose.v, self.start), failures)
             if found is not None or task.deadline.passed():
                 return found
-        # A fed arm is instead drawn back into its guide tube.
+        # A fed arm is instead retracted into its guide tube.
         if task.arm.base_axes or not goals:
             return None
         ways = partial(swung, self.stepper, self._motions, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)
 
     def by_sampling(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion of trees with edges checked by samples, certified where they meet; else None.
+        """Return a motion found by two trees with edges checked by samples (RRT-Connect), then certified, or None.
 
         Args:
-            number: number of the round.
-            failures: a failure is appended here.
+            number: index of the round, which determines the effort.
+            failures: list to which a failure is appended.
         """
         searches, extensions = _SAMPLED_ROUNDS[number]
         rng, chained = self._draws(_SAMPLED + number), self._draws(_CHAINED + number)
@@ -365,7 +385,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     @cached_property
     def _free_goals(self) -> list[Pose]:
-        """Free poses at the goal that are known so far; a whole-arm goal is the only such pose."""
+        """Collision-free poses at the goal that are known so far; only the goal itself for a goal of the whole arm."""
         return [] if self.goal.coordinates is None else [self.stepper.pose(self.goal.coordinates)]
 
     @cached_property
@@ -374,16 +394,16 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return SampledMotions(task.arm, task.tree, task.clearance, task.scene)
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
-        """Return the goal pose of the whole arm, or poses sampled at the tip's goal."""
+        """Return an iterator over the goal pose of the whole arm, or over poses sampled at the goal of the tip."""
         if self.goal.coordinates is None:
             return goal_poses(self.task, self.stepper, rng)
         return iter([self.stepper.pose(self.goal.coordinates)])
 
     def _met(self, way: Callable[[], list[Pose] | None]) -> list[Pose]:
-        """Return the poses of a motion that trees find.
+        """Return the poses of a motion that a function finds by trees.
 
         Raises:
-            Stalled: the trees do not meet.
+            Stalled: the function returns None, as the trees do not meet.
         """
         poses = way()
         if poses is None:
@@ -391,16 +411,16 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return poses
 
     def _draws(self, number: int = 0) -> np.random.Generator:
-        """Return the random generator of a strategy, with a different seed for each round."""
+        """Return a random generator for a round of a strategy, with a different seed for each round number."""
         return np.random.default_rng((self.task.seed, number) if number else self.task.seed)
 
     # ------------------------------------------------------------ from place to place
     def find_by_stages(self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]) -> SpaceMotion | None:
-        """Return one motion through the via places to the goal, planned stage by stage; None if a stage fails.
+        """Return a motion through the via points to the goal, planned from one to the next, or None if a stage fails.
 
         Args:
-            find: finds the motion of one stage; raises ``MotionNotFound``.
-            failures: left unchanged.
+            find: function that finds the motion of one stage; raises ``MotionNotFound``.
+            failures: unused.
         """
         del failures
         now = self.start.v

@@ -1,4 +1,4 @@
-"""Withdrawals of fed arms in space: back along their own shape into the guide tube, and out again."""
+"""Retraction of fed arms in space along their own shape into the guide tube, and return to another path."""
 
 from itertools import pairwise
 
@@ -12,18 +12,18 @@ from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.step import SpaceStepper
 
 _TURNING_FEEDS = 24
-"""Number of feeds at which the arm may go over from its way back to its way onward. Taste."""
+"""Number of feeds at which a change from the retraction to the onward motion is tried. Taste."""
 
 
 def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back along the feed, as far as they are certified.
+    """Return the poses of an arm that is retracted along its curve, from a start, as far as they are certified.
 
-    The curve is fixed in space while the arm is drawn along it. Where bends that the curve cannot reproduce prevent
-    this, the arm is led back step by step.
+    The curve is fixed in space while the feed decreases. If bends that the curve cannot reproduce prevent that, the arm
+    is retracted along its shape by QP steps.
 
     Args:
-        stepper: stepper of a fed arm.
-        start: unknowns, shape (p,).
+        stepper: solver of QP steps of a fed arm.
+        start: unknowns at the start, shape (p,).
         deadline: time limit.
     """
     curve = stepper.space
@@ -45,7 +45,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
 
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back along the arm's own shape, as far as steps lead."""
+    """Return the poses of an arm that is retracted along its own shape by QP steps, from a given pose, inclusive."""
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
     shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))
@@ -59,18 +59,20 @@ def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pos
 def turned_over(
     stepper: SpaceStepper, back: FloatArray, onward: FloatArray, *, wholly: bool = False
 ) -> FloatArray | None:
-    """Return a motion back into the guide tube, no farther than necessary, and out again; None without one.
+    """Return a certified motion that joins a retraction into the guide tube and an onward motion, or None.
 
-    At a certain feed the arm goes straight over from its shape on the way back to its shape on the way onward.
+    The arm is retracted no farther than necessary: at the greatest possible feed it moves linearly from its shape in
+    the retraction to its shape in the onward motion.
 
     Args:
-        stepper: stepper in whose unknowns both ways are.
-        back: unknowns on the way back, shape (K, p).
-        onward: unknowns on the way onward, from the feed where the way back ends, shape (M, p).
-        wholly: whether the way back and the way onward are to be kept whole.
+        stepper: solver of QP steps in the unknowns of both motions.
+        back: unknowns at the keyframes of the retraction, shape (K, p).
+        onward: unknowns at the keyframes of the onward motion, which begins at the feed at which the retraction ends,
+            shape (M, p).
+        wholly: whether both motions are kept whole.
 
     Returns:
-        Unknowns of the certified motion, shape (N, p).
+        Unknowns at the keyframes of the joined motion, shape (N, p).
     """
     if len(stepper.failing_edges(back)) or len(stepper.failing_edges(onward)):
         return None
@@ -78,7 +80,7 @@ def turned_over(
     back = back[: int(np.argmin(back[:, column])) + 1]
     feeds = np.linspace(min(back[0, column], onward[-1, column]), back[-1, column], _TURNING_FEEDS)
     for feed in feeds[-1:] if wholly else feeds:
-        # The way back up to where it comes down to this feed, and the way onward from where it leaves it for good.
+        # The retraction until it reaches this feed, and the onward motion after it has last had this feed.
         kept = _up_to_feed(back, feed, column)
         left = _up_to_feed(onward[::-1], feed, column)[::-1]
         if stepper.edge_is_safe(kept[-1], left[0]):
@@ -87,7 +89,13 @@ def turned_over(
 
 
 def _up_to_feed(unknowns: FloatArray, feed: float, column: int) -> FloatArray:
-    """Return the part of a motion, shape (K, p), up to where its feed has come down to a value, shape (m, p)."""
+    """Return the part of a motion (K, p) until its feed has decreased to a value, shape (m, p).
+
+    Args:
+        unknowns: unknowns at the keyframes, shape (K, p).
+        feed: value of the feed, in the unit of the unknowns.
+        column: index of the feed among the unknowns.
+    """
     feeds = unknowns[:, column]
     m = int(np.argmax(feeds <= feed)) if np.any(feeds <= feed) else len(feeds) - 1
     if m == 0 or feeds[m] >= feed:
