@@ -1,7 +1,7 @@
-"""Problems that cannot be solved, in six families; what stands in the way and from where on is known by construction.
+"""Unsolvable planar problems in six families, with the reason and the threshold of feasibility known by construction.
 
-Each family draws its arm and its place from a seed. Thresholds are worked out here in closed form, with nothing of the
-package: lengths of taut strings round one circle, widths of gaps, chords of regular arcs, lever arms.
+Arm and obstacles of each family are random. Thresholds are computed in closed form without code of the package: lengths
+of shortest paths around a circle, widths of gaps, chords of circular arcs, lever arms.
 """
 
 from collections.abc import Callable
@@ -14,22 +14,23 @@ from scipy.optimize import brentq
 from ccm_opt.core.arrays import FloatArray
 
 TOLERANCE = 1e-3
-"""Of the goal's position [m], the default of problem files."""
+"""Tolerance of the goal position [m], the default of problem files."""
 GRAVITY = 9.81
 FAMILIES = ("too short", "too thick", "too stiff", "blocked", "contact", "torque")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One problem that cannot be solved.
+    """One unsolvable problem, with the parameter that makes it solvable if changed.
 
     Attributes:
-        family: what stands in the way; the kind of the finding that should be named first.
+        family: kind of the finding that the diagnosis should name first.
         data: tables of the problem file.
-        key: of the problem file that is relaxed.
-        threshold: from where on it can be solved, SI units and radians; the name of the obstacle to remove.
-        named: words that the reason must have: obstacles, links.
-        sign: +1 when the parameter must be larger than the threshold, −1 when smaller, 0 for an obstacle.
+        key: key of the parameter in the problem file.
+        threshold: value of the parameter at which the problem becomes solvable, in SI units and radians; or the name of
+            the obstacle to remove.
+        named: words that the reason of the diagnosis must contain, such as names of obstacles and links.
+        sign: +1 if the parameter must be larger than the threshold, −1 if smaller, 0 for an obstacle.
     """
 
     family: str
@@ -41,7 +42,7 @@ class Case:
 
 
 def make_case(family: str, seed: int) -> Case:
-    """The problem of a family and a seed."""
+    """Return the random problem of a family for a seed."""
     rng = np.random.default_rng([FAMILIES.index(family), seed])
     case = MAKERS[family](rng)
     name = f"{family.replace(' ', '-')}-{seed}"
@@ -49,7 +50,14 @@ def make_case(family: str, seed: int) -> Case:
 
 
 def _tables(rng: np.random.Generator, length: float, radius: float, **arm: Any) -> dict[str, Any]:
-    """A problem in a large empty room: the arm's base at the origin, straight ahead along x unless told otherwise."""
+    """Return tables of a problem in a large empty workspace, with an arm at the origin, straight along x.
+
+    Args:
+        rng: random generator.
+        length: length of the arm [m].
+        radius: radius of the arm [m].
+        **arm: further keys of the table of the arm.
+    """
     links = int(rng.choice([12, 16, 20, 24]))
     return {
         "workspace": {"bounds": [-3.0, -3.0, 3.0, 3.0], "obstacles": []},
@@ -69,7 +77,7 @@ def _tables(rng: np.random.Generator, length: float, radius: float, **arm: Any) 
 
 
 def _pointing(links: int, degrees: float) -> dict[str, Any]:
-    """A straight start that points in a direction."""
+    """Return the table of a straight start that points in a direction."""
     return {"joints_deg": [degrees, *[0.0] * (links - 1)]}
 
 
@@ -78,7 +86,7 @@ def _at(distance: float, angle: float) -> list[float]:
 
 
 def too_short(rng: np.random.Generator) -> Case:
-    """A goal in the open that is too far away, or one behind a screen with the way round its end too long."""
+    """Return a case whose goal is too far away, in free space or around the end of a wall."""
     share = rng.uniform(0.7, 0.96)
     radius = rng.uniform(0.015, 0.03)
     if rng.random() < 0.5:
@@ -105,7 +113,14 @@ def too_short(rng: np.random.Generator) -> Case:
 
 
 def string_round(start: FloatArray, goal: FloatArray, middle: FloatArray, radius: float) -> float:
-    """Length of a string over a circle whose middle is above the line from start to goal: tangents and an arc [m]."""
+    """Return the length of the shortest path between two points around a circle, two tangents and an arc [m].
+
+    Args:
+        start: first point, shape (2,) [m].
+        goal: second point, shape (2,) [m].
+        middle: centre of the circle, above the line from start to goal, shape (2,) [m].
+        radius: radius of the circle [m].
+    """
     one = start - middle
     other = goal - middle
     tangents = [float(np.sqrt(v @ v - radius**2)) for v in (one, other)]
@@ -116,7 +131,7 @@ def string_round(start: FloatArray, goal: FloatArray, middle: FloatArray, radius
 
 
 def too_thick(rng: np.random.Generator) -> Case:
-    """A wall across the room with one gap in it, narrower than the arm; sometimes with a clearance, or a short duct."""
+    """Return a case with a wall across the workspace whose single gap is narrower than the arm and its clearance."""
     radius = rng.uniform(0.03, 0.05)
     clearance = float(rng.choice([0.0, 0.0, 0.004]))
     thick = radius / rng.uniform(0.6, 0.93)
@@ -139,7 +154,7 @@ def too_thick(rng: np.random.Generator) -> Case:
 
 
 def too_stiff(rng: np.random.Generator) -> Case:
-    """A goal at the end of a regular arc that takes every joint, or a goal so near that only a tight arc gets there."""
+    """Return a case whose goal requires larger joint angles than allowed, at the end of a circular arc."""
     data = _tables(rng, rng.uniform(0.9, 1.3), rng.uniform(0.01, 0.02))
     arm = data["arm"]
     links = arm["links"]
@@ -164,7 +179,7 @@ def too_stiff(rng: np.random.Generator) -> Case:
 
 
 def blocked(rng: np.random.Generator) -> Case:
-    """Two rooms joined by a door that a shutter closes; other obstacles stand about."""
+    """Return a case with two rooms joined by a door that an obstacle closes, among other obstacles."""
     door = rng.uniform(0.18, 0.3)
     ahead = rng.uniform(0.35, 0.5)
     thickness = rng.uniform(0.05, 0.15)
@@ -191,7 +206,7 @@ def blocked(rng: np.random.Generator) -> Case:
 
 
 def contact(rng: np.random.Generator) -> Case:
-    """A post that overlaps a link at the start, a link of a goal for the whole arm, or the tip at its goal."""
+    """Return a case with an obstacle in contact with the start, a goal pose of the whole arm, or the tip goal."""
     thick = rng.uniform(0.03, 0.05)
     data = _tables(rng, rng.uniform(1.0, 1.3), thick)
     links = data["arm"]["links"]
@@ -231,7 +246,7 @@ def contact(rng: np.random.Generator) -> Case:
 
 
 def torque(rng: np.random.Generator) -> Case:
-    """An arm too weak for its start or for a goal for the whole arm; the rest of the motion hangs or stands."""
+    """Return a case with a torque limit too low to hold the start or a goal pose of the whole arm."""
     data = _tables(rng, rng.uniform(0.6, 1.2), rng.uniform(0.01, 0.03))
     links = data["arm"]["links"]
     link = data["arm"]["link_length"]

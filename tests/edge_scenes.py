@@ -1,7 +1,7 @@
-"""Random problems at the edge of the possible: hardly any play, joints at their limits, starts that touch; seeded.
+"""Random planar problems that are barely feasible: narrow gates, joints at their limits, starts in contact.
 
-Every problem has a goal pose that owes nothing to the planner: laid on the centre line of its doors, or bent as far as
-joints go. The arm is 1 m long; links, radius, limits, play and kind of goal are drawn.
+The goal pose of each problem is made without the planner: on the centre line of the doors, or with joints at their
+limits. The arm is 1 m long; number of links, radius, limits, width of doors and kind of goal are random.
 """
 
 from collections.abc import Callable
@@ -21,23 +21,23 @@ from tests.scenes import Scene, make_arm, random_headings, self_gap, wall_gaps
 
 LINKS = (8, 12, 16, 24, 30, 36, 48)
 PLAYS = (1.02, 1.03, 1.05)
-"""Width of a gate over that of the arm."""
+"""Ratios of the width of a gate to the width of the arm."""
 ROOM = shapely.box(-1.4, -1.4, 1.5, 1.4)
 DRAWS = 200
 KEPT_OFF = 0.02
-"""Least gap of random poses to walls that they do not touch, and to the arm itself [m]."""
+"""Minimum distance of random poses from walls and from the arm itself, apart from intended contacts [m]."""
 AT_LIMIT = 0.999
-"""Share of its limit to which every joint of a stiff arm is bent."""
+"""Fraction of the joint limit to which joints of a stiff arm are bent."""
 WHOLE_ARM = 0.15
 POSITION_ONLY = 0.3
-"""Share of goals for the whole arm, and for the tip's position alone."""
+"""Fractions of the goals that are poses of the whole arm, and that are tip positions without heading."""
 
 
 def edge_problem(family: str, seed: int, time_limit: float = 20.0) -> Problem:
-    """One problem of a family.
+    """Return the random problem of a family for a seed.
 
     Raises:
-        NoSceneError: when none comes of the seed.
+        NoSceneError: no valid problem is found for this seed.
     """
     rng = np.random.default_rng([seed, tuple(EDGES).index(family), 12])
     links = LINKS[seed % len(LINKS)]
@@ -52,21 +52,21 @@ def edge_problem(family: str, seed: int, time_limit: float = 20.0) -> Problem:
 
 
 def gate(rng: np.random.Generator, links: int) -> Scene:
-    """One gate that hardly lets the arm through; the start points away from it."""
+    """Return a scene with one gate slightly wider than the arm, and a start that points away from the gate."""
     x = rng.uniform(0.25, 0.5)
     thick = float(rng.choice((0.0, 0.01, 0.02, 0.04)))
     return turned(_behind_doors(rng, links, [x], [thick], 1.4), rng.uniform(-np.pi, np.pi))
 
 
 def doors(rng: np.random.Generator, links: int) -> Scene:
-    """Two or three doors one after the other in a corridor."""
+    """Return a scene with two or three doors in a row in a corridor."""
     count = int(rng.integers(2, 4))
     x = 0.25 + 0.35 * np.arange(count) + rng.uniform(-0.03, 0.03, count)
     return turned(_behind_doors(rng, links, list(x), [0.02] * count, 0.45), rng.uniform(-np.pi, np.pi))
 
 
 def turned(scene: Scene, angle: float) -> Scene:
-    """A scene turned about the base [rad]: nothing lies along the axes any more."""
+    """Return a scene rotated about the base by an angle [rad], so that no wall is parallel to an axis."""
     boundary = shapely.affinity.rotate(scene.workspace.boundary, angle, origin=(0.0, 0.0), use_radians=True)
     obstacles = tuple(
         replace(
@@ -82,11 +82,19 @@ def turned(scene: Scene, angle: float) -> Scene:
 
 
 def _behind_doors(rng: np.random.Generator, links: int, x: list[float], thick: list[float], high: float) -> Scene:
-    """An arm that is to go through doors at some places, at heights that are drawn."""
+    """Return a scene with an arm that has to pass doors at random heights.
+
+    Args:
+        rng: random generator.
+        links: number of links.
+        x: positions of the doors along x [m].
+        thick: thicknesses of the doors [m].
+        high: half the height of the workspace [m].
+    """
     for _ in range(DRAWS):
         radius = rng.uniform(0.012, 0.022)
         arm = make_arm(links, radius, base_limit=np.pi)
-        # What stands straight in a door needs a link before it and one behind it.
+        # The arm is straight within a door, for which it needs a link before and after the door.
         straight = 1.2 * arm.link_length + 0.5 * max(thick)
         room_to_turn = links >= 16
         y = rng.uniform(-0.08, 0.08, len(x)) if room_to_turn else np.zeros(len(x))
@@ -105,14 +113,14 @@ def _behind_doors(rng: np.random.Generator, links: int, x: list[float], thick: l
         workspace = Workspace(shapely.box(-1.4, -high, 1.5, high), obstacles)
         goal = laid_on(arm, centre)
         start = np.full(links, rng.choice((-1.0, 1.0)) * np.deg2rad(rng.uniform(150.0, 179.0)))
-        # The play of the narrowest door, but for what a link's own straightness costs in a thick one.
+        # Half the gap of the narrowest door, as straight links come nearer to the jambs of a thick door.
         if _clear(arm, workspace, goal, 0.5 * (half - radius)) and _clear(arm, workspace, start, KEPT_OFF):
             return Scene(arm, workspace, start, goal)
     raise NoSceneError("the arm cannot lie in the doors")
 
 
 def limit_arc(rng: np.random.Generator, links: int) -> Scene:
-    """Every joint but the first bent to one side, or first to one and then to the other, as far as it goes."""
+    """Return a scene whose goal has joints at their limits, bent to one side or first to one and then to the other."""
     for _ in range(DRAWS):
         turn = rng.uniform(np.deg2rad(40.0), np.deg2rad(280.0))
         arm = make_arm(links, float(rng.choice((0.0, 0.01, 0.02))), joint_limit=turn / links, base_limit=np.pi)
@@ -120,7 +128,7 @@ def limit_arc(rng: np.random.Generator, links: int) -> Scene:
         side = float(rng.choice((-1.0, 1.0)))
         bends = side * np.where(np.arange(links) < switch, 1.0, -1.0) * AT_LIMIT * arm.joint_limit
         start = np.zeros(links)
-        # Every third arm lies at its limits on the other side already.
+        # A third of the arms start at the opposite limits.
         if rng.random() < 1.0 / 3.0:
             start = arm.headings(-bends)
         bends[0] = rng.uniform(-2.0, 2.0) if rng.random() < 0.5 else bends[0]
@@ -131,7 +139,7 @@ def limit_arc(rng: np.random.Generator, links: int) -> Scene:
 
 
 def limit_arc_among(rng: np.random.Generator, links: int) -> Scene:
-    """The same among some posts that keep off both poses."""
+    """Return a scene of ``limit_arc`` with up to five posts that do not touch start and goal pose."""
     scene = limit_arc(rng, links)
     arm = scene.arm
     poses = shapely.multilinestrings([arm.joint_positions(pose) for pose in (scene.start, scene.goal)])
@@ -145,17 +153,23 @@ def limit_arc_among(rng: np.random.Generator, links: int) -> Scene:
 
 
 def at_wall(rng: np.random.Generator, links: int) -> Scene:
-    """The start touches the flat side of a wall with one of its outer links or with its tip."""
+    """Return a scene whose start touches the flat side of a wall with one of the outer links or the tip."""
     return _touching(rng, links, sharp=False)
 
 
 def at_corner(rng: np.random.Generator, links: int) -> Scene:
-    """The start touches the corner of a wall."""
+    """Return a scene whose start touches the corner of a wall."""
     return _touching(rng, links, sharp=True)
 
 
 def _touching(rng: np.random.Generator, links: int, *, sharp: bool) -> Scene:
-    """A random start with a wall pushed up to it until they touch, and a random goal."""
+    """Return a scene with a random start in contact with a wall, and a random goal.
+
+    Args:
+        rng: random generator.
+        links: number of links.
+        sharp: whether the arm touches a corner of the wall instead of a side.
+    """
     for _ in range(DRAWS):
         arm = make_arm(links, rng.uniform(0.012, 0.025))
         start = random_headings(rng, arm, 2.5)
@@ -176,7 +190,14 @@ def _touching(rng: np.random.Generator, links: int, *, sharp: bool) -> Scene:
 
 
 def _pushed_up_to(wall: shapely.Polygon, away: FloatArray, points: FloatArray, apart: float) -> shapely.Polygon:
-    """A wall moved along a direction (2,) away from an arm's joints (k, 2) until it is as far off as it may be [m]."""
+    """Return a wall translated until its distance from the axis of an arm has a given value.
+
+    Args:
+        wall: the wall.
+        away: direction of the translation, away from the arm, shape (2,).
+        points: vertices of the arm's axis, shape (k, 2) [m].
+        apart: the distance [m].
+    """
     axis = shapely.LineString(points)
     near = 0.0
     far = 0.5
@@ -188,7 +209,7 @@ def _pushed_up_to(wall: shapely.Polygon, away: FloatArray, points: FloatArray, a
 
 
 def _wall_towards(rng: np.random.Generator, place: FloatArray, away: FloatArray, *, sharp: bool) -> shapely.Polygon:
-    """A convex wall whose flat side, or whose corner, is at a place, the rest away from it."""
+    """Return a random convex wall that lies beyond a point in a direction, with a corner or a side at the point."""
     along = np.array([-away[1], away[0]])
     wide = rng.uniform(0.05, 0.2)
     deep = rng.uniform(0.05, 0.3)
@@ -200,7 +221,7 @@ def _wall_towards(rng: np.random.Generator, place: FloatArray, away: FloatArray,
 
 
 def _clear(arm: Arm, workspace: Workspace, headings: FloatArray, least: float) -> bool:
-    """Whether a pose keeps a gap from walls, limits, and itself."""
+    """Return whether a pose respects the joint limits and has a minimum distance [m] from walls and from itself."""
     points = arm.joint_positions(headings)
     if np.any(np.abs(arm.bends(headings)) > arm.bend_limits):
         return False
@@ -208,27 +229,27 @@ def _clear(arm: Arm, workspace: Workspace, headings: FloatArray, least: float) -
 
 
 def _flat(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
-    """A wall across the way from one height to another: a sheet where it has no thickness."""
+    """Return a rectangular wall across a corridor from one height to another; a line if the thickness is zero."""
     if thick == 0.0:
         return (Obstacle(name, PlaneShape(shapely.LineString([(x, low), (x, high)]))),)
     return (Obstacle(name, PlaneShape(shapely.box(x - 0.5 * thick, min(low, high), x + 0.5 * thick, max(low, high)))),)
 
 
 def _pointed(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
-    """A wedge whose point is at the lower height."""
+    """Return a triangular wall whose tip is at the height ``low``."""
     half = 0.5 * thick + 0.02
     return (Obstacle(name, PlaneShape(shapely.Polygon([(x, low), (x - half, high), (x + half, high)]))),)
 
 
 def _round(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
-    """A wall with a round end."""
+    """Return a wall with a round end at the height ``low``."""
     radius = 0.5 * thick + 0.005
     inside = low + np.copysign(radius, high)
     return (Obstacle(name, PlaneShape(shapely.LineString([(x, inside), (x, high)]), radius)),)
 
 
 SHAPES = (_flat, _pointed, _round)
-"""Of what stands on either side of a door."""
+"""Functions that make the obstacle on one side of a door."""
 EDGES: dict[str, Callable[[np.random.Generator, int], Scene]] = {
     "gate": gate,
     "doors": doors,
@@ -237,4 +258,4 @@ EDGES: dict[str, Callable[[np.random.Generator, int], Scene]] = {
     "at-wall": at_wall,
     "at-corner": at_corner,
 }
-"""Families by name."""
+"""Functions that make the scene of a family, by name."""

@@ -1,4 +1,4 @@
-"""Routes of arms in space, and shapes about them."""
+"""Paths of arms in space, and bodies around such paths, for random test scenes."""
 
 import hashlib
 from dataclasses import dataclass
@@ -11,43 +11,43 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.scene.bodies import Body, BoxBody, MeshBody
 
 STEP = 0.004
-"""Between the places of a route [m]."""
+"""Distance between the points of a path [m]."""
 THICK = 0.003
-"""Of sheet metal [m]."""
+"""Thickness of sheet metal [m]."""
 ORIGIN = np.zeros(3)
 X = np.array([1.0, 0.0, 0.0])
 SIDES = 32
-"""Of pipes and holes, so that a pipe of 50 mm is within 0.3 mm of round."""
+"""Number of sides of pipes and holes, so that a pipe of 50 mm deviates from a circle by less than 0.3 mm."""
 _ANGLES = 2.0 * np.pi / SIDES * np.arange(SIDES)
 CIRCLE = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
-"""Of radius 1, shape (SIDES, 2)."""
+"""Points on the unit circle, shape (SIDES, 2)."""
 
 
 class UselessDraw(Exception):  # noqa: N818 - nothing has gone wrong
-    """A scene cannot be as it was drawn, and is drawn again."""
+    """Raised when a random scene is invalid and has to be generated again."""
 
 
 def unit(vector: FloatArray) -> FloatArray:
-    """A vector by its length."""
+    """Return a vector divided by its length."""
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Places on a way, even to a few millimetres; it runs on straight before and beyond.
+    """Path in space given by closely spaced points; continued by straight lines before its start and after its end.
 
     Attributes:
-        places: shape (m, 3) [m].
+        places: the points, shape (m, 3) [m].
     """
 
     places: FloatArray
 
     @classmethod
     def round_corners(cls, corners: FloatArray, radius: float) -> "Route":
-        """Straight from corner to corner, shape (n, 3) [m], with arcs of a radius [m] in between.
+        """Return a path of straight lines between corners, shape (n, 3) [m], rounded by arcs of a radius [m].
 
         Raises:
-            UselessDraw: the corners are too near each other.
+            UselessDraw: the corners are too close together.
         """
         done = corners[0]
         places = []
@@ -70,61 +70,61 @@ class Route:
 
     @cached_property
     def arcs(self) -> FloatArray:
-        """Arc lengths of the places, shape (m,) [m]."""
+        """Arc lengths of the points, shape (m,) [m]."""
         return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(self.places, axis=0), axis=1))))
 
     @property
     def length(self) -> float:
-        """From its beginning to its end [m]."""
+        """Length of the path [m]."""
         return float(self.arcs[-1])
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Places at arc lengths, shape (..., 3) [m]."""
+        """Return the points at arc lengths of shape (...) [m], shape (..., 3) [m]."""
         places = np.stack([np.interp(s, self.arcs, column) for column in self.places.T], axis=-1)
         before = np.minimum(s, 0.0)[..., None] * unit(self.places[1] - self.places[0])
         beyond = np.maximum(s - self.length, 0.0)[..., None] * unit(self.places[-1] - self.places[-2])
         return np.asarray(places + before + beyond)
 
     def part(self, low: float, high: float) -> FloatArray:
-        """Places between two arc lengths, shape (k, 3) [m]."""
+        """Return closely spaced points between two arc lengths [m], shape (k, 3) [m]."""
         count = max(2, int(np.ceil((high - low) / STEP)) + 1)
         return self.at(np.linspace(low, high, count))
 
 
 def _straight(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Places from one to another, without the last, shape (k, 3) [m]."""
+    """Return closely spaced points on a line from start to end, without the end, shape (k, 3) [m]."""
     count = max(1, int(np.linalg.norm(end - start) / STEP))
     return np.asarray(start + (end - start) * np.arange(count)[:, None] / count)
 
 
 Bodies = dict[str, Body]
-"""By their names."""
+"""Bodies by name."""
 
 
 def pipe(route: Route, low: float, high: float, radius: float) -> MeshBody:
-    """The wall of a pipe about a part of a route, open at both ends.
+    """Return the wall of a pipe around a part of a path, as a surface open at both ends.
 
     Args:
-        route: along its middle.
-        low: arc length at which it begins [m].
-        high: arc length at which it ends [m].
-        radius: of its inside, which the corners of the mesh lie on [m].
+        route: path on the axis of the pipe.
+        low: arc length at which the pipe begins [m].
+        high: arc length at which the pipe ends [m].
+        radius: radius on which the vertices of the mesh lie [m].
     """
     return sheet(*bands(rings_along(route, low, high, radius)))
 
 
 def straight_pipe(start: FloatArray, end: FloatArray, radius: float) -> MeshBody:
-    """The wall of a straight pipe, open at both ends."""
+    """Return the wall of a straight pipe from start to end, as a surface open at both ends."""
     length = float(np.linalg.norm(end - start))
     return pipe(Route(np.stack((start, end))), 0.0, length, radius)
 
 
 def holed_plate(middle: FloatArray, normal: FloatArray, hole: float, half: float) -> MeshBody:
-    """A square plate with a round hole in its middle, a sheet.
+    """Return a square plate of zero thickness with a round hole at its centre.
 
     Args:
-        middle: of the hole, shape (3,) [m].
-        normal: of the plate, a unit vector, shape (3,).
+        middle: centre of the hole, shape (3,) [m].
+        normal: unit normal of the plate, shape (3,).
         hole: radius of the hole [m].
         half: half the side of the plate [m].
     """
@@ -132,12 +132,12 @@ def holed_plate(middle: FloatArray, normal: FloatArray, hole: float, half: float
 
 
 def ring(middle: FloatArray, normal: FloatArray, inner: float, outer: float) -> MeshBody:
-    """A flat ring, a sheet, such as a frame of a fuselage."""
+    """Return a flat ring of zero thickness with given centre, unit normal and radii [m], such as a fuselage frame."""
     return _flat(middle, normal, inner * CIRCLE, outer * CIRCLE)
 
 
 def _flat(middle: FloatArray, normal: FloatArray, inner: FloatArray, outer: FloatArray) -> MeshBody:
-    """What is between two outlines in a plane, shape (SIDES, 2) [m] each."""
+    """Return the surface between two outlines in a plane, each of shape (SIDES, 2) [m]."""
     plane = np.concatenate((inner, outer))
     across = unit(_across(normal))
     places = middle + plane[:, :1] * across + plane[:, 1:] * np.cross(normal, across)
@@ -145,12 +145,12 @@ def _flat(middle: FloatArray, normal: FloatArray, inner: FloatArray, outer: Floa
 
 
 def _across(way: FloatArray) -> FloatArray:
-    """A vector across another."""
+    """Return a vector perpendicular to another."""
     return np.asarray(np.cross(way, np.eye(3)[np.argmin(np.abs(way))]))
 
 
 def sheet(vertices: FloatArray, faces: IntArray, *, solid: bool = False) -> MeshBody:
-    """A mesh with the file that it could have come from, so that a problem with it can be written."""
+    """Return a mesh with the content of an STL file, so that a problem with the mesh can be written."""
     vertices = vertices.astype(np.float32).astype(np.float64)  # as the file has them
     content = _binary_stl(vertices[faces])
     digest = hashlib.sha256(content).hexdigest()
@@ -164,12 +164,12 @@ def _binary_stl(triangles: FloatArray) -> bytes:
 
 
 def bands(rings: list[FloatArray], *, closed: bool = False, capped: bool = False) -> tuple[FloatArray, IntArray]:
-    """Return vertices and faces between rings of ``SIDES`` vertices each, one after the other.
+    """Return vertices and faces of a surface through consecutive rings of ``SIDES`` vertices each.
 
     Args:
-        rings: shape (SIDES, 3) each [m].
-        closed: whether the last one is joined to the first.
-        capped: whether the last one is closed by a lid.
+        rings: vertices of the rings, shape (SIDES, 3) each [m].
+        closed: whether the last ring is joined to the first.
+        capped: whether the last ring is closed by a lid.
     """
     here = np.arange(SIDES)
     after = np.roll(here, -1)
@@ -187,9 +187,13 @@ def bands(rings: list[FloatArray], *, closed: bool = False, capped: bool = False
 
 
 def rings_along(route: Route, low: float, high: float, radii: FloatArray | float) -> list[FloatArray]:
-    """Return circles about a part of a route, shape (SIDES, 3) each [m].
+    """Return circles around a part of a path, shape (SIDES, 3) each [m].
 
-    Radii are for the places of ``part``, or one for all [m].
+    Args:
+        route: the path.
+        low: arc length at which the part begins [m].
+        high: arc length at which the part ends [m].
+        radii: radius for all circles, or for each of the k points of ``Route.part``, shape (k,) [m].
     """
     middles = route.part(low, high)
     tangents = np.gradient(middles, axis=0)
@@ -199,7 +203,7 @@ def rings_along(route: Route, low: float, high: float, radii: FloatArray | float
     rings = []
     for k in range(0, len(middles), 3):
         tangent = tangents[k]
-        # The frame is carried along, so that the mesh does not twist.
+        # The frame is transported along the path, so that the mesh does not twist.
         across = unit(across - (across @ tangent) * tangent)
         circle = CIRCLE[:, :1] * across + CIRCLE[:, 1:] * np.cross(tangent, across)
         rings.append(middles[k] + widths[k] * circle)
@@ -207,13 +211,13 @@ def rings_along(route: Route, low: float, high: float, radii: FloatArray | float
 
 
 def thick_pipe(route: Route, low: float, high: float, radius: float, wall: float) -> MeshBody:
-    """Return a closed pipe with a wall [m] of material about a part of a route, open at both ends."""
+    """Return a solid pipe with a wall thickness [m] around a part of a path, open at both ends."""
     inner, outer = (rings_along(route, low, high, each) for each in (radius, radius + wall))
     return sheet(*bands([*inner, *outer[::-1]], closed=True), solid=True)
 
 
 def thick_tube(start: FloatArray, end: FloatArray, radius: float, wall: float) -> MeshBody:
-    """Return a closed straight pipe with a wall [m] of material, open at both ends."""
+    """Return a solid straight pipe with a wall thickness [m], open at both ends."""
     way = unit(end - start)
     rings = [
         outline_about(place, way, wide, square=False)
@@ -223,14 +227,14 @@ def thick_tube(start: FloatArray, end: FloatArray, radius: float, wall: float) -
 
 
 def thick_plate(middle: FloatArray, normal: FloatArray, hole: float, outline: FloatArray, thick: float) -> MeshBody:
-    """Return a closed plate with a round hole.
+    """Return a solid plate with a round hole.
 
     Args:
-        middle: of the hole, shape (3,) [m].
-        normal: of the plate.
+        middle: centre of the hole, shape (3,) [m].
+        normal: unit normal of the plate, shape (3,).
         hole: radius of the hole [m].
-        outline: corners in the plane, shape (SIDES, 3) [m].
-        thick: its thickness [m].
+        outline: vertices of the plate's outline, shape (SIDES, 3) [m].
+        thick: thickness of the plate [m].
     """
     across = unit(outline[0] - middle)
     circle = CIRCLE[:, :1] * across + CIRCLE[:, 1:] * np.cross(normal, across)
@@ -239,14 +243,25 @@ def thick_plate(middle: FloatArray, normal: FloatArray, hole: float, outline: Fl
 
 
 def outline_about(middle: FloatArray, normal: FloatArray, half: float, *, square: bool = True) -> FloatArray:
-    """Return the corners of a square or round plate, shape (SIDES, 3) [m]."""
+    """Return the outline of a square or round plate, shape (SIDES, 3) [m].
+
+    Args:
+        middle: centre, shape (3,) [m].
+        normal: unit normal, shape (3,).
+        half: half the side, or the radius [m].
+        square: whether the plate is square.
+    """
     across = unit(_across(normal))
     shape = CIRCLE / np.max(np.abs(CIRCLE), axis=1)[:, None] if square else CIRCLE
     return np.asarray(middle + half * (shape[:, :1] * across + shape[:, 1:] * np.cross(normal, across)))
 
 
 def joined_pipes(tubes: list[tuple[Route, float, float, float]]) -> MeshBody:
-    """Return the surface of pipes that open into each other: routes, first and last arc lengths, and radii [m]."""
+    """Return the common surface of pipes that open into each other.
+
+    Args:
+        tubes: path, first and last arc length [m] and radius [m] of each pipe.
+    """
     parts = []
     corners = 0
     for k, (route, low, high, radius) in enumerate(tubes):
@@ -263,5 +278,5 @@ def joined_pipes(tubes: list[tuple[Route, float, float, float]]) -> MeshBody:
 
 
 def box(low: object, high: object) -> BoxBody:
-    """A box between two corners, shape (3,) each [m]."""
+    """Return a box between two opposite corners, shape (3,) each [m]."""
     return BoxBody(np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64))

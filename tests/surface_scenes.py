@@ -1,4 +1,4 @@
-"""Triangles for tests of distances in space, and a slow way to their distances that shares nothing with the package."""
+"""Random triangles for tests of distances in space, and a slow computation of distances independent of the package."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from ccm_opt.scene.surfaces import TriangleSoup
 
 
 def soup(triangles: FloatArray, rounding: FloatArray, owner: IntArray) -> TriangleSoup:
-    """Surfaces of owners without telling names."""
+    """Return triangles of several bodies, from vertices (m, 3, 3) [m], rounding (m,) [m] and indices of bodies (m,)."""
     return TriangleSoup(triangles, rounding, owner, tuple(f"body {k}" for k in range(int(owner.max(initial=-1)) + 1)))
 
 
 def random_triangles(rng: np.random.Generator, count: int) -> TriangleSoup:
-    """Triangles of many sizes about the origin, among them segments, points, slivers and rounded ones."""
+    """Return random triangles of different sizes, some degenerate to segments, points or slivers, some rounded."""
     size = rng.exponential(0.2, (count, 1, 1))
     corners = rng.uniform(-1.0, 1.0, (count, 1, 3)) + size * rng.normal(size=(count, 3, 3))
     kind = rng.integers(0, 10, count)
@@ -25,16 +25,16 @@ def random_triangles(rng: np.random.Generator, count: int) -> TriangleSoup:
 
 
 def random_segments(rng: np.random.Generator, count: int) -> FloatArray:
-    """Segments of many lengths, some of them points, shape (count, 2, 3)."""
+    """Return random segments of different lengths, some degenerate to points, shape (count, 2, 3) [m]."""
     start = rng.uniform(-1.3, 1.3, (count, 3))
     length = rng.choice([0.0, 0.05, 0.5], (count, 1))
     return np.stack((start, start + length * rng.normal(size=(count, 3))), axis=1)
 
 
 def slow_distances(segments: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Distances of segments (k, 2, 3) from triangles (m, 3, 3), shape (k, m).
+    """Return the distances of segments (k, 2, 3) from triangles (m, 3, 3), shape (k, m) [m].
 
-    The distance from a convex set is convex along a segment, so that thirds of it are dropped till none is left.
+    Ternary search: the distance from a convex set is a convex function along a segment.
     """
     start = segments[:, None, 0]
     line = (segments[:, 1] - segments[:, 0])[:, None]
@@ -51,7 +51,10 @@ def slow_distances(segments: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def _from_triangles(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Distances of points (k, m, 3): the least over plane, edges and corners of those feet that are in the triangle."""
+    """Return the distances of points (k, m, 3) from m triangles, shape (k, m) [m].
+
+    Each is the minimum distance from vertices and from those projections onto edges and plane that are in the triangle.
+    """
     best = np.min(np.linalg.norm(triangles - points[:, :, None], axis=3), axis=2)
     for chosen in ((0, 1), (1, 2), (2, 0), (0, 1, 2)):
         corners = triangles[:, list(chosen)]
@@ -64,6 +67,6 @@ def _from_triangles(points: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def slow_gaps(segments: FloatArray, scene: TriangleSoup, reach: float) -> FloatArray:
-    """Least distance of each segment from all triangles less their rounding, cut off at the reach, shape (k,)."""
+    """Return the distances of k segments from a set of rounded triangles, at most ``reach``, shape (k,) [m]."""
     gaps = slow_distances(segments, scene.triangles) - scene.rounding
     return np.minimum(np.min(gaps, axis=1), reach)

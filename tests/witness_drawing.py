@@ -1,4 +1,4 @@
-"""A scene while it is drawn around its witness."""
+"""Construction of a random scene around a feasible motion, called its witness."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -14,23 +14,23 @@ from .space_shapes import ORIGIN, Bodies, Route, UselessDraw, bands, outline_abo
 from .witness_motions import MOST_BEND, Swept, followed, smooth_bends
 
 IN_TUBE = 0.05
-"""How far the tip is inside the guide tube at a start inside [m]."""
+"""Depth of the tip in the guide tube for a start inside [m]."""
 Z = np.eye(3)[2]
 
 
 @dataclass(eq=False)
 class Drawing:
-    """A scene while it is drawn: guide tube or base at the origin, along x.
+    """Random scene under construction, with end of the guide tube, or fixed base, at the origin and directed along x.
 
     Attributes:
-        rng: source of all draws.
+        rng: random generator.
         links: number of links.
-        start: "inside" the guide tube or fed "out".
-        length: of the arm [m].
-        radius: of the arm [m].
-        legs: rows of configurations of motions one after the other, the last row of one the first of the next.
-        stops: numbers of the legs at whose ends there is a goal.
-        bodies: by their names.
+        start: "inside" for a start in the guide tube, "out" for one fed out of it.
+        length: length of the arm [m].
+        radius: radius of the arm [m].
+        legs: configurations of consecutive motions, each of shape (T, c) [rad, m]; each begins where the last one ends.
+        stops: numbers, from 1, of the legs that end at a goal.
+        bodies: bodies by name.
         fed: whether the arm has a feed axis.
     """
 
@@ -46,7 +46,7 @@ class Drawing:
 
     @property
     def arm(self) -> Arm:
-        """The arm with joints that bend as far as any witness."""
+        """The arm, with joint limits of 90°."""
         arm = replace(arm_of_links(self.links, self.length, self.radius), joint_limit=0.5 * np.pi)
         if not self.fed:
             return arm
@@ -59,19 +59,28 @@ class Drawing:
         return self.length / self.links
 
     def lead(self) -> float:
-        """Length of the straight beginning of routes: nothing bends before a link is out of the tube [m]."""
+        """Return a random length, more than a link, of the straight start of a path out of the guide tube [m]."""
         return self.link + float(self.rng.uniform(0.01, 0.04))
 
     def bend(self) -> float:
-        """Radius of bends that the arm follows [m]."""
+        """Return a random radius of curvature that the arm can follow [m]."""
         return max(0.08, 1.3 * self.link) * float(self.rng.uniform(1.0, 1.3))
 
     def room(self) -> float:
-        """Room about the witness [m]."""
+        """Return a random clearance around the witness [m]."""
         return float(self.rng.uniform(0.0042, 0.011))
 
     def go(self, route: Route, end: float | None = None, begin: float | None = None) -> Swept:
-        """Follow a route from a tip's arc length, or from the start, to another and let there be a goal."""
+        """Add a motion along a path, with a goal at the end if it leads forwards, and return its swept volume.
+
+        Args:
+            route: the path.
+            end: arc length of the tip at the end [m]; that of the path's end by default.
+            begin: arc length of the tip at the beginning [m]; that of the start by default.
+
+        Raises:
+            UselessDraw: the arm is too short for the path, or cannot follow it.
+        """
         shown = self.link if self.start == "out" else -IN_TUBE
         begin = shown if begin is None else begin
         end = route.length if end is None else end
@@ -84,47 +93,67 @@ class Drawing:
         return Swept(self.arm, self.legs[-1])
 
     def strew(self, draw: Callable[[], Body], name: str, count: int) -> None:
-        """Place so many bodies about everything that is swept."""
+        """Add at most ``count`` random bodies beside all legs, with numbered names."""
         swept = Swept(self.arm, np.concatenate(self.legs))
         for k, body in enumerate(swept.strew(self.rng, draw, count, self.room)):
             self.bodies[f"{name} {k}"] = body
 
     def bar(self, low: float, high: float, radius: float) -> CapsuleBody:
-        """Draw a bar of a length between two about the origin [m]."""
+        """Return a bar at the origin with a random direction and a random length between two bounds [m]."""
         half = 0.5 * float(self.rng.uniform(low, high)) * unit(self.rng.normal(size=3))
         return CapsuleBody(-half, half, radius)
 
     def block(self, low: float, high: float) -> BoxBody:
-        """Draw a box with sides between two lengths about the origin [m]."""
+        """Return a box at the origin with a random orientation and random sides between two bounds [m]."""
         half = 0.5 * self.rng.uniform(low, high, 3)
         return BoxBody(-half, half, RigidPlacement.of_quaternion(ORIGIN, self.rng.normal(size=4)))
 
     def jagged(self, size: float) -> Body:
-        """Draw a closed mesh of a size about the origin [m]."""
+        """Return a solid ring at the origin with a triangular section, as a mesh of about a given size [m]."""
         rings = [r * outline_about(z * Z, Z, 1.0, square=False) + (1.0 - r) * z * Z for r, z in self._profile(size)]
         return sheet(*bands(rings, closed=True), solid=True)
 
     def _profile(self, size: float) -> list[tuple[float, float]]:
-        """Radii and heights of a ring with a section of three corners [m]."""
+        """Return radius and height of the three corners of a ring's section [m]."""
         wide = size * float(self.rng.uniform(0.3, 0.5))
         return [(0.5 * wide, 0.0), (wide, 0.3 * size), (wide, -0.3 * size)]
 
     def plate(self, name: str, place: FloatArray, normal: FloatArray, swept: Swept, half: float) -> None:
-        """Put a plate with a hole where the witness passes."""
+        """Add a plate with a hole through which the witness passes.
+
+        Args:
+            name: name of the plate.
+            place: centre of the plate, shape (3,) [m].
+            normal: unit normal of the plate, shape (3,).
+            swept: swept volume of the arm.
+            half: half the side of the plate [m].
+        """
         middle, hole = swept.opening(place, normal, self.room())
         thick = float(self.rng.uniform(0.001, 0.003))
         outline = outline_about(place, normal, half)
         self.bodies[name] = thick_plate(middle, normal, hole + 0.5 * thick, outline, thick)
 
     def tilted(self, way: FloatArray, most: float) -> FloatArray:
-        """Draw a direction within an angle of another [rad]."""
+        """Return a random unit vector at an angle of at most ``most`` [rad] to a given one."""
         side = self.rng.normal(size=3)
         side = unit(side - (side @ way) * way)
         angle = float(self.rng.uniform(0.3, 1.0)) * most
         return np.asarray(np.cos(angle) * way + np.sin(angle) * side)
 
     def poses(self, bend: float, flat: float = 1.0, common: float = 0.0) -> Swept:
-        """Move straight from one smooth pose to another, which share the first part of the arm, and let be a goal."""
+        """Add a straight joint-space motion between two random smooth poses of an arm with a fixed base.
+
+        Args:
+            bend: maximum sum of the magnitudes of the joint angles of a pose [rad].
+            flat: factor on the bend angles about the second axis.
+            common: fraction of the joints, from the base, that do not move.
+
+        Returns:
+            The swept volume.
+
+        Raises:
+            UselessDraw: a joint bends too much.
+        """
         self.fed = False
         arm = self.arm
         one, other = (smooth_bends(self.rng, arm, bend * float(self.rng.uniform(0.5, 1.0)), flat) for _ in range(2))

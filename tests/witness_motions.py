@@ -1,7 +1,7 @@
-"""Motions that scenes are drawn around, and what they sweep.
+"""Feasible motions of arms around which random scenes are built, and the volumes that the motions sweep.
 
-A fed arm whose joints follow its tip along a route, or a straight motion between two smooth poses of an arm on a fixed
-base; bodies are then placed about all that it sweeps.
+A motion is either the feed of an arm whose joints follow the tip along a path, or a straight motion in joint space
+between two smooth poses of an arm with a fixed base. Bodies are then placed around the swept volume.
 """
 
 from collections.abc import Callable
@@ -21,16 +21,21 @@ from .arms import held_bends
 from .space_shapes import STEP, Route, UselessDraw, unit
 
 LOOK = 0.3
-"""Bodies farther from the motion than this are of no interest [m]."""
+"""Distance from the motion beyond which bodies are ignored [m]."""
 MOST_BEND = np.deg2rad(55.0)
-"""Of a joint of a motion; problems allow a little more [rad]."""
+"""Maximum bend angle of a joint in a motion [rad]; the joint limits of problems are slightly larger."""
 
 
 def followed(arm: Arm, route: Route, tips: FloatArray) -> FloatArray:
-    """Return configurations (T, c) with all joints on a route and the tip at arc lengths of it, shape (T,) [m].
+    """Return configurations with all joints on a path and the tip at given arc lengths, shape (T, c) [rad, m].
+
+    Args:
+        arm: the arm.
+        route: the path.
+        tips: arc lengths of the tip, shape (T,) [m].
 
     Raises:
-        UselessDraw: a joint would bend too far, or before it has left the guide tube, which ends at the origin.
+        UselessDraw: a joint bends too much, or bends inside the guide tube, which ends at the origin.
     """
     s = np.asarray(tips, dtype=np.float64)
     points = [route.at(s)]
@@ -55,7 +60,14 @@ def followed(arm: Arm, route: Route, tips: FloatArray) -> FloatArray:
 
 
 def meander(rng: np.random.Generator, lead: float, length: float, radius: float) -> Route:
-    """Return a route straight for its lead [m] and then with random curvature, as a rule gentler than a radius [m]."""
+    """Return a random path that is straight at first and then has random curvature.
+
+    Args:
+        rng: random generator.
+        lead: length of the straight part [m].
+        length: length of the path [m].
+        radius: radius of curvature that the path usually exceeds [m].
+    """
     arcs = np.arange(0.0, length, STEP)
     knots = rng.normal(size=(int(rng.integers(4, 7)), 2))
     shares = np.linspace(0.0, 1.0, len(knots))
@@ -72,7 +84,14 @@ def meander(rng: np.random.Generator, lead: float, length: float, radius: float)
 
 
 def smooth_bends(rng: np.random.Generator, arm: Arm, bend: float, flat: float) -> FloatArray:
-    """Return bends (2 links,) of a random smooth pose that turns by so much in all [rad], upwards by a share of it."""
+    """Return the bend angles of a random smooth pose, shape (2 links,) [rad].
+
+    Args:
+        rng: random generator.
+        arm: the arm.
+        bend: approximate sum of the magnitudes of the joint angles, before ``flat`` is applied [rad].
+        flat: factor on the bend angles about the second axis.
+    """
     knots = rng.normal(size=(2, int(rng.integers(3, 7))))
     places = np.linspace(0.0, 1.0, arm.links)
     bends = np.column_stack([np.interp(places, np.linspace(0.0, 1.0, len(row)), row) for row in knots])
@@ -82,7 +101,7 @@ def smooth_bends(rng: np.random.Generator, arm: Arm, bend: float, flat: float) -
 
 
 class Swept:
-    """What an arm sweeps on a motion that is linear between configurations (T, c)."""
+    """Volume that an arm sweeps on a piecewise-linear motion through configurations of shape (T, c) [rad, m]."""
 
     def __init__(self, arm: Arm, rows: FloatArray) -> None:
         self.arm = arm
@@ -92,7 +111,7 @@ class Swept:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Places on the axes of links some millimetres apart, shape (m, 3) [m]."""
+        """Points on the axes of the links a few millimetres apart, shape (m, 3) [m]."""
         count = int(np.ceil(self.arm.link_length / STEP))
         shares = np.arange(count)[:, None] / count
         steps = np.diff(self.chains, axis=1)[:, :, None]
@@ -100,16 +119,25 @@ class Swept:
 
     @cached_property
     def axes(self) -> FloatArray:
-        """Axes of links, shape (n links, 2, 3) [m]."""
+        """Axes of the links as segments, shape (n links, 2, 3) [m]."""
         return np.stack((self.chains[:, :-1], self.chains[:, 1:]), axis=2).reshape(-1, 2, 3)
 
     def gap(self, body: Body) -> float:
-        """Return how far the arm's surface is from a body's, at most ``LOOK`` [m]."""
+        """Return the distance between the surfaces of the swept arm and a body, at most about ``LOOK`` [m]."""
         tree = SurfaceTree.of(TriangleSoup.joined([("", body.triangles, body.rounding)]))
         return float(tree.distances(self.axes, LOOK).min()) - self.arm.radius
 
     def opening(self, middle: FloatArray, normal: FloatArray, room: float) -> tuple[FloatArray, float]:
-        """Return middle and radius [m] of a round hole of a thin plate, about where the arm passes it at a place."""
+        """Return centre, shape (3,) [m], and radius [m] of a round hole in a thin plate through which the arm passes.
+
+        Args:
+            middle: point of the plate, shape (3,) [m].
+            normal: unit normal of the plate, shape (3,).
+            room: clearance of the arm in the hole [m].
+
+        Raises:
+            UselessDraw: the arm does not pass near the point.
+        """
         off = self.points - middle
         along = off @ normal
         across = off - along[:, None] * normal
@@ -123,21 +151,27 @@ class Swept:
         return middle + shift, widest + self.arm.radius + room + 0.0005
 
     def width(self, route: Route, low: float, high: float, room: float) -> float:
-        """Return the radius of a pipe about a part of a route that leaves the arm in it a room [m]."""
+        """Return the radius of a pipe around a part of a path, with a given clearance from the arm [m]."""
         return float(np.max(self.widths(route, low, high, room)))
 
     def widths(self, route: Route, low: float, high: float, room: float) -> FloatArray:
-        """Return the radius of a pipe at the places of a part of a route, shape (k,) [m]."""
+        """Return radii of a pipe at k points of a path, with a given clearance from the arm, shape (k,) [m]."""
         places = route.part(low, high)
         apart, nearest = map(np.asarray, cKDTree(places).query(self.points))
-        # What passes elsewhere, and what is before or beyond the ends, does not count.
+        # Parts of the arm outside the pipe, before its start or after its end, are ignored.
         inside = (apart < 0.08) & (nearest > 0) & (nearest < len(places) - 1)
         widths = np.zeros(len(places))
         np.maximum.at(widths, nearest[inside], apart[inside])
         return np.asarray(1.005 * (widths + self.arm.radius + room))
 
     def beside(self, rng: np.random.Generator, body: Body, room: float) -> Body | None:
-        """Return a body about the origin, moved beside the motion, just so near [m] or somewhere; None if it fails."""
+        """Return a body moved to a random position beside the motion, often at minimum clearance, or None.
+
+        Args:
+            rng: random generator.
+            body: body at the origin.
+            room: minimum clearance between body and arm [m].
+        """
         place = self.points[rng.integers(len(self.points))]
         way = unit(rng.normal(size=3))
         far = float(rng.uniform(0.02, 0.25))
@@ -153,6 +187,13 @@ class Swept:
     def strew(
         self, rng: np.random.Generator, draw: Callable[[], Body], count: int, room: Callable[[], float]
     ) -> list[Body]:
-        """Return up to so many bodies beside the motion, each with a room of its own."""
+        """Return at most ``count`` random bodies at random positions beside the motion.
+
+        Args:
+            rng: random generator.
+            draw: function that returns a random body at the origin.
+            count: maximum number of bodies.
+            room: function that returns the minimum clearance of a body [m].
+        """
         tries = (self.beside(rng, draw(), room()) for _ in range(4 * count))
         return [body for body in tries if body is not None][:count]
