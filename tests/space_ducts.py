@@ -1,7 +1,7 @@
-"""Random ducts in space.
+"""Random scenes in space in which an arm has to pass ducts.
 
-A family of scenes draws bodies and routes among them from a generator, given how much wider openings have to be; a draw
-of no use is a ``UselessDraw``.
+Each family is a function that returns random bodies and paths among them. Its argument ``wider`` is the length [m] by
+which half the width of openings is increased for arms with long links. An invalid scene raises ``UselessDraw``.
 """
 
 from dataclasses import dataclass
@@ -15,18 +15,19 @@ from .space_shapes import ORIGIN, THICK, Bodies, Route, UselessDraw, X, box, hol
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Bodies and the ways among them; a fed arm's guide tube ends at the origin, a fixed arm's base is there.
+    """Bodies and paths among them, with the end of a fed arm's guide tube, or the base of a fixed arm, at the origin.
 
-    Both point along x.
+    Guide tube and base are directed along x.
 
     Attributes:
-        bodies: by their names.
-        routes: on which the arm lies at the goal, up to an arc length; where there are two, at the start on the first.
+        bodies: bodies by name.
+        routes: path on which the arm lies at the goal, with the arc length of the tip [m]; of two paths, the first is
+            for the start.
         fed: whether the arm has a feed axis.
-        directed: whether the goal asks for a direction.
+        directed: whether the goal has a direction.
         whole_pose: whether the goal is a pose of all joints.
-        via: places that the tip has to pass, each of shape (3,) [m].
-        radius: of the arm [m].
+        via: via points of the tip, each of shape (3,) [m].
+        radius: radius of the arm [m].
     """
 
     bodies: Bodies
@@ -39,7 +40,7 @@ class Site:
 
 
 def bent_pipe(rng: np.random.Generator, wider: float, bends: int) -> Site:
-    """A pipe with some bends in planes of their own, and a look aside beyond its end."""
+    """Return a scene with a pipe with bends in different planes, and a goal beyond its end, pointing sideways."""
     radius = float(rng.uniform(0.09, 0.14))
     corners = [ORIGIN]
     way = X
@@ -64,14 +65,18 @@ def bent_pipe(rng: np.random.Generator, wider: float, bends: int) -> Site:
 
 
 def _bent(way: FloatArray, turn: float, rng: np.random.Generator) -> FloatArray:
-    """A direction turned by an angle towards a random side."""
+    """Return a unit vector rotated by an angle [rad] to a random side."""
     side = rng.normal(size=3)
     side = unit(side - (side @ way) * way)
     return np.asarray(np.cos(turn) * way + np.sin(turn) * side)
 
 
 def _refuse_near_itself(route: Route, apart: float) -> None:
-    """A pipe comes no nearer to itself, nor to the guide tube and what it is mounted on, behind the origin."""
+    """Check that a pipe is at a distance [m] from itself and from guide tube and mount, which are behind the origin.
+
+    Raises:
+        UselessDraw: the pipe is nearer.
+    """
     places = route.part(0.0, route.length)[::4]
     arcs = np.linspace(0.0, route.length, len(places))
     between = np.linalg.norm(places[:, None] - places, axis=2)[np.abs(arcs[:, None] - arcs) > 1.8 * apart]
@@ -81,20 +86,20 @@ def _refuse_near_itself(route: Route, apart: float) -> None:
 
 
 def tee(rng: np.random.Generator, wider: float, *, whole_pose: bool) -> Site:
-    """A square duct with a square branch, into which the arm has to turn."""
+    """Return a scene with a square duct with a branch, into which the arm has to turn."""
     bodies, route, _ = _tee(rng, wider)
     return Site(bodies, ((route, route.length - float(rng.uniform(0.0, 0.06))),), whole_pose=whole_pose)
 
 
 def other_branch(rng: np.random.Generator, wider: float) -> Site:
-    """The arm stands in one arm of a tee and has to go into the other: back first."""
+    """Return a scene with an arm in one branch of a tee that has to retract and move into the other."""
     bodies, *routes = _tee(rng, wider)
     one, other = ((route, route.length - 0.02) for route in routes)
     return Site(bodies, (one, other) if rng.uniform() < 0.5 else (other, one))
 
 
 def _tee(rng: np.random.Generator, wider: float) -> tuple[Bodies, Route, Route]:
-    """A tee, the route into its branch, and the one on."""
+    """Return the bodies of a tee, the path into the branch, and the path straight on."""
     w = 0.012 + wider + float(rng.uniform(0.016, 0.035))
     at = float(rng.uniform(0.2, 0.35))
     end = at + float(rng.uniform(0.15, 0.3))
@@ -118,7 +123,7 @@ def _tee(rng: np.random.Generator, wider: float) -> tuple[Bodies, Route, Route]:
 
 
 def tank(rng: np.random.Generator, wider: float) -> Site:
-    """A tank that is entered by a nozzle, with baffles that reach from below and from above in turn."""
+    """Return a scene with a tank with an entry nozzle and one or two baffles, from below and above alternately."""
     nozzle = 0.012 + wider + float(rng.uniform(0.012, 0.025))
     mouth = float(rng.uniform(0.08, 0.15))
     half = float(rng.uniform(0.14, 0.2))
@@ -152,7 +157,7 @@ def tank(rng: np.random.Generator, wider: float) -> Site:
 
 
 def slots(rng: np.random.Generator, wider: float, turns: int) -> Site:
-    """Slots side by side, joined at alternate ends: in by the first, back by the next, and perhaps in again."""
+    """Return a scene with parallel slots joined at alternate ends, through which the arm moves forth and back."""
     apart = 2.0 * float(rng.uniform(0.075, 0.1 if turns > 1 else 0.12))
     wide = min(0.5 * apart - THICK, 0.03 + wider + float(rng.uniform(0.0, 0.02)))
     long = float(rng.uniform(0.2, 0.28 if turns > 1 else 0.36))

@@ -1,8 +1,9 @@
-"""Random sites in space: bays and walls, and the problems of all sites.
+"""Random scenes in space with bays, walls and plates, and random problems in all families of scenes.
 
-A family draws bodies and a route among them which an arm could lie along with some room: so the pose at the goal
-exists, and for a fed arm whose links follow its tip the motion nearly does too. All of it is turned at random for odd
-seeds. The arm is 0.9 m long with a radius of 12 mm; with few links openings are wider, since chords cut corners.
+Each family is a function that returns random bodies and a path along which an arm can lie with some clearance. So a
+goal pose exists, and for a fed arm that follows its tip, nearly a motion too. Scenes of odd seeds are rotated at
+random. Arms are 0.9 m long with a radius of usually 12 mm. Openings are wider for arms with few links, which cut
+corners.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,21 +28,21 @@ from .space_ducts import Site, bent_pipe, other_branch, slots, tank, tee
 from .space_shapes import ORIGIN, Bodies, Route, UselessDraw, X, box, holed_plate, ring, straight_pipe, unit
 
 LENGTH = 0.9
-"""Of the arms [m]."""
+"""Length of the arms [m]."""
 TRAVEL = 0.85
-"""Of the feed axes [m]."""
+"""Travel of the feed axes [m]."""
 SHOWN = 0.02
-"""Of a fed arm at the start, beyond its guide tube [m]."""
+"""Length of a fed arm outside its guide tube at the start [m]."""
 LEAST_GAP = 0.004
-"""Of the arm along the known way [m]."""
+"""Minimum clearance of start and goal poses [m]."""
 BEND_RADIUS = 0.1
-"""For which openings are widened where links are long [m]."""
+"""Radius of curvature for which openings are widened if links are long [m]."""
 MOST_DRAWS = 400
-"""After so many draws of no use something is wrong with a family."""
+"""Maximum number of invalid scenes before an error is raised."""
 
 
 def frames(rng: np.random.Generator, wider: float) -> Site:
-    """Along a fuselage, then outwards between two of its frames to its skin."""
+    """Return a scene with a fuselage, in which the arm turns outwards between two frames to the skin."""
     inner = float(rng.uniform(0.09, 0.13))
     outer = inner + float(rng.uniform(0.09, 0.12))
     apart = 0.09 + 2.0 * wider + float(rng.uniform(0.0, 0.05))
@@ -62,12 +63,12 @@ def frames(rng: np.random.Generator, wider: float) -> Site:
 
 
 def _across(turn: float) -> FloatArray:
-    """A direction across x, at an angle [rad] from y."""
+    """Return a unit vector perpendicular to x, at an angle [rad] from y."""
     return np.array([0.0, np.cos(turn), np.sin(turn)])
 
 
 def blades(rng: np.random.Generator, wider: float) -> Site:
-    """Between the blades of one row, aside, then between those of the next, and round behind them."""
+    """Return a scene with two rows of blades; the arm passes between blades of both rows and then turns aside."""
     hub = 0.09 - wider
     casing = 0.2 + wider
     radius = 0.5 * (hub + casing)
@@ -106,7 +107,7 @@ def blades(rng: np.random.Generator, wider: float) -> Site:
 
 
 def bays(rng: np.random.Generator, wider: float) -> Site:
-    """A closed box: in by a hole of its skin, then along it through the holes of its ribs."""
+    """Return a scene with a closed box; the arm enters through a hole in the skin, then passes holes of ribs."""
     half = float(rng.uniform(0.09, 0.12))
     hole = 0.012 + wider + float(rng.uniform(0.022, 0.035))
     skin = float(rng.uniform(0.05, 0.1))
@@ -133,7 +134,7 @@ def bays(rng: np.random.Generator, wider: float) -> Site:
 
 
 def u_turn(rng: np.random.Generator, wider: float) -> Site:
-    """Past the edge of a wall beside the guide tube, round it, and back on its other side."""
+    """Return a scene with a wall beside the guide tube; the arm turns around its edge and back on the other side."""
     near = 0.03 + wider + float(rng.uniform(0.0, 0.03))
     far = near + float(rng.uniform(0.02, 0.06))
     end = float(rng.uniform(0.2, 0.3))
@@ -156,7 +157,7 @@ def u_turn(rng: np.random.Generator, wider: float) -> Site:
 
 
 def holes(rng: np.random.Generator, wider: float, *, passed: bool) -> Site:
-    """Two or three plates, each with a round hole somewhere else; perhaps named as places to pass."""
+    """Return a scene with two or three plates with round holes at different positions, which may be via points."""
     count = int(rng.integers(2, 4))
     places = [float(rng.uniform(0.05, 0.1)) * X]
     for _ in range(count - 1):
@@ -171,7 +172,7 @@ def holes(rng: np.random.Generator, wider: float, *, passed: bool) -> Site:
 
 
 def post(rng: np.random.Generator, wider: float) -> Site:
-    """A fixed base; the goal lies behind a post, or two, pointed back."""
+    """Return a scene for an arm with a fixed base and a goal behind a post, pointing back."""
     radius = float(rng.uniform(0.03, 0.07))
     place = np.array([float(rng.uniform(0.3, 0.45)), radius + 0.025 + wider + float(rng.uniform(0.0, 0.02))])
     bodies: Bodies = {
@@ -192,7 +193,11 @@ def post(rng: np.random.Generator, wider: float) -> Site:
 
 
 def _of_whole_length(route: Route, width: float, rng: np.random.Generator) -> Route:
-    """A route as long as an arm with a fixed base, which has a bow over its first part to take up the rest."""
+    """Return a path extended to the length of the arms by a bow over its first part of a given width [m].
+
+    Raises:
+        UselessDraw: the path is too long, or too short.
+    """
     if not 0.005 < LENGTH - route.length < 0.3:
         raise UselessDraw
     side = rng.normal(size=3) * np.array([0.0, 1.0, 1.0])
@@ -210,7 +215,7 @@ def _of_whole_length(route: Route, width: float, rng: np.random.Generator) -> Ro
 
 
 def reach_in(rng: np.random.Generator, wider: float) -> Site:
-    """A fixed base beside a plate; the arm hangs before it and has to reach through its hole."""
+    """Return a scene for an arm with a fixed base that has to reach through a hole of a plate."""
     x = float(rng.uniform(0.35, 0.45))
     place = np.array([x, *rng.uniform(-0.1, 0.1, 2)])
     hole = 0.012 + wider + float(rng.uniform(0.025, 0.05))
@@ -224,7 +229,7 @@ def reach_in(rng: np.random.Generator, wider: float) -> Site:
 
 
 def other_hole(rng: np.random.Generator, wider: float) -> Site:
-    """The arm stands in one of two holes of a plate and has to go into the other: back first."""
+    """Return a scene with an arm in one of two holes of a plate that has to retract and pass the other hole."""
     x = float(rng.uniform(0.2, 0.3))
     apart = 0.5 * float(rng.uniform(0.1, 0.16))
     half = 0.015 + wider + float(rng.uniform(0.015, 0.025))
@@ -266,23 +271,23 @@ SITES: Mapping[str, Callable[[np.random.Generator, float], Site]] = {
     "blades": blades,
     "bays": bays,
 }
-"""What draws a site with a given extra room."""
+"""Functions that return a random scene, by name of the family."""
 
 
 def site_problem(family: str, seed: int, links: int, name: str) -> Problem:
-    """A problem of a family.
+    """Return the random problem of a family for a seed.
 
     Args:
-        family: its name.
-        seed: of the draws.
-        links: of the arm.
-        name: of the problem.
+        family: name of the family.
+        seed: seed of the random numbers.
+        links: number of links of the arm.
+        name: name of the problem.
 
     Raises:
-        ProblemError: no scene with room for such an arm was drawn.
+        ProblemError: no valid scene was found for this arm.
     """
     rng = np.random.default_rng([seed, sum(map(ord, family))])
-    # Half of what the chord of a link cuts off a bend, once on each side.
+    # Half the distance between a link and an arc of the bend radius through its ends.
     wider = (LENGTH / links) ** 2 / (8.0 * BEND_RADIUS)
     for _ in range(MOST_DRAWS):
         try:
@@ -296,7 +301,11 @@ def site_problem(family: str, seed: int, links: int, name: str) -> Problem:
 
 
 def _problem(site: Site, links: int, name: str) -> Problem:
-    """The problem of a site; the arm can lie along its routes, or it is a useless draw."""
+    """Return the problem of a scene.
+
+    Raises:
+        UselessDraw: the arm cannot lie along the paths of the scene.
+    """
     arm = arm_of_links(links, LENGTH, site.radius)
     rates = np.ones(3 * links)
     limits = Limits(rates, 4.0 * rates)
@@ -319,19 +328,19 @@ def _problem(site: Site, links: int, name: str) -> Problem:
 
 
 def laid_along(arm: Arm, route: Route, end: float) -> FloatArray:
-    """The configuration with all joints on a route and the tip near an arc length of it.
+    """Return the configuration with all joints on a path and the tip near a given arc length, shape (c,) [rad, m].
 
     Args:
-        arm: an arm, the line of whose base is that along which the route begins.
-        route: from the end of the arm's guide tube, or from its fixed base.
-        end: where the tip is [m].
+        arm: the arm, whose base is directed along the start of the path.
+        route: path from the end of the guide tube, or from the fixed base.
+        end: arc length of the tip [m].
 
     Raises:
-        UselessDraw: it would break limits.
+        UselessDraw: the configuration exceeds limits.
     """
     base = 0.0
     if arm.base_axes:
-        # The base stands where the rest of the arm reaches the end; chords are a little shorter than arcs.
+        # Find the base position for which the tip is at the end; chords are slightly shorter than arcs.
         base = end - arm.length
         for _ in range(8):
             base += end - _chorded(route, base, arm)[1]
@@ -350,7 +359,13 @@ def laid_along(arm: Arm, route: Route, end: float) -> FloatArray:
 
 
 def _chorded(route: Route, start: float, arm: Arm) -> tuple[FloatArray, float]:
-    """Joints and tip a link apart along a route from an arc length on, and the arc length of the tip."""
+    """Return joints and tip on a path, spaced by a link, shape (links + 1, 3) [m], and the arc length of the tip [m].
+
+    Args:
+        route: the path.
+        start: arc length of the first joint [m].
+        arm: the arm.
+    """
     points = [route.at(np.array(start))]
     s = start
     for _ in range(arm.links):
@@ -366,7 +381,11 @@ def _chorded(route: Route, start: float, arm: Arm) -> tuple[FloatArray, float]:
 
 
 def _refuse_contact(tree: SurfaceTree, arm: Arm, q: FloatArray) -> None:
-    """A configuration keeps the least gap from bodies, and links from each other."""
+    """Check that a configuration has the minimum clearance from bodies and between links.
+
+    Raises:
+        UselessDraw: the clearance is smaller.
+    """
     points = arm.joint_positions_at(q)
     axes = axes_of(points)[int(np.ceil(arm.mount_length / arm.link_length)) :]
     kept = arm.radius + LEAST_GAP
@@ -375,7 +394,7 @@ def _refuse_contact(tree: SurfaceTree, arm: Arm, q: FloatArray) -> None:
 
 
 def _turned(problem: Problem, by: RigidPlacement) -> Problem:
-    """The problem with everything in it moved."""
+    """Return a problem with arm, obstacles and goal moved by a rigid transformation."""
     arm = problem.arm
     turned = by.rotation
     obstacles = tuple(Obstacle(each.name, each.body.placed(by)) for each in problem.workspace.obstacles)

@@ -27,7 +27,7 @@ from .witness_motions import Swept, followed, meander
 
 Y, Z = np.eye(3)[1:]
 STEP_OF_HELIX = 0.04
-"""Between the places of its route [rad]."""
+"""Angle between the points of a helical path [rad]."""
 
 
 def ribs(scene: Drawing) -> None:
@@ -84,7 +84,7 @@ def pipes(scene: Drawing) -> None:
 
 
 def _apart(route: Route, near: float) -> FloatArray:
-    """Distances between places of a route that are far from each other along it [m]."""
+    """Return distances between points of a path that are far from each other along the path, and infinity [m]."""
     places, arcs = route.places[::4], route.arcs[::4]
     apart = np.linalg.norm(places[:, None] - places, axis=2)
     return np.append(apart[np.abs(arcs[:, None] - arcs) > 2.0 * near], np.inf)
@@ -110,7 +110,17 @@ def guided(scene: Drawing) -> None:
 
 
 def _bore(scene: Drawing, swept: Swept, route: Route, plane: float, half: float, name: str, *, thick: bool) -> None:
-    """Put a block with a blind bore about the end of a route, its front across x at some place [m]."""
+    """Add a block with a blind hole around the end of a path, with its front perpendicular to x.
+
+    Args:
+        scene: the scene.
+        swept: volume swept by the arm in the hole.
+        route: the path.
+        plane: x coordinate of the front [m].
+        half: half the side of the front [m].
+        name: name of the block.
+        thick: whether the block is solid, instead of a surface.
+    """
     arcs = route.arcs
     mouth = float(arcs[np.argmax(route.places[:, 0] > plane)])
     if mouth <= 0.0:

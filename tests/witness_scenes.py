@@ -34,25 +34,25 @@ from .witness_drawing import Drawing
 from .witness_passages import baffles, guided, helix, pipes, pocket, reversed_task, ribs, tours
 
 LEAST_GAP = 0.003
-"""A witness with less room is of no use [m]."""
+"""Minimum clearance of a witness [m]."""
 MOST_DRAWS = 60
-"""After so many draws of no use, none is made of a seed."""
+"""Maximum number of invalid scenes before a seed is given up."""
 VELOCITY, ACCELERATION = 1.0, 4.0
-"""Of every revolute [rad/s, rad/s²]."""
+"""Limits of every revolute joint [rad/s, rad/s²]."""
 FEED_VELOCITY, FEED_ACCELERATION = 0.15, 0.6
-"""Of the feed axis [m/s, m/s²]."""
+"""Limits of the feed axis [m/s, m/s²]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """A problem and a motion that solves it.
+    """Random problem in space with a known motion that solves the problem.
 
     Attributes:
         problem: the problem.
-        rows: configurations, between which the motion is linear, shape (T, c) [rad, m].
-        stops: rows at which it is at a goal, in order.
-        gap: its least gap to bodies by coal [m].
-        bound: time that it takes at least within the limits [s].
+        rows: vertices of the motion, which is piecewise linear in joint space, shape (T, c) [rad, m].
+        stops: indices of the vertices at goals, in order.
+        gap: minimum distance of the motion from bodies, computed by the library coal [m].
+        bound: lower bound of the duration within the limits [s].
     """
 
     problem: Problem
@@ -79,20 +79,20 @@ FAMILIES: Mapping[str, Callable[[Drawing], None]] = {
     "tours": tours,
     "reversed": reversed_task,
 }
-"""What draws a scene."""
+"""Functions that build a random scene, by name of the family; their docstrings describe the problems."""
 
 
 def witness_scene(family: str, seed: int, links: int, start: str = "") -> Witness:
-    """Draw a scene of a family.
+    """Return a random problem of a family with a motion that solves the problem.
 
     Args:
-        family: its name.
-        seed: of the draws.
-        links: of the arm.
-        start: "inside" the guide tube or fed "out"; drawn if empty.
+        family: name of the family.
+        seed: seed of the random numbers.
+        links: number of links of the arm.
+        start: "inside" for a start in the guide tube, "out" for one fed out of it; random if empty.
 
     Raises:
-        ProblemError: no draw was of use.
+        ProblemError: no valid scene was found.
     """
     rng = np.random.default_rng([seed, links, zlib.crc32(family.encode())])
     begin = start or ("inside" if rng.uniform() < 0.6 else "out")
@@ -109,7 +109,7 @@ def witness_scene(family: str, seed: int, links: int, start: str = "") -> Witnes
 
 
 def _witness(scene: Drawing, name: str, description: str, *, turned: bool) -> Witness:
-    """Return the problem of a scene and its witness, both turned with it."""
+    """Return the problem and the motion of a finished scene, at a random position and orientation if ``turned``."""
     rng, arm = scene.rng, scene.arm
     ends = np.cumsum([len(leg) for leg in scene.legs])
     rows = np.concatenate(scene.legs)
@@ -149,7 +149,13 @@ def _goal(arm: Arm, q: FloatArray, *, directed: bool) -> TipGoal:
 
 
 def _bound(rows: FloatArray, ends: FloatArray, *, fed: bool) -> float:
-    """Return the time that legs from rest to rest take at least [s]."""
+    """Return a lower bound of the duration of motions from rest to rest, by the slowest coordinate of each [s].
+
+    Args:
+        rows: vertices of all motions, shape (T, c) [rad, m].
+        ends: index after the last vertex of each motion.
+        fed: whether the last coordinate is a feed.
+    """
     begins = np.concatenate(([0], ends[:-1]))
     travel = np.abs(rows[ends - 1] - rows[begins])
     fastest = np.full(travel.shape[1], VELOCITY)
@@ -162,7 +168,7 @@ def _bound(rows: FloatArray, ends: FloatArray, *, fed: bool) -> float:
 
 
 def write_scene(witness: Witness, folder: Path) -> Path:
-    """Write a problem file with its meshes, and beside it what is known of its witness; return the problem file."""
+    """Write a problem file with its meshes and a JSON file with the known motion; return the problem file's path."""
     problem = witness.problem
     (file,) = write_problems([Case(problem.name, "files", given=problem)], folder)
     known = {"gap_mm": 1e3 * witness.gap, "bound_s": witness.bound, "stops": witness.stops}
@@ -172,7 +178,7 @@ def write_scene(witness: Witness, folder: Path) -> Path:
 
 
 def main() -> None:
-    """Write scenes."""
+    """Write random problems of families given on the command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.witness_scenes", description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--family", choices=FAMILIES, nargs="+", default=list(FAMILIES))

@@ -1,4 +1,4 @@
-"""Ways to change the record and the text files of a written plan."""
+"""Kinds of changes to the record and the text files of a plan's folder, all of which make the plan wrong."""
 
 import math
 import re
@@ -10,7 +10,7 @@ from .plans import Folder, Generator, kind
 
 
 def figures_of(record: dict[str, Any]) -> list[str]:
-    """Names of the figures of merit that are numbers, and not just rounding."""
+    """Return the names of the figures of merit in a record that are numbers larger than rounding errors."""
     return [name for name, value in record["metrics"].items() if value is not None and abs(value) > 1e-6]
 
 
@@ -119,7 +119,7 @@ def _(folder: Folder, rng: Generator) -> bool:
         match = found[int(rng.integers(len(found)))]
         folder.meshes[name] = f"{text[: match.start()]}{float(match[0]) + 1.0}{text[match.end() :]}".encode()
         return True
-    # Behind 84 bytes every triangle of a binary file has 50, first the normal, then the corners.
+    # After a header of 84 bytes, a binary file has 50 bytes per triangle, first the normal, then the vertices.
     vertex = 84 + 50 * int(rng.integers((len(content) - 84) // 50)) + 12 * int(rng.integers(1, 4))
     (x,) = struct.unpack_from("<f", content, vertex)
     folder.meshes[name] = content[:vertex] + struct.pack("<f", x + 0.01) + content[vertex + 4 :]
@@ -151,7 +151,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 
 
 def _claims(record: dict[str, Any]) -> dict[str, Callable[[], object]]:
-    """What may be claimed in a record besides figures and limits, by what is claimed."""
+    """Return functions that put a wrong statement into a record, by description of the statement."""
     checks, room = record["checks"], record["room"]
     claims: dict[str, Callable[[], object]] = {
         "room": lambda: room["nearest"].update(gap=room["nearest"]["gap"] + 0.01),

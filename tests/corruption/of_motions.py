@@ -1,4 +1,4 @@
-"""Other motions and other problems, written with all that follows from them made anew."""
+"""Kinds of changes to motion or problem of a plan, with all files written anew so that they are consistent."""
 
 import tempfile
 from dataclasses import replace
@@ -26,13 +26,13 @@ from .plans import Folder, Generator, kind
 def write_anew(
     folder: Folder, problem: Problem | None = None, trajectory: JointTrajectory | None = None, **joints: FloatArray
 ) -> bool:
-    """Write another motion or another problem with all that follows from them made anew, so that it is true.
+    """Write a folder anew with another motion or problem, such that all files are consistent with them.
 
     Args:
-        folder: to be changed.
-        problem: as the record is to say; as it is when None.
-        trajectory: of the plan; as it is when None.
-        joints: of the drives, by the names of ``JointStates``; as they follow from the motion when left out.
+        folder: the folder, changed in place.
+        problem: the problem; unchanged if None.
+        trajectory: the motion; unchanged if None.
+        **joints: arrays of ``JointStates`` by name; by default, those that follow from the motion.
     """
     solution = folder.solution
     problem = problem or solution.problem
@@ -50,14 +50,14 @@ def write_anew(
 
 
 def told(problem: Problem, path: JointPath, trajectory: JointTrajectory, states: JointStates) -> Solution:
-    """All that is said of a motion, whether it is a plan or not."""
+    """Return the solution that reports a motion, whether the motion passes the verification or not."""
     checks = verify(problem, trajectory, states)
     plan = VerifiedPlan(path, trajectory, states, checks, TermResults())
     return described(problem, plan, Stages())
 
 
 def peak(values: FloatArray) -> float:
-    """The greatest size of a number."""
+    """Return the maximum magnitude of an array."""
     return float(np.max(np.abs(values)))
 
 

@@ -1,4 +1,4 @@
-"""Plans in space that are corrupted: of an arm that stops on its way, and of one that is fed, past a mesh."""
+"""Problems in space whose plans are corrupted: of an arm that stops at a goal, and of a fed arm that passes a mesh."""
 
 from pathlib import Path
 
@@ -96,7 +96,7 @@ _FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
 
 
 def write_problem(name: str, place: Path) -> Path:
-    """Write a problem with its mesh into a folder."""
+    """Write a problem file with its mesh into a folder, and return its path."""
     place.mkdir(parents=True, exist_ok=True)
     facets = "".join(
         f"facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n"

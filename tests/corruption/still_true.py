@@ -1,4 +1,4 @@
-"""Ways to change a written plan that leave it true."""
+"""Kinds of changes to a plan's folder that leave the plan correct."""
 
 from dataclasses import replace
 
