@@ -1,4 +1,4 @@
-"""Arms and motions that the tests of frames, dynamics and simulation share."""
+"""Planar arms and motions for tests of frames, dynamics and simulation."""
 
 import numpy as np
 
@@ -9,7 +9,13 @@ from ccm_opt.robot.arm import Arm, Axes
 
 
 def swan_neck(links: int = 12, axes: Axes = "zyx", *, varied: bool = False) -> Arm:
-    """The swan's neck (section 5.4) with any number of links; ``varied`` gives every link its own mass and inertia."""
+    """Return the arm of the swan's neck (section 5.4) with any number of links.
+
+    Args:
+        links: number of links.
+        axes: order of the revolute axes of a ball joint.
+        varied: whether every link has its own mass and inertia.
+    """
     h = 0.05
     r = 0.025
     masses = np.linspace(0.2, 0.05, links) if varied else np.full(links, 0.1)
@@ -32,13 +38,19 @@ def swan_neck(links: int = 12, axes: Axes = "zyx", *, varied: bool = False) -> A
 
 
 def loose_limits(arm: Arm, torque: float | None = None) -> Limits:
-    """The same limit for all revolutes."""
+    """Return equal limits for all revolute joints, with a torque limit [N m] if given."""
     n = 3 * arm.links
     return Limits(np.full(n, 2.0), np.full(n, 10.0), None if torque is None else np.full(n, torque))
 
 
 def smooth_trajectory(bends: FloatArray, duration: float = 1.0, interval: float = 4e-3) -> JointTrajectory:
-    """Rest-to-rest motion from straight to given bends by the quintic s = 10 u³ − 15 u⁴ + 6 u⁵."""
+    """Return a rest-to-rest motion from straight to given bend angles, by the quintic s = 10 u³ − 15 u⁴ + 6 u⁵.
+
+    Args:
+        bends: final bend angles, shape (links,) [rad].
+        duration: duration [s].
+        interval: time between samples [s].
+    """
     time = np.linspace(0.0, duration, round(duration / interval) + 1)
     u = (time / duration)[:, None]
     s = u**3 * (10 - 15 * u + 6 * u**2)
@@ -48,7 +60,7 @@ def smooth_trajectory(bends: FloatArray, duration: float = 1.0, interval: float 
 
 
 def carried(arm: Arm, bends: JointTrajectory, base: JointTrajectory) -> JointTrajectory:
-    """A motion of an arm on a feed axis, from that of its bends and that of its base."""
+    """Return the motion of an arm on a feed axis, from the trajectories of its bend angles and its base."""
     pairs = [
         np.column_stack((getattr(bends, name), getattr(base, name)))
         for name in ("positions", "velocities", "accelerations")
@@ -57,5 +69,5 @@ def carried(arm: Arm, bends: JointTrajectory, base: JointTrajectory) -> JointTra
 
 
 def random_states(joints: int, count: int = 4, seed: int = 0) -> FloatArray:
-    """Three random states with angles within 1 rad, shape (3, count, joints)."""
+    """Return random angles, velocities and accelerations in [-1, 1], shape (3, count, joints)."""
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (3, count, joints))

@@ -1,4 +1,4 @@
-"""Scenes of an arm that a feed axis carries through a hole into a room, for the tests of feeding."""
+"""Planar problems of an arm on a feed axis that enters a room through a hole in a wall."""
 
 from typing import TYPE_CHECKING
 
@@ -19,11 +19,18 @@ LINKS = 16
 LINK = 0.05
 """Link length [m]."""
 RADIUS = 0.02
-"""Of the arm [m]."""
+"""Radius of the arm [m]."""
 
 
 def fed_arm(low: float = 0.0, links: int = LINKS, link: float = LINK, **changes: object) -> Arm:
-    """An arm whose guide lies on the negative x axis, its hole at the origin; a link is 50 mm long if not given [m]."""
+    """Return an arm with a guide tube on the negative x axis that ends at the origin.
+
+    Args:
+        low: lower limit of the feed [m].
+        links: number of links.
+        link: length of a link [m].
+        **changes: further fields of the arm.
+    """
     length = links * link
     guided: dict[str, object] = {
         "base": np.array([-length, 0.0]),
@@ -39,7 +46,7 @@ def fed_arm(low: float = 0.0, links: int = LINKS, link: float = LINK, **changes:
 
 
 def make_room(*obstacles: Obstacle) -> Workspace:
-    """A room beyond a wall in which the hole is, the guide behind it."""
+    """Return a workspace with a wall with a hole at the origin, the guide behind it, and given obstacles."""
     guide = (
         Obstacle("guide, top", PlaneShape(shapely.box(-1.2, 0.03, 0.0, 1.0))),
         Obstacle("guide, bottom", PlaneShape(shapely.box(-1.2, -1.0, 0.0, -0.03))),
@@ -48,7 +55,7 @@ def make_room(*obstacles: Obstacle) -> Workspace:
 
 
 def make_problem(arm: Arm, room: Workspace, goal: Goal, start: JointPose | None = None) -> Problem:
-    """From the least feed and straight, unless a start is given."""
+    """Return a problem with a given goal; by default the arm starts straight at the lower limit of the feed."""
     count = 3 * arm.links
     least = arm.feed.low if arm.feed is not None else 0.0
     return Problem(
@@ -63,7 +70,14 @@ def make_problem(arm: Arm, room: Workspace, goal: Goal, start: JointPose | None 
 
 
 def bow(arm: Arm, turn: float, length: float = 0.5, straight: float = 0.1) -> LeaderPath:
-    """The feed axis to a little beyond the hole, then an arc of a given turn [rad] and length [m]."""
+    """Return a tip path along the feed axis to a point beyond the hole, then along a circular arc.
+
+    Args:
+        arm: the arm.
+        turn: angle of the arc [rad].
+        length: length of the arc [m].
+        straight: length of the straight part beyond the hole [m].
+    """
     base = float(arm.feed.hole) if arm.feed is not None else 0.0
     arc = np.concatenate((np.arange(-0.1, base + straight, 0.01), base + straight + np.linspace(0.0, length, 401)))
     along = np.maximum(arc - base - straight, 0.0)

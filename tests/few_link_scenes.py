@@ -1,4 +1,4 @@
-"""Random scenes for arms of two to eight links: few or many walls, tight or wide joint limits, goals of every kind."""
+"""Random planar scenes for arms of two to eight links, with few or many walls and tight or wide joint limits."""
 
 import numpy as np
 import shapely
@@ -14,13 +14,13 @@ LIMITS_DEG = (60.0, 90.0, 120.0, 150.0)
 OBSTACLES = (3, 8, 14)
 ROOM = shapely.box(-1.2, -1.2, 1.2, 1.2)
 KEPT_OFF = 0.005
-"""Least gap of the start and of the goal pose that a scene is made from [m]."""
+"""Minimum clearance of the start and goal pose of a scene [m]."""
 
 
 def few_link_scene(seed: int) -> Scene:
-    """An arm of few links among polygons, with two random poses that touch nothing.
+    """Return a scene with an arm among random convex polygons and two random collision-free poses, start and goal.
 
-    Seeds run through all numbers of links, joint limits and numbers of obstacles.
+    Consecutive seeds give all combinations of numbers of links, joint limits and numbers of obstacles.
     """
     rng = np.random.default_rng((seed, 7))
     links = LINKS[seed % 4]
@@ -38,19 +38,19 @@ def few_link_scene(seed: int) -> Scene:
 
 
 def few_link_problem(seed: int, time_limit: float = 20.0) -> Problem:
-    """The scene as a problem: in turn the goal is a tip with heading, a tip without, the whole arm."""
+    """Return the problem of a random scene; the goal is a tip with heading, a tip position or a pose, by seed."""
     scene = few_link_scene(seed)
     arm = scene.arm
     kind = seed // 2 % 3
     tip = scene.goal_tip
     goals = (tip, TipGoal(tip.position), JointPose(arm.bends(scene.goal)))
-    # Two links cannot turn their tip where they like; with a heading there would be one pose, or two.
+    # With a goal heading, an arm of two links would have at most two goal poses.
     goal = goals[1] if kind == 0 and arm.links == 2 else goals[kind]
     return scene.problem(goal, time_limit, f"few-{seed}")
 
 
 def _pose(rng: np.random.Generator, arm: Arm) -> FloatArray:
-    """Link headings of a random pose inside the room that comes nowhere near itself."""
+    """Return the link headings of a random pose inside the room, away from itself, shape (links,) [rad]."""
     while True:
         headings = clear_headings(rng, arm, bend=0.8 * arm.joint_limit / arm.link_length)
         axis = shapely.linestrings(arm.joint_positions(headings))
@@ -59,7 +59,7 @@ def _pose(rng: np.random.Generator, arm: Arm) -> FloatArray:
 
 
 def _polygon(rng: np.random.Generator) -> shapely.Polygon:
-    """A convex polygon within reach, small or large, slender or stout."""
+    """Return a random convex polygon within reach of the arm."""
     middle = rng.uniform(-1.0, 1.0, 2)
     size = rng.uniform(0.08, 0.3)
     points = middle + size * rng.uniform(-1.0, 1.0, (int(rng.integers(3, 9)), 2)) * rng.uniform(0.3, 1.0, 2)

@@ -1,4 +1,4 @@
-"""Scenes and independent oracles for the tests of free space."""
+"""Planar workspaces, and computations independent of the package, for tests of free space."""
 
 import networkx as nx
 import numpy as np
@@ -10,7 +10,13 @@ SIDE = 2.4
 
 
 def clutter(count: int, seed: int, side: float = SIDE) -> Workspace:
-    """Random polygons of 3–8 vertices, 30–90 mm from their middle, in a square room; they may overlap."""
+    """Return a square room with random polygons of 3–8 vertices, 30–90 mm from their centre, which may overlap.
+
+    Args:
+        count: number of polygons.
+        seed: seed of the random numbers.
+        side: side of the room [m].
+    """
     rng = np.random.default_rng(seed)
     obstacles: list[Obstacle] = []
     while len(obstacles) < count:
@@ -25,7 +31,7 @@ def clutter(count: int, seed: int, side: float = SIDE) -> Workspace:
 
 
 def sheets(count: int, seed: int) -> Workspace:
-    """Random walls of two legs and no thickness in a square room; they may cross."""
+    """Return a square room with random walls of zero thickness and two straight parts each, which may cross."""
     rng = np.random.default_rng(seed)
     lines = [rng.uniform(0.0, SIDE, 2) + rng.uniform(-0.2, 0.2, (3, 2)) for _ in range(count)]
     obstacles = tuple(Obstacle(f"sheet {k}", PlaneShape(shapely.LineString(line))) for k, line in enumerate(lines))
@@ -33,7 +39,7 @@ def sheets(count: int, seed: int) -> Workspace:
 
 
 def mixed_room() -> Workspace:
-    """A room with a circle, a polyline wall of no thickness, a thick wall and a polygon that is not convex."""
+    """Return a room with a circle, a polyline wall of zero thickness, a thick wall and a non-convex polygon."""
     obstacles = (
         Obstacle("post", PlaneShape(shapely.Point(0.5, 0.5), 0.12)),
         Obstacle("sheet", PlaneShape(shapely.LineString([(1.0, 0.0), (1.0, 0.7), (1.3, 0.9)]))),
@@ -48,7 +54,7 @@ def mixed_room() -> Workspace:
 
 
 def divided_room() -> Workspace:
-    """Two chambers without a door."""
+    """Return a room divided into two parts that are not connected."""
     return Workspace(
         shapely.box(0.0, 0.0, 2.0, 1.0),
         (Obstacle("partition", PlaneShape(shapely.LineString([(1.0, 0.0), (1.0, 1.0)]))),),
@@ -56,7 +62,13 @@ def divided_room() -> Workspace:
 
 
 def visibility_length(free: shapely.MultiPolygon, start: np.ndarray, goal: np.ndarray) -> float:
-    """The length of the shortest path by the visibility graph of all vertices (Lozano-Pérez & Wesley, 1979)."""
+    """Return the length of the shortest path [m], by the visibility graph (Lozano-Pérez & Wesley, 1979).
+
+    Args:
+        free: free space.
+        start: start point, shape (2,) [m].
+        goal: goal point, shape (2,) [m].
+    """
     points = np.concatenate(([start, goal], np.unique(shapely.get_coordinates(free), axis=0)))
     i, j = np.triu_indices(len(points), 1)
     segments = shapely.linestrings(np.stack((points[i], points[j]), axis=1))
@@ -69,7 +81,7 @@ def visibility_length(free: shapely.MultiPolygon, start: np.ndarray, goal: np.nd
 
 
 def winding_numbers(loop: np.ndarray, free: shapely.MultiPolygon) -> np.ndarray:
-    """How often a closed polyline (m, 2) turns about each hole of the free set."""
+    """Return the winding numbers of a closed polyline, shape (m, 2), about each hole of free space."""
     holes = [shapely.Polygon(ring).representative_point() for part in free.geoms for ring in part.interiors]
     around = np.array([[hole.x, hole.y] for hole in holes]).reshape(-1, 1, 2)
     rays = np.concatenate((loop, loop[:1]))[None] - around

@@ -1,4 +1,4 @@
-"""Scenes whose wide goals have their middle where no arm can get: in a wall, behind it, in a closed box; seeded."""
+"""Random planar scenes with wide goals whose centre is unreachable: in a wall, behind a wall or in a closed box."""
 
 import numpy as np
 import shapely
@@ -14,11 +14,11 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from .scenes import Scene, make_arm
 
 Drawn = tuple[Problem, TipGoal, Tolerances]
-"""A problem with a narrow goal, and a wide goal with its tolerances that contains it."""
+"""A problem with a narrow goal, and a wide goal with its tolerances that contains the narrow one."""
 
 
 def _straight_start(rng: np.random.Generator, arm: Arm, workspace: Workspace) -> FloatArray:
-    """Link headings of a straight arm that points where nothing is in its way, shape (links,) [rad]."""
+    """Return the link headings of a straight arm in a random collision-free direction, shape (links,) [rad]."""
     walls = shapely.union_all([obstacle.core for obstacle in workspace.obstacles])
     while True:
         heading = rng.uniform(-np.pi, np.pi)
@@ -34,13 +34,13 @@ def _problem(rng: np.random.Generator, arm: Arm, obstacles: tuple[Obstacle, ...]
 
 
 def _placed(shape: shapely.Geometry, place: FloatArray, turn: float) -> shapely.Geometry:
-    """A shape about the origin, turned [rad] and moved to a place (2,) [m]."""
+    """Return a shape rotated about the origin by an angle [rad], then translated by a vector, shape (2,) [m]."""
     turned = affinity.rotate(shape, turn, origin=(0.0, 0.0), use_radians=True)
     return affinity.translate(turned, *place)
 
 
 def slot(rng: np.random.Generator) -> Drawn:
-    """A goal between two walls side by side; any heading of a range is asked for, the slot leaves a few degrees."""
+    """Return a goal between two parallel walls with a wide range of headings, of which few are possible."""
     arm = make_arm(radius=0.02)
     middle = 0.7 * unit_vector(rng.uniform(-np.pi, np.pi))
     outwards = float(np.arctan2(middle[1], middle[0]))
@@ -55,7 +55,7 @@ def slot(rng: np.random.Generator) -> Drawn:
 
 
 def pocket(rng: np.random.Generator) -> Drawn:
-    """A goal near the bottom of a blind hole; the middle of the disc lies in the bottom."""
+    """Return a goal near the bottom of a blind hole; the centre of the goal disc lies in the bottom."""
     arm = make_arm(radius=0.02)
     mouth = 0.5 * unit_vector(rng.uniform(-np.pi, np.pi))
     turn = float(np.arctan2(mouth[1], mouth[0])) + rng.uniform(-0.3, 0.3)
@@ -76,7 +76,7 @@ def pocket(rng: np.random.Generator) -> Drawn:
 
 
 def wall_behind(rng: np.random.Generator) -> Drawn:
-    """A goal before a wall; the middle of the disc lies in the wall, or behind it."""
+    """Return a goal in front of a wall; the centre of the goal disc lies in or behind the wall."""
     arm = make_arm(radius=0.02)
     heading = rng.uniform(-np.pi, np.pi)
     direction = unit_vector(heading)
@@ -91,7 +91,7 @@ def wall_behind(rng: np.random.Generator) -> Drawn:
 
 
 def box_beside(rng: np.random.Generator) -> Drawn:
-    """A goal beside a closed box; the middle of the disc lies in the box, where there would be room."""
+    """Return a goal beside a closed box; the centre of the goal disc lies in the free interior of the box."""
     arm = make_arm(radius=0.02)
     heading = rng.uniform(-np.pi, np.pi)
     middle = rng.uniform(0.4, 0.75) * unit_vector(heading)

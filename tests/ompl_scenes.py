@@ -1,13 +1,13 @@
-"""The chains of OMPL as functions of the number of links: horn, corridor and constricted, radius 0, length 1 m.
+"""The problems of OMPL's kinematic chains, for any number of links: horn, corridor, constricted; radius 0, length 1 m.
 
 Numbers from OMPL's public demos: the horn from ``KinematicChain.h`` and ``KinematicChainBenchmark.cpp`` (Gipson, Moll
 and Kavraki, "Resolution independent density estimation for motion planning in high-dimensional spaces", ICRA 2013),
 corridor and constricted from ``PlanarManipulatorPolyWorld.h`` (Luna, Moll, Badger and Kavraki, "A scalable motion
-planner for high-dimensional kinematic systems", IJRR 2020). As there, the horn asks for a whole-arm goal, the other two
-for a place of the tip.
+planner for high-dimensional kinematic systems", IJRR 2020). As in OMPL, the goal of the horn is a pose of the whole
+arm, that of the other two a position of the tip.
 
-Two things are stricter here than there: bends are limited to 119°, so that links two apart cannot cross either (OMPL:
-180°, crossings of all pairs are looked for), and distances below a nanometre count as contact.
+Two conditions are stricter than in OMPL: bend angles are limited to 119°, so that links two apart cannot cross (OMPL:
+180°, with a check of all pairs), and distances below a nanometre count as contact.
 """
 
 from collections.abc import Callable
@@ -21,11 +21,11 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 BEND_LIMIT = float(np.deg2rad(119.0))
-"""Two equal links that are two apart cannot meet while the bends between them stay below 120° [rad]."""
+"""Limit of bend angles below 120°, for which two equal links that are two apart cannot meet [rad]."""
 BASE_LIMIT = float(2.0 * np.pi)
-"""Bound on the first bend, OMPL's own [rad]."""
+"""Limit of the first bend angle, as in OMPL [rad]."""
 TIP_TOLERANCE = 1e-3
-"""OMPL's threshold for goals of the tip [m]."""
+"""Tolerance of tip goals, as in OMPL [m]."""
 WORLD = 1.25
 """Width and height of the world of corridor and constricted [m]."""
 LARGEST_CORRIDOR = 110
@@ -33,7 +33,7 @@ LARGEST_CORRIDOR = 110
 
 
 def horn(links: int) -> Problem:
-    """An arm inside a bent horn, to be drawn out and laid straight on the other side of its base."""
+    """Return the problem of an arm that has to leave a bent horn and lie straight on the other side of its base."""
     width = 1.0 / links
     room = np.log(links) / links
     walls = (
@@ -50,7 +50,10 @@ def horn(links: int) -> Problem:
 
 
 def _bent_wall(links: int, y: float) -> FloatArray:
-    """A wall beside the start pose: steps of ``(1 - π y) / links``, each turned by π / links more."""
+    """Return the vertices of a wall beside the start pose at an offset ``y`` [m], shape (links, 2) [m].
+
+    The steps have the length (1 - π y) / links, and each is rotated by π / links relative to the previous one.
+    """
     turn = np.pi / links * np.arange(1, links)
     steps = (1.0 - np.pi * y) / links * np.stack((np.cos(turn), np.sin(turn)), axis=1)
     first = np.array([[1.0 / links, y]])
@@ -58,10 +61,10 @@ def _bent_wall(links: int, y: float) -> FloatArray:
 
 
 def corridor(links: int) -> Problem:
-    """A straight arm in a low channel along the floor, whose tip is to climb a shaft between two blocks.
+    """Return the problem of a straight arm in a low channel whose tip has to move up a shaft between two blocks.
 
     Raises:
-        ValueError: when the goal would lie inside a wall.
+        ValueError: the goal would lie inside a wall.
     """
     if links > LARGEST_CORRIDOR:
         raise ValueError(f"got {links} links, expected at most {LARGEST_CORRIDOR}: the goal would lie inside a wall")
@@ -75,7 +78,7 @@ def corridor(links: int) -> Problem:
 
 
 def constricted(links: int) -> Problem:
-    """A straight arm half in a slit two links high, whose tip is to go round the end of a shelf."""
+    """Return the problem of a straight arm, half in a narrow slit, whose tip has to move around a shelf."""
     gap = 2.0 * np.log10(links) / links
     slit = 1.0 / links
     blocks = (
@@ -87,14 +90,17 @@ def constricted(links: int) -> Problem:
 
 
 def _outline(left: float, bottom: float, right: float, top: float) -> shapely.LineString:
-    """The edge of a box as a wall without thickness."""
+    """Return the edge of a rectangle, as a closed wall of zero thickness."""
     return shapely.LineString(shapely.box(left, bottom, right, top).exterior.coords)
 
 
 def _planar_manipulator(
     name: str, links: int, height: float, blocks: tuple[Obstacle, ...], goal: FloatArray
 ) -> Problem:
-    """The base stands on the world's edge, so the first link counts as mount; OMPL exempts its first point."""
+    """Return a problem with the base on the edge of the workspace, straight start and tip goal.
+
+    The first link counts as mount, so that it may touch the edge; OMPL exempts the first point instead.
+    """
     arm = _arm(links, np.array([0.0, height]), mount=1.0 / links)
     return _problem(name, arm, Workspace(shapely.box(0.0, 0.0, WORLD, WORLD), blocks), np.zeros(links), TipGoal(goal))
 
@@ -118,7 +124,7 @@ def _arm(links: int, base: FloatArray, mount: float) -> Arm:
 
 
 def _problem(name: str, arm: Arm, workspace: Workspace, start: FloatArray, goal: TipGoal | JointPose) -> Problem:
-    """Limits are generous: the comparison is of paths."""
+    """Return a problem with high velocity and acceleration limits, since only paths are compared."""
     limits = Limits(np.full(3 * arm.links, 5.0), np.full(3 * arm.links, 50.0))
     return Problem(
         name,
