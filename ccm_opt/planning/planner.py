@@ -2,15 +2,15 @@
 
 In the plane the stages are routes through free space (section 4.1 of the paper), a goal configuration of the continuous
 curve by the NLP, tip paths, the certified motion of the links and a smooth path through joint space. In space they are
-the search, the pose in which the motion ends, the optimisation and the smooth path.
+the search, the goal configuration by the NLP, the optimisation and the smooth path.
 
-To replan in the plane, a known motion is deformed to reach the new goal or, where that would meet a wall, tracked by
+To replan in the plane, a known motion is deformed to reach the new goal or, where that would touch a wall, tracked by
 steps that avoid the walls; it is then optimised like any other. This needs no search, so replanning takes about as long
 as one optimisation.
 
-In space the default mount is as long as the arm's radius. Where such an arm stands square on a floor, the disc at the
-end of the mount just touches the floor, and any turn of the base would press its rim in. The first joints are then kept
-straight, and the arm bends beyond them.
+In space the default mount is as long as the arm's radius. Where such an arm stands perpendicular to a floor, the disc
+at the end of the mount just touches the floor, and any turn of the base would press its rim into the floor. The first
+joints are then held straight, and the arm bends beyond them.
 """
 
 from collections.abc import Callable, Iterator
@@ -68,16 +68,15 @@ from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _SHARE_IN_THE_PLANE = 0.9
-"""Share of the time limit that the search in the plane may use. Taste: the rest is for timing and checks."""
+"""Fraction of the time limit that the search in the plane may use. Taste: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
-"""Share of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
+"""Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
 _CONTACT_SHARE = 0.5
-"""Share of the contact tolerance that planning uses. Taste."""
+"""Fraction of the contact tolerance that planning uses. Taste."""
 _STRAIGHT = 1e-9
-"""Bends up to which joints count as straight [rad]."""
+"""Bend below which a joint counts as straight [rad]."""
 _SQUARE = 1e-6
-"""Largest value of 1 - cos of the angle to a wall's normal at which the end of the mount counts as square on the
-wall."""
+"""Largest 1 - cos of the angle to a wall's normal at which the mount counts as perpendicular to the wall."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +84,9 @@ class _Planned:
     """Result of planning in space.
 
     Attributes:
-        motions: certified motions, of which the first with a smooth path is taken.
-        end: record of the pose that they end in, or None.
-        behind_tip: path to that pose on which the arm follows its tip, where nothing is gained by optimisation.
+        motions: certified motions, of which the first with a certified smooth path is used.
+        end: record of the goal pose by the NLP, or None.
+        behind_tip: path to that pose on which the arm follows its tip without optimisation, or None.
     """
 
     motions: tuple[SpaceMotion, ...]
@@ -103,7 +102,8 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
         task: the current arm, workspace, goal and limits.
 
     Returns:
-        None where the known motion cannot be adapted; this does not mean that the task has no solution.
+        The motion; None if the known motion cannot be adapted, which does not prove that the task has no solution, and
+        for goals of the whole arm and tasks with user limits.
     """
     if task.goal_pose is not None or task.user_limits:
         return None
@@ -118,13 +118,16 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
 
 
 def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion deformed to end at the goal, by a change that grows along it; None where that fails.
+    """Return the known motion deformed, increasingly towards its end, or extended to end at the goal.
 
     Args:
         known: the motion.
-        coordinates: coordinates of its keyframes in the space of the steps, shape (K, p).
-        stepper: takes the steps.
+        coordinates: coordinates of its keyframes in the link space of the stepper, shape (K, p).
+        stepper: solver of QP steps that move the last keyframe to the goal.
         task: the task with the goal.
+
+    Returns:
+        The certified motion, or None.
     """
     try:
         settled = settle(stepper, task.limited_goal, stepper.pose(coordinates[-1]), task.deadline)
@@ -134,13 +137,20 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
     for bent in begun.bent_to(settled[-1].v):
         if len(task.failures(bent.curve, bent.unknowns)) == 0:
             return bent
-    # Where deforming the motion would meet a wall, extend it from its end.
+    # Where the deformed motion would touch a wall, the motion is extended from its end.
     led_on = begun.through(np.vstack((coordinates, [pose.v for pose in settled[1:]])))
     return led_on if len(task.failures(led_on.curve, led_on.unknowns)) == 0 else None
 
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion tracked by steps that avoid the current walls, then settled; None on failure."""
+    """Return the known motion tracked by steps that avoid the current walls, then moved onto the goal; None on failure.
+
+    Args:
+        known: the motion.
+        start: coordinates of the start, shape (p,).
+        stepper: solver of QP steps.
+        task: the task with the goal.
+    """
     reference = Reference.of(known, stepper.space)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
@@ -155,13 +165,13 @@ class MotionPlanner:
     """Plans certified motions; satisfies the ``Planner`` protocol.
 
     Attributes:
-        stages: names and times the stages.
+        stages: measures the durations of the stages.
         terms: the user's constraints and costs, or None.
-        refuse: raises where the goal is proved unreachable; called where no route or tip path is found, and for goals
-            of the whole arm that are not reached at once.
+        refuse: raises an error if the goal is proved unreachable; called when no tip path is found, and for goals of
+            the whole arm that are not reached at once.
         plane: settings of every stage in the plane.
         space: settings of every stage in space.
-        first_found: whether, in space, the first motion found is returned without optimisation.
+        first_found: whether, in space, the first motion found is smoothed without optimisation.
         sampled: whether RRT-Connect is the only method of searching for a motion.
     """
 
@@ -182,7 +192,7 @@ class MotionPlanner:
         """Plan a certified motion to the problem's goal.
 
         Raises:
-            ProblemError: the start violates a limit, or RRT-Connect alone is asked for an arm on a feed axis.
+            ProblemError: the start violates a limit, or RRT-Connect is the only method for an arm on a feed axis.
             NoPlanFound: no motion was found; gives the reason and advice.
         """
         if self.sampled and problem.arm.base_axes:
@@ -210,15 +220,15 @@ class MotionPlanner:
         return replace(path, goal_pose=planned.end)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
-        """Plan a certified motion in the plane, and return it with the smooth path along it.
+        """Plan a certified motion in the plane and a smooth path along it.
 
         Args:
             problem: the problem, in units of its arm.
-            known: a motion for a slightly different problem to start from; the search starts afresh when None, or when
-                the known motion cannot be adapted.
+            known: a motion for a slightly different problem, to be adapted; a new motion is searched for if it is None
+                or cannot be adapted.
 
         Returns:
-            The path and the motion that it follows.
+            The smooth path and the motion that it follows.
 
         Raises:
             NoPlanFound: no motion was found; gives the reason and advice.
@@ -257,8 +267,8 @@ class MotionPlanner:
         Args:
             problem: the problem, perhaps with only the walls of the neighbourhood.
             ends: the ends of the motion.
-            deadline: when to stop.
-            asked: the problem with all its original walls, for proofs; ``problem`` when None.
+            deadline: deadline of the search.
+            asked: the problem with all its original walls, for proofs; None if it is ``problem``.
 
         Raises:
             NoPlanFound: there is no route, and a proof that there can be none.
@@ -282,7 +292,13 @@ class MotionPlanner:
         )
 
     def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
-        """Return the search task without routes, for callers that know a motion; arguments as for ``motion_task``."""
+        """Return the search task without guesses and tip paths, for callers that already know a motion.
+
+        Args:
+            problem: the problem.
+            ends: the ends of the motion.
+            deadline: deadline of the search.
+        """
         settings = self.plane
         arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
         return MotionTask(
@@ -306,15 +322,20 @@ class MotionPlanner:
         )
 
     def shape_change(self, problem: Problem, ends: Ends, deadline: Deadline) -> Motion:
-        """Return a motion of the part beyond the feed axis's hole, as an arm on a fixed base, without the user's terms.
+        """Return a motion of an arm on a fixed base, such as the part beyond the feed axis's hole, without user terms.
+
+        Args:
+            problem: problem of this arm.
+            ends: the ends of the motion.
+            deadline: deadline of the search.
 
         Raises:
-            NoPlanFound: there is none.
+            NoPlanFound: no motion was found.
         """
         return find_motion(MotionPlanner(plane=self.plane).motion_task(problem, ends, deadline))
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
-        """Yield the configurations, computing each on demand within the stage "configuration"."""
+        """Yield the given configurations, timing the computation of each as the stage "configuration"."""
         while True:
             with self.stages("configuration"):
                 found = next(configurations, None)
@@ -328,9 +349,13 @@ class MotionPlanner:
         return SAMPLED_WAYS if self.sampled else WAYS
 
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
-        """Return the optimised motion and the motion as found, with the record of their end pose or None.
+        """Return the optimised motion and the motion as found, with the record of the goal pose.
 
-        The found motion is kept because its path may have clearance where the shorter, optimised one has none.
+        The motion as found is kept because its smooth path may be certified where that of the shorter, optimised motion
+        lacks clearance.
+
+        Raises:
+            NoPlanFound: no motion was found.
         """
         with self.stages("motion"):
             found = find_by_ways(task, self._ways)
@@ -352,7 +377,7 @@ class MotionPlanner:
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """Return the motion of an arm with many links, planned for an arm with few links and then refined.
 
-        Return None where the arm has few links anyway, or where the refinement fails.
+        None if the task is to be planned with its own links (see ``nominal_task``), or if planning or refinement fails.
         """
         few = nominal_task(task)
         if few is None:
@@ -367,18 +392,18 @@ class MotionPlanner:
 
 
 def _following(problem: Problem, arm: Arm) -> tuple[FollowingLimit, ...]:
-    """Return the limit on how far a fed arm may leave the path of its tip; none unless the problem sets one."""
+    """Return the limit on how far the arm may deviate from the path of its tip; none unless the problem sets one."""
     within = problem.planner.follow_within
     return () if within is None else (FollowingLimit(arm, within),)
 
 
 def _bounded(problem: Problem, task: SpaceTask) -> SpaceTask:
-    """Return the task with the limit, if any, on how far the arm may leave the path of its tip."""
+    """Return the task with the limit, if any, on how far the arm may deviate from the path of its tip."""
     return replace(task, held=(*task.held, *_following(problem, task.arm)))
 
 
 def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> JointPath:
-    """Return the path along the first motion that has one, or the path on which the arm follows its tip.
+    """Return the follow-the-leader path, if any, or the smooth path along the first motion that has a certified one.
 
     Raises:
         MotionNotFound: no path can be certified.
@@ -403,18 +428,18 @@ def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:
 
 
 def _nothing_proved() -> None:
-    """Do nothing: there is no proof to try."""
+    """Raise no error: there is no proof of unreachability to try."""
 
 
 def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
-    """Return certificate settings that respect a problem's contact tolerance."""
+    """Return the settings with the contact tolerance set to a fraction of the problem's."""
     return replace(settings, contact=_CONTACT_SHARE * problem.contact_tolerance)
 
 
 def slowness(problem: Problem) -> JointSlowness:
-    """Return the slowness of the joints and the base, from their speed and acceleration limits.
+    """Return the slowness of joints and base in the plane, from their velocity and acceleration limits.
 
-    Planar motion turns the second revolute of every ball joint.
+    Planar bends are rotations about the second of the three axes that the limits list for each joint.
     """
     limits = problem.limits
     speeds, accelerations = limits.velocity[1::3], limits.acceleration[1::3]
@@ -426,17 +451,17 @@ def slowness(problem: Problem) -> JointSlowness:
 
 
 def turn_per_link(problem: Problem) -> float:
-    """Return the angle that an average joint turns in the time the base travels one link length [rad]."""
+    """Return the angle by which a joint of mean velocity limit turns while the base travels one link length [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
 
 
 def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
-    """Return the problem with its first joints held straight as part of the mount, if the arm stands flush on a wall.
+    """Return the problem with its first joints held straight as part of the mount, if a wall clamps the arm's base.
 
     Args:
-        problem: the problem, with one goal.
-        tree: tree of its surfaces.
+        problem: the problem in space, with one goal.
+        tree: bounding volume hierarchy of its surfaces.
     """
     count = clamped_joints(problem, tree)
     arm = problem.arm
@@ -445,7 +470,11 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
 
 
 def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
-    """Return the number of joints from the base that a wall at the mount's end holds straight; 0 without a wall."""
+    """Return the number of joints from the base that a wall at the mount's end holds straight.
+
+    It is 0 for an arm on a feed axis, without a wall that is perpendicular to the mount and within clearance of its
+    end, and if start or goal bends one of these joints.
+    """
     arm = problem.arm
     first, share = arm.mount_end
     count = max(1, int(np.ceil(first + share - _STRAIGHT)))
@@ -456,20 +485,20 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     points = arm.joint_positions_at(problem.start.configuration(arm))
     along = points[first + 1] - points[first]
     end = points[first] + share * along
-    # The gap that a motion must spare beyond contact does not exist: no certificate would let the base turn.
+    # Without the gap that certificates require beyond the clearance, no turn of the base can be certified.
     spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
     reach = float(arm.radii[first]) + problem.workspace.clearance + spare
     near = tree.nearest(np.stack((end, end))[None], reach)
     if near.owner[0] < 0 or near.gap[0] >= reach:
         return 0
-    # Only a wall square behind the end of the mount clamps it.
+    # Only a wall behind the end of the mount and perpendicular to it clamps the base.
     away = end - near.point[0]
     square = away @ along >= (1.0 - _SQUARE) * np.linalg.norm(along) * np.linalg.norm(away)
     return count if square else 0
 
 
 def annotate_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
-    """Return the failure with advice added on how to let the first joints bend, where the base is clamped."""
+    """Return the failure, with added advice on how to unclamp the base if it is clamped."""
     if not problem.arm.clamped_joints:
         return failure
     found = failure.diagnosis

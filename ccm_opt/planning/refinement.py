@@ -1,10 +1,10 @@
 """Motions of arms with many links, planned with few links and then refined to the arm's own links.
 
-The curve is the same for any number of links, so that a search with few of them finds most of the motion. In the plane
-the unknowns stay, and intervals that fail the certificate are repaired. In space two bends of a joint do not commute,
-so that the same curvature gives arms with different numbers of links slightly different shapes; so each keyframe is
-fitted to the positions of the coarse arm's joints. A refined motion is accepted only if it is certified for the arm
-itself.
+The continuous curve does not depend on the number of links, so a search with few links suffices. In the plane the
+coordinates are kept, and intervals that fail the certificate are repaired. In space the two bends of a joint do not
+commute, so the same curvature gives arms with different numbers of links slightly different shapes; therefore each
+keyframe is fitted to the joint positions of the coarse arm. A refined motion is accepted only if it is certified for
+the arm itself.
 """
 
 from dataclasses import dataclass, replace
@@ -32,55 +32,56 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _REACH = 0.02
-"""Contacts nearer than this make rows of a repair, as a share of the arm's length. Taste."""
+"""Gap up to which contacts are constraints of a repair step, as a fraction of the arm's length. Taste."""
 _COORDINATE_WEIGHT = 1e-4
-"""Weight of the coordinates themselves relative to link headings; it fixes those that no link heading depends on.
-Taste."""
+"""Weight of changes of the coordinates relative to those of link headings; it keeps coordinates fixed that no link
+heading depends on. Taste."""
 
 _REPAIRS = 6
-"""Rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; where six rounds do not
-suffice, planning repeats on the task's own links."""
+"""Maximum number of rounds that repair keyframes of intervals that fail the certificate. Taste; where these do not
+suffice, planning is repeated with the task's own links."""
 _DESIGN_LINKS = 24
-"""Number of links that arms with more links are planned with, or as many as narrow passages require. Measured: of 38
-motions found in clutter with this many links, 34 were certified on finer arms unchanged."""
+"""Number of links with which arms of more links are planned; more where narrow passages require it. Measured: of 38
+motions found in clutter with this many links, 34 were certified unchanged for arms with more links."""
 _MANY_LINKS = 1.5
-"""Multiple of that number of links above which refinement pays. Taste."""
+"""Multiple of that number of links above which planning with fewer links pays. Taste."""
 REFINEMENT_MARGIN = 3e-3
-"""Gap that an optimised motion keeps when it is to be refined, as a share of the arm's length. Taste: about the
-distance of an arm of 24 links from its curve."""
+"""Margin kept in the optimisation of a motion that is to be refined, as a fraction of the arm's length. Taste: about
+the distance of an arm of 24 links from its curve."""
 _REPAIR_MARGIN = 1.5e-3
-"""Planning margin of the repair of a refined motion, as a share of the arm's length. Taste."""
+"""Planning margin of the repair of a refined motion, as a fraction of the arm's length. Taste."""
 _COARSE_ROOM = 0.04
-"""Gap that the coarse motion keeps beyond the clearance [u]."""
+"""Gap that the coarse motion in space keeps beyond the clearance, in nominal links."""
 _OFFSET = 0.02
-"""Largest bends of the start not represented by the curve for which a motion can still be refined [rad]."""
+"""Largest difference between bends of the start and of the fitted curve at which a motion in space is refined
+[rad]."""
 _FITS = 20
-"""Most steps of fitting an arm to places."""
+"""Maximum number of steps that fit an arm to joint positions."""
 _RIDGE = 0.0001
-"""Least damping of these steps, in squares of nominal links by unknowns."""
+"""Minimum damping of these steps, added to the normal equations of errors in nominal links."""
 _NEAR = 0.1
-"""Largest error of the fitted joints for which no other initial guess is tried [u]."""
+"""Position error of the fitted joints above which a second initial guess is tried, in nominal links."""
 _WORTH = 0.01
-"""Share of the squared distances that a step has to gain for another step to follow."""
+"""Fraction of the sum of squared errors by which a step has to reduce it for another step to follow."""
 
 _MOST_LINKS = 36
-"""Most links of an arm that is planned with its own links in space."""
+"""Maximum number of links of an arm that is planned with its own links in space."""
 _TIME_SHARE = 0.4
-"""Share of the time left that the search with nominal links may take."""
+"""Fraction of the remaining time that the search with nominal links may take."""
 
 _MOST_BEND = 0.9
-"""Bound on the bends of the coarse arm's joints [rad]."""
+"""Upper bound on the joint limit of the coarse arm [rad]."""
 _RAISED_RIDGE = 1e-2
-"""Least damping after a step that gains nothing."""
+"""Damping that is multiplied, unless it is already larger, after a step that reduces no error."""
 _RIDGE_RISE = 10.0
-"""Factor by which such steps raise the damping, and others lower it."""
+"""Factor by which such a step raises the damping, and any other step lowers it."""
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
-    """Return the motion refined to the task's own links and certified; None when repair fails.
+    """Return the motion refined to the task's own links and certified; None if that fails.
 
-    The coordinates v stay; A and the offset are rebuilt, so that the task's start is met exactly; the last keyframe is
-    polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
+    The coordinates v are kept; the matrix A and the offset are rebuilt, so that the task's start is met exactly; the
+    last keyframe is moved onto the goal; keyframes of intervals that fail the certificate are each moved by a step.
     """
     space = _lifted_space(motion, task)
     coordinates = motion.unknowns.copy()
@@ -110,7 +111,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
 
 def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
-    """Return columns (m, k) over the links of one arm, resampled for another; shape (links, k)."""
+    """Return columns (m, k), with one row per link of an arm, interpolated to another number of links, (links, k)."""
     resampled = [_resampled(column, links) for column in columns.T]
     return np.column_stack(resampled) if resampled else np.zeros((links, 0))
 
@@ -128,8 +129,8 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     last = motion.unknowns[-1]
     start = arm.headings(task.start)
     if task.goal_pose is not None:
-        # The column that leads from one end to the other is rebuilt, so that both are met exactly. A motion deformed
-        # to an end of its own for more clearance has further coordinates: their columns are resampled.
+        # The column that blends from one end to the other is rebuilt, so that both are met exactly. A motion deformed
+        # to another end for more clearance has further coordinates: their columns are resampled.
         columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
         change = last - first
         k = p + int(np.argmax(np.abs(change[p:])))
@@ -142,19 +143,19 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     if len(first) > p and first[-1] != 0.0:
         offset = _resampled(motion.curve.arm.headings(motion.curve.offset), arm.links)
         return _refined_space(arm, np.column_stack((matrix, start - matrix @ first[:p] - offset)), offset)
-    # At most, the motion is blended to an end that the planner chose for the coarse arm: its column is resampled, and
-    # the start stays exact.
+    # Any blending leads to an end that was chosen for the coarse arm: its column is resampled, and the start is met
+    # exactly.
     columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
     return _refined_space(arm, columns, start - columns @ first)
 
 
 def _refined_space(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
-    """Return the link space whose headings [rad] are an offset (links,) plus turns (links, p) times the coordinates."""
+    """Return the link space whose headings [rad] are the offset (links,) plus turns (links, p) times coordinates."""
     return LinkSpace(arm, np.diff(turns, axis=0, prepend=0.0), arm.bends(offset))
 
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
-    """Return an offset of link headings, resampled for another number of links, shape (links,) [rad]."""
+    """Return an offset of link headings, interpolated to another number of links, shape (links,) [rad]."""
     # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
     middles = (np.arange(len(offset)) + 0.5) / len(offset)
     wanted = (np.arange(links) + 0.5) / links
@@ -162,20 +163,29 @@ def _resampled(offset: FloatArray, links: int) -> FloatArray:
 
 
 def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
-    """Return the stepper of repairs, with a smaller margin than that of the search."""
+    """Return the solver of QP steps for repairs, with a smaller margin than that of the search."""
     length = task.arm.length
     finder = task.finder(_REPAIR_MARGIN * length, _REACH * length)
     return Stepper(space, task.limits(finder), task.settings, finder=finder)
 
 
 def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:
-    """Return whether an arm crosses a wall or itself at a failing interval's start; repair would push it through."""
+    """Return whether the arm crosses a wall or itself at the start of a failing interval, which no repair can undo.
+
+    Args:
+        stepper: solver of the repair's QP steps.
+        coordinates: coordinates of the keyframes, shape (K, p).
+        failing: indices of failing intervals.
+    """
     poses = (stepper.pose(coordinates[k]) for k in failing)
     return any(stepper.finder.crosses(pose.points) for pose in poses)
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
-    """Return coordinates with the given inner keyframes each moved by a step whose only aim is the planning margin."""
+    """Return the coordinates (K, p) with the given keyframes, except the ends, each moved to the planning margin.
+
+    A keyframe is moved by one step that otherwise minimises its change.
+    """
     space = stepper.space
     last = len(coordinates) - 1
     mended = coordinates.copy()
@@ -194,7 +204,8 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 def coarse_task(task: MotionTask) -> MotionTask | None:
     """Return the task with as few links as its passages permit.
 
-    None where planning with fewer links does not pay, or is not possible.
+    None if planning with fewer links does not pay, or is not possible: with user limits, a clamped base, a feed axis,
+    links of different lengths, or gates.
     """
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
@@ -206,16 +217,23 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
         or task.arm.proportions
     ):
         return None
-    # A motion through the middle of a gate with few links is off the middle with many.
+    # A motion on the middle line of a gate with few links is off that line with many.
     if task.gates is not None:
         return None
     return coarsened(task, links)
 
 
 def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return an optimised motion of the task's links, by refinement of the coarse motion or by a new search.
+    """Return an optimised motion of the task's own links, by refining the coarse motion or by the successful candidate.
 
-    None where both methods fail.
+    Args:
+        found: motion of the coarse arm.
+        coarse: its task.
+        task: task with its own links.
+        failures: list to which failures are appended.
+
+    Returns:
+        None if both methods fail.
     """
     lifted = _lifted(found, coarse, task)
     if lifted is not None:
@@ -225,12 +243,12 @@ def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: li
 
 
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
-    """Return a coarse motion transferred to the task's links, or None.
+    """Return a coarse motion refined to the task's links, or None.
 
-    The coarse motion is optimised and then refined or, where that fails, refined as found and then optimised.
+    The coarse motion is optimised and then refined; if that fails, it is refined first and then optimised.
     """
-    # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where
-    # its refinement still fails, the motion as found has more clearance.
+    # An optimised motion runs close to the walls, and the links of the finer arm lie elsewhere; hence the wider margin.
+    # Where its refinement still fails, the motion as found has more clearance.
     optimised = optimised_to_end_pose(straightened(found, coarse), coarse, REFINEMENT_MARGIN)
     lifted = lift(optimised, task)
     if lifted is not None or optimised is found:
@@ -240,10 +258,10 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
 
 
 def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion that the candidate successful with few links gives with the task's own links, or None.
+    """Return the motion with the task's own links of the candidate that succeeded with few links, or None.
 
-    In narrow places the finer arm bulges out from the chords of the coarse arm, and no repair brings a thin link back
-    through a wall; but a guide that leads one arm to the goal mostly leads the other there, too.
+    In narrow passages the finer arm bulges out from the chords of the coarse arm, and no repair brings a thin link back
+    through a wall; but a guide that leads one arm to the goal mostly leads the other one there, too.
     """
     run = PlanarRun.from_task(task, fitting_margins(task)[0])
     return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)
@@ -251,10 +269,13 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
 
 # ------------------------------------------------------------ in space
 def nominal_task(task: SpaceTask) -> SpaceTask | None:
-    """Return the search task with nominal links; None where the motion is to be planned with the arm's own links.
+    """Return the search task of a coarse arm with nominal links; None if the arm's own links are to be used.
+
+    That is so for goals of the whole arm, user terms, few links, links of different lengths, and starts that the curve
+    does not represent.
 
     Args:
-        task: task of the arm; only tasks with a goal for the tip are refined.
+        task: task of the arm.
     """
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
@@ -284,7 +305,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
 
 
 def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
-    """Return a motion for nominal links refined to the links of the arm; None where that cannot be certified.
+    """Return a motion for nominal links refined to the links of the arm; None if it misses the goal or the certificate.
 
     Args:
         task: task of the arm.
@@ -304,10 +325,10 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
 
 
 def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> FloatArray:
-    """Return the arm's unknowns at the keyframes of a coarse motion, fitted to the coarse arm's joints.
+    """Return the arm's unknowns at the keyframes of a coarse motion, fitted to the coarse arm's joints, shape (K, p).
 
     Args:
-        stepper: stepper of the arm.
+        stepper: solver of QP steps of the arm; gives the space of unknowns.
         found: the coarse motion.
         start: unknowns of the arm at its start, shape (p,).
     """
@@ -319,8 +340,8 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
     configurations = found.curve.configurations(found.unknowns)[1:]
     joints = found.curve.arm.joint_positions_at(configurations)
     for q, places, change in zip(configurations, joints, changes, strict=True):
-        # The coarse arm's change is a good initial guess where nothing is blended into its bends. Where many joints are
-        # bent, the curve that represents their bends best is a better one.
+        # The coarse arm's change of unknowns is mostly a good initial guess. Where the fit from there is poor, the
+        # curve fitted to the coarse arm's configuration is tried as well.
         laid = _nearest(stepper, along, places, fitted[-1] + change)
         if laid.off > _NEAR:
             same_curve = found.curve.fitted(q)[:shared] * scale
@@ -332,11 +353,11 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """An arm fitted to given positions of its parts.
+    """Result of fitting an arm to given positions of points on it.
 
     Attributes:
         v: unknowns of the arm, shape (p,).
-        off: largest distance from these positions [u].
+        off: largest distance from these positions, in nominal links.
     """
 
     v: FloatArray
@@ -345,11 +366,11 @@ class _Laid:
 
 @dataclass(frozen=True, eq=False)
 class _Along:
-    """Places along an arm, each given by its link and by the share of the link that lies before the place.
+    """Points along an arm, each given by its link and the fraction of the link's length before the point.
 
     Attributes:
-        link: numbers of the links, shape (m,).
-        share: shares of the links, shape (m,).
+        link: indices of the links, shape (m,).
+        share: fractions of the links' lengths, in [0, 1], shape (m,).
     """
 
     link: IntArray
@@ -357,30 +378,30 @@ class _Along:
 
     @classmethod
     def coarse_joints(cls, links: int) -> "_Along":
-        """Return the places of the coarse arm's joints and tip along an arm with the given number of links."""
+        """Return the points on an arm with ``links`` links that correspond to the coarse arm's joints and tip."""
         along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
         link = np.minimum(along.astype(np.intp), links - 1)
         return cls(link, along - link)
 
     @classmethod
     def joints(cls, links: int) -> "_Along":
-        """Return the places of the joints and the tip of an arm with the given number of links."""
+        """Return the joints and the tip of an arm with the given number of links."""
         link = np.minimum(np.arange(links + 1), links - 1)
         return cls(link, (np.arange(links + 1) - link).astype(np.float64))
 
     def of(self, values: FloatArray) -> FloatArray:
-        """Return values at these places, interpolated from those at the joints and the tip, shape (links + 1, ...)."""
+        """Return values at these points, interpolated linearly from values (links + 1, ...) at joints and tip."""
         share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
 
 
 def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray) -> _Laid:
-    """Return the arm fitted to places with its feed fixed, by the method of Levenberg and Marquardt.
+    """Return the arm fitted to positions, with its feed fixed, by the Levenberg-Marquardt method.
 
     Args:
-        stepper: stepper of the arm.
-        along: places on the arm.
-        wanted: required positions of these places, shape (m, 3) [m].
+        stepper: solver of QP steps of the arm; gives the space of unknowns.
+        along: points on the arm.
+        wanted: positions that these points should have, shape (m, 3) [m].
         v: initial unknowns, shape (p,).
     """
     pose = stepper.pose(v)

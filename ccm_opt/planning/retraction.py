@@ -1,10 +1,10 @@
-"""Candidates that draw the arm back first.
+"""Candidates that first retract the arm along its own shape.
 
-An arm that lies in a narrow place can leave it only the way it came in, along its own shape. Since its base is fixed,
-the length that comes out is taken up by a fold, which opens at the base, where there is clearance, and travels towards
-the tip. Links that the fold has passed lie on the new shape; those ahead of the fold slide back along the old shape.
-Run backwards in time, this motion is the hairpin that would lead the arm in from the new pose; so a withdrawal uses the
-reference and the terms of a hairpin.
+An arm in a narrow passage can leave it only along its own shape. Since the base is fixed, the retracted length is taken
+up by a fold, which opens at the base, where there is clearance, and travels towards the tip. Links that the fold has
+passed lie on the new shape; those between the fold and the tip slide back along the old shape. Reversed in time, this
+motion is the hairpin that would lead the arm from the new pose into the passage; so a withdrawal uses the reference and
+the terms of a hairpin.
 """
 
 from collections.abc import Iterator
@@ -27,26 +27,28 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
 _LONGEST_ERROR = 1.0
-"""Largest error of a joint that one step is asked to correct, in nominal links. Taste."""
+"""Largest position error of a joint that a step is required to correct; longer ones are shortened to it, in nominal
+links. Taste."""
 _STRAND_WEIGHT = 1.0
-"""Weight of the joints of the strand that is drawn back, per nominal link. Taste."""
+"""Weight of the position errors of joints in the strand that is retracted, per nominal link. Taste."""
 _HEADING_WEIGHT = 0.3
-"""Weight of every link's heading relative to the reference, per nominal link. Taste."""
+"""Weight of each link's deviation from the reference heading, per nominal link. Taste."""
 _TURN_WEIGHT = 0.002
-"""Weight of every link's turn, per nominal link. Taste."""
+"""Weight of each link's change of heading in a step, per nominal link. Taste."""
 _MOTION_WEIGHT = 0.02
-"""Weight of every joint's motion, per nominal link. Taste."""
+"""Weight of each joint's displacement in a step, per nominal link. Taste."""
 
 _BESIDE = 2.5
-"""Distance from the arm below which a place of the tip path lies next to the arm, in nominal links. Taste."""
+"""Distance from the arm below which a point of the tip path counts as next to the arm, in nominal links. Taste."""
 _LEASH = 0.3
-"""Largest lag of the strand before the fold waits, in nominal links. Taste."""
+"""Largest mean position error of the strand at which the fold still advances, in nominal links. Taste."""
 
 _LEAST_WAY = 2.0
-"""Length of the tip path back through passages in which the arm lies and a fold does not fit, above which drawing
-back is tried first, in nominal links. Taste."""
+"""Length of tip path beside the arm through passages in which no fold fits, above which withdrawals are tried first, in
+nominal links. Taste."""
 _NEAR_BASE = 3.0
-"""Distance along the arm from the base below which links do not count, in nominal links. Taste."""
+"""Arc length from the base below which points of the arm do not count as beside the tip path, in nominal links.
+Taste."""
 
 
 _ADVANCE = 0.15
@@ -55,14 +57,14 @@ _ADVANCE = 0.15
 
 @dataclass
 class Withdrawal:
-    """Guide that leads a fold from where the arm leaves its new shape to the tip.
+    """Guide that retracts the arm by a fold travelling from the joint at which the arm leaves its new shape to the tip.
 
     Attributes:
-        fold: hairpin of the way in; its old shape is the new shape of the withdrawal, and its track leads from the tip
-            of that shape back beside the shape, and out to the place of the tip when the withdrawal begins.
-        turns: whole turns of the base by which the way back winds the new pose [rad].
-        free_from: arc length on the track before which the arm fills no passage [m]; once the arm is drawn back to
-            there, the tip can move on freely.
+        fold: hairpin of the reversed motion; its old shape is the new shape of the withdrawal, and its track leads from
+            the tip of that shape back beside the shape, and on to the position of the tip at the start.
+        turns: whole turns to add to the base angle of the goal pose [rad].
+        free_from: arc length on the track up to which a fold fits beside the arm [m]; once the tip is retracted to
+            there, it can be led on to the goal.
     """
 
     fold: Hairpin
@@ -70,11 +72,11 @@ class Withdrawal:
     free_from: float = 0.0
 
     def afresh(self) -> "Withdrawal":
-        """Return a copy whose fold begins at its current place and advances independently."""
+        """Return a copy whose fold begins at the current position and advances independently."""
         return replace(self, fold=replace(self.fold))
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that draw the arm on from a pose."""
+        """Return the cost terms of the next step from a pose."""
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
@@ -95,23 +97,23 @@ class Withdrawal:
         ]
 
     def _errors(self, pose: Pose) -> FloatArray:
-        """Return the offsets from every joint but the base to its place on the track, shape (links, 2) [m]."""
+        """Return vectors from joints, except the base, and tip to their track positions, shape (links, 2) [m]."""
         arm = self.fold.space.arm
         behind_tip = arm.length - arm.joint_places[1:]
         return self.fold.track.at(self.fold.tip_arc - behind_tip) - pose.points[1:]
 
     def _on_strand(self) -> FloatArray:
-        """Return each joint's weight in the drawn-back strand, 1 well beyond the fold and 0 before it, (links,)."""
+        """Return each joint's weight in the retracted strand, from 0 before the fold to 1 beyond it, shape (links,)."""
         arm = self.fold.space.arm
         arcs = arm.joint_places[1:]
         beyond = (arcs - self.fold.fold_at - self.fold.fold_length) / self.fold.nominal_length
         return np.clip(beyond, 0.0, 1.0)
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the fold a little towards the tip if the strand keeps up.
+        """Advance the fold towards the tip unless the strand lags too far behind the track.
 
         Returns:
-            Whether the strand keeps up.
+            Whether the fold was advanced.
         """
         if self._lag(pose) > _LEASH * self.fold.nominal_length:
             return False
@@ -119,19 +121,19 @@ class Withdrawal:
         return True
 
     def _lag(self, pose: Pose) -> float:
-        """Return the mean distance of the strand from its track, or at the end that of the tip alone [m]."""
+        """Return the weighted mean distance of the strand's joints and the tip from their track positions [m]."""
         weight = self._on_strand()
         weight[-1] = 1.0
         return float(np.linalg.norm(self._errors(pose), axis=1) @ weight / weight.sum())
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the arm has been drawn back as far as needed, or the fold has reached the tip."""
-        del pose  # how the fold opens there is left to the guide that leads the tip on
+        """Return whether the tip has been retracted to ``free_from``, or the fold has reached the tip."""
+        del pose  # the next guide opens the fold
         at_tip = self.fold.fold_at + self.fold.fold_length >= self.fold.space.arm.length
         return at_tip or self.fold.tip_arc < self.free_from
 
     def describe(self, pose: Pose) -> str:
-        """Return, in words, how far the fold has advanced."""
+        """Return a message with the position of the fold and the lag of the arm."""
         return (
             f"drawing back, the fold stopped {long_length(self.fold.fold_at)} from where it opened, "
             f"the arm {short_length(self._lag(pose))} behind"
@@ -144,19 +146,20 @@ class Withdrawal:
 
 
 WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
-"""A tip path back to the start, and the joint at which the arm leaves the goal pose, with the route."""
+"""Tip path from the tip of a goal pose to the tip at the start, and the joint at which the reversed motion leaves the
+goal pose, with the route from there, shape (k, 2) [m]."""
 
 
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that draw the arm back along itself onto another shape, by several folds on either side.
+    """Yield candidates that retract the arm along itself onto a goal pose, by folds of several lengths on either side.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the motion begins.
-        wanted: coordinates of a pose at the goal.
-        path: any tip path, for its free space.
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        wanted: coordinates of a goal pose, shape (p,).
+        path: any tip path; gives the free space and the shrinking.
         lengths: lengths of the fold, in nominal links.
         whole_arm: whether the motion has to end in exactly that pose, and not only with the tip at the goal.
     """
@@ -167,7 +170,7 @@ def drawn_back(
     for length in lengths:
         for name, guide in withdrawals(stepper, start, end, ways, length):
             if whole_arm and guide.turns != 0.0:
-                # The arm would end in the wanted shape, but with whole turns of its base left.
+                # The arm would end in the right shape, but with the base off by whole turns.
                 continue
             yield GuideCandidate(name, guide.afresh, (laid,) if whole_arm else (laid, led))
             if guide.free_from > 0.0:
@@ -176,13 +179,13 @@ def drawn_back(
 
 
 def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[WayBack]:
-    """Return tip paths from a pose at the goal back to the start, each with the place where the arm leaves that pose.
+    """Return tip paths from a goal pose back to the start, each with the joint where the arm leaves that pose.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the motion begins.
-        end: the pose at the goal.
-        path: any tip path, for its free space.
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        end: the goal pose.
+        path: any tip path; gives the free space and the shrinking.
     """
     ways = tip_paths_in(path.free_space, end.points, (start.points,), path.shrink)
     left = [(way, leaving_joint(stepper, end, way)) for way in ways]
@@ -192,13 +195,13 @@ def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[W
 def withdrawals(
     stepper: Stepper, start: Pose, end: Pose, ways: list[WayBack], length: float
 ) -> list[tuple[str, Withdrawal]]:
-    """Return named withdrawals to a pose at the goal, on either side, the one with the least turn of the base first.
+    """Return names of and guides for withdrawals to a goal pose, sorted by the turn of the base that they need.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the motion begins.
-        end: the pose at the goal.
-        ways: tip paths, from ``ways_back``.
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        end: the goal pose.
+        ways: tip paths with their leaving joints, from ``ways_back``.
         length: length of the fold, in nominal links.
     """
     base_heading = stepper.space.arm.headings(start.q)[0]
@@ -212,11 +215,11 @@ def withdrawals(
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
-    """Return whether the path back along the arm has a gate too narrow for both strands, or is long where no fold fits.
+    """Return whether the arm lies in a passage too narrow for two strands, or in long ones in which no fold fits.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the motion begins.
+        stepper: solver of QP steps.
+        start: start pose of the motion.
         path: tip path.
     """
     widths = widths_beside_arm(stepper, start, path.taut)
@@ -227,15 +230,15 @@ def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
 
 
 def fold_width(stepper: Stepper) -> float:
-    """Return the least width of a passage in which a fold fits [m]."""
+    """Return the minimum width of a passage in which a fold fits [m]."""
     return 2.0 * stepper.space.arm.radius + FOLD_LENGTHS[0] / FOLD_SHARE * stepper.space.nominal_length
 
 
 def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
-    """Return passage widths at places spread evenly along a tip path, inf where the arm is elsewhere, (samples,) [m].
+    """Return passage widths at points evenly along a tip path, inf where the arm is not beside it, (samples,) [m].
 
     Args:
-        stepper: stepper of the link space.
+        stepper: solver of QP steps; gives arm and walls.
         start: pose of the arm.
         way: tip path, shape (k, 2) [m].
     """
@@ -246,20 +249,20 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
     widths = passage_widths(stepper.finder.walls, way, stepper.space.arm.length)
     axis = shapely.LineString(start.points)
     apart = shapely.distance(shapely.points(places), axis)
-    # Near the base, the paths back and onward lie next to the same links.
+    # Near the base, the paths of retraction and of advance lie beside the same links.
     beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > _NEAR_BASE * unit
     beside = beyond_base & (apart < np.minimum(widths, _BESIDE * unit))
     return np.where(beside, widths, np.inf)
 
 
 def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
-    """Return the withdrawal to a pose at the goal; None where the base could not turn far enough.
+    """Return the withdrawal to a goal pose; None if the base would have to turn beyond its limit.
 
     Args:
-        stepper: stepper of the link space.
-        start: pose where the withdrawal begins.
-        end: the pose at the goal.
-        way_back: tip path from that pose to the start, and the place where the arm leaves the pose.
+        stepper: solver of QP steps.
+        start: start pose of the withdrawal.
+        end: the goal pose.
+        way_back: tip path from that pose to the start, and the joint where the arm leaves the pose, with its route.
         length: length of the fold, in nominal links.
     """
     arm = stepper.space.arm
@@ -271,7 +274,7 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
         route = way.from_joint(end.points, 0)
     fold = fold_about_to_travel(stepper, end, way, joint, route, length)
     fold.run_through()
-    # Headings count full turns, paths do not: the way in has to end with the arm's current winding.
+    # Headings count whole turns, paths do not: the reversed motion has to end with the arm's current winding.
     turns = whole_turns(float(np.median(arm.headings(start.q) - fold.reference())))
     wound = end.q.copy()
     wound[0] += turns
@@ -283,13 +286,23 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
 
 
 def _free_fold_start(stepper: Stepper, start: Pose, track: TipTrack) -> float:
-    """Return the arc length on a track, from a goal pose's tip, up to which a fold has clearance beside the arm [m]."""
+    """Return the arc length on a track, from a goal pose's tip, up to which a fold fits beside the arm [m]."""
     confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < fold_width(stepper))
     return track.length * float(confined[0]) / WIDTH_SAMPLES if len(confined) else 0.0
 
 
 def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide that draws the tip along the rest of its path to the goal."""
+    """Return the guide that leads the tip along the shortest path to the goal homotopic to the rest of the path.
+
+    Args:
+        stepper: solver of QP steps.
+        path: tip path; gives the free space and the shrinking.
+        guide: the withdrawal that has ended.
+        pose: the pose in which it ended.
+
+    Raises:
+        TypeError: the guide is no withdrawal.
+    """
     if not isinstance(guide, Withdrawal):
         raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
     remaining = np.vstack((pose.points[-1], guide.onward()))
@@ -298,7 +311,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
 
 
 def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide that draws the whole arm straight to the goal pose, with the winding of the withdrawal."""
+    """Return the guide along the straight line in coordinates to the goal pose, plus the withdrawal's whole turns."""
     wound = end.v.copy()
     if isinstance(guide, Withdrawal):
         wound[0] += guide.turns

@@ -1,8 +1,7 @@
-"""One run of the planar search over its candidates.
+"""One run of a search through candidates with one stepper, and the candidates of the search in the plane.
 
-Where the base itself stands in a narrow space, as in a bottle, a fold has no clearance to open and travel out. But the
-part of the arm in the passage can be drawn back along its own shape, as out of a gate, while the rest bows to one side
-and coils up.
+Where the base itself stands in a narrow space, as in a bottle, no fold fits there. But the part of the arm in the
+passage can be retracted along its own shape, as out of a gate, while the rest bows to one side and coils up.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -34,26 +33,31 @@ from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import Reference, follow_reference
 
 _PAUSES = (0.02, 1e-3)
-"""Distances from the previous pose below which a pose is dropped [rad]; the first that keeps the motion certified is
-used. A path that almost stands still in places cannot be timed well. Taste."""
+"""Distances from the previous pose below which a pose is dropped [rad]; the first one with which the motion is
+certified is used. A path that almost stands still at some poses is hard to time. Taste."""
 _PUT_OFF = 0.5
-"""Probability with which a seed other than 0 defers a candidate until the others have been tried. Taste."""
+"""Probability that a candidate is deferred until the others have been tried, for seeds other than 0. Taste."""
 
 _NEAR = 0.05
-"""Gap below which an obstruction is named, as a share of the arm's length. Taste."""
+"""Gap below which the nearest obstruction is reported, as a fraction of the arm's length. Taste."""
 _CORNER = 0.02
 """Turn above which a vertex of a path counts as a corner [rad]. Taste."""
 _FEW_CORNERS = 2
-"""Most corners of a route for which straight interpolation is tried first: with more, the arm bends so that it
-seldom works. Taste."""
+"""Maximum number of corners of a route for which interpolation is tried first: with more, it seldom works. Taste."""
 
 
 def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first passage that it fills [m], or None."""
+    """Return the arc length from the base at which the arm enters the first passage in which no fold fits [m], or None.
+
+    Args:
+        stepper: solver of QP steps; gives arm and walls.
+        start: pose of the arm.
+        path: tip path.
+    """
     filled = np.flatnonzero(widths_beside_arm(stepper, start, path.taut) < fold_width(stepper))
     if len(filled) == 0:
         return None
-    # The tip path leads back along the arm: the passage it crosses last is nearest to the base.
+    # The tip path leads back along the arm: the passage that it crosses last is nearest to the base.
     places, _ = evenly_along(path.taut)
     axis = shapely.LineString(start.points)
     return float(shapely.line_locate_point(axis, shapely.points(places[filled])).min())
@@ -66,21 +70,21 @@ def first_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Yield the candidates that solve most problems, most promising first.
+    """Yield the candidates that solve most problems, the most promising ones first.
 
     Args:
-        stepper: stepper of the link space in which the candidates run.
-        start: pose where the motion begins.
-        goal_coordinates: coordinates of goal poses, for interpolation; unless the tip can go straight, these are
-            computed only when the first tip path has failed.
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        goal_coordinates: coordinates of goal poses, each of shape (p,), computed on demand.
         tip_paths: tip paths, shortest first.
-        whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
+        whole_arm: coordinates of a goal of the whole arm, shape (p,), or None.
     """
-    # In a gate with hardly any play, only sliding along itself moves an arm.
+    # An arm in a gate with hardly any clearance can only slide along its own shape.
     gates = [(path, gate_entry(stepper, start, path)) for path in tip_paths]
     yield from slid_out(stepper, start, whole_arm, gates, "slid out of gates")
 
-    # Among many walls goal poses are costly to find, and often the routes have none; leading the tip is quick.
+    # Among many walls goal poses are costly to find, and often there are none along the routes; leading the tip is
+    # fast.
     led_first = whole_arm is None and stepper.among_many_walls
     if led_first:
         yield from (tip_led(stepper, path) for path in sorted(tip_paths, key=lambda path: path.length))
@@ -91,14 +95,14 @@ def first_candidates(
 
     first_length = FOLD_LENGTHS[:1]
     withdrawn = _withdrawn(stepper, start, goal_coordinates, tip_paths, first_length, whole_arm=whole_arm is not None)
-    # The arm leaves a narrow place only the way it came in, and drawing back the tip alone buckles it.
+    # The arm can leave a narrow passage only along its own shape, and leading only the tip back buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
         yield from withdrawn
         passage = (tip_paths[0], passage_entry(stepper, start, tip_paths[0]))
         yield from slid_out(stepper, start, whole_arm, [passage], "drawn in")
 
     for path in tip_paths:
-        # For a goal of the whole arm, a fold lays the arm on its new route link by link; for a goal of the tip,
+        # For a goal of the whole arm, a fold moves the arm onto its new route link by link; for a goal of the tip,
         # leading the tip there mostly suffices.
         if whole_arm is not None:
             fitting = fitting_folds(stepper, path)
@@ -108,7 +112,7 @@ def first_candidates(
             if not led_first:
                 yield tip_led(stepper, path)
             yield from pulled_over(stepper, start, whole_arm, path, first_length)
-            # Not earlier, since the NLP must first find a goal pose. The first tip path uses up all interpolations.
+            # Not earlier, since the NLP has to find the goal poses. All interpolations follow the first tip path.
             yield from interpolated
 
     yield from interpolated
@@ -116,7 +120,13 @@ def first_candidates(
 
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
-    """Yield straight interpolations to one goal pose after another; each goal pose is computed on demand."""
+    """Yield one interpolation in coordinates for each goal pose; each goal pose is computed on demand.
+
+    Args:
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        goal_coordinates: coordinates of goal poses, each of shape (p,).
+    """
     for k, goal in enumerate(goal_coordinates, start=1):
         make_guide = partial(PoseLed, stepper.space, start.v, goal)
         yield GuideCandidate(f"interpolation {k}", make_guide)
@@ -131,14 +141,23 @@ def _withdrawn(
     *,
     whole_arm: bool,
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that draw the arm back along itself onto one goal pose after another, each built on demand."""
+    """Yield candidates that retract the arm along itself onto one goal pose after another.
+
+    Args:
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        goal_coordinates: coordinates of goal poses, each of shape (p,), computed on demand.
+        tip_paths: tip paths, of which only the first is used, for its free space.
+        lengths: lengths of the fold, in nominal links.
+        whole_arm: whether the motion has to end in exactly such a pose, and not only with the tip at the goal.
+    """
     for path in tip_paths[:1]:
         for goal in goal_coordinates:
             yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
 
 
 def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
-    """Return whether interpolation probably works: the first tip path is straight and its route has few corners."""
+    """Return whether the first tip path is straight and its route has few corners, so that interpolation may work."""
     if not tip_paths:
         return False
     first = tip_paths[0]
@@ -147,7 +166,7 @@ def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
 
 
 def _corners(path: FloatArray, least_turn: float) -> int:
-    """Return the number of places where a path (k, 2) turns by more than ``least_turn`` [rad]."""
+    """Return the number of vertices at which a path (k, 2) turns by more than ``least_turn`` [rad]."""
     turns = np.diff(leg_headings(without_repeats(path, 0.0)))
     return int(np.count_nonzero(np.abs(turns) > least_turn))
 
@@ -159,7 +178,15 @@ def further_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Yield withdrawals, and folds of the other lengths; arguments as for ``first_candidates``."""
+    """Yield withdrawals and hairpins with the fold lengths that ``first_candidates`` does not use.
+
+    Args:
+        stepper: solver of QP steps.
+        start: start pose of the motion.
+        goal_coordinates: coordinates of goal poses, each of shape (p,), computed on demand.
+        tip_paths: tip paths, shortest first.
+        whole_arm: coordinates of a goal of the whole arm, shape (p,), or None.
+    """
     others = FOLD_LENGTHS[1:]
     yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
     for path in tip_paths:
@@ -168,28 +195,27 @@ def further_candidates(
 
 
 def tip_led(stepper: Stepper, path: TipPath) -> GuideCandidate:
-    """Return the candidate that draws the tip along the taut path."""
+    """Return the candidate that leads the tip along a shortest tip path."""
     return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, path.taut))
 
 
 _GATE_RIDGE = 1e-5
-"""Ridge of the steps in gates, whose equations are added. Measured on an arm of 48 links in two doors: with the
-ridge for narrow margins a step took 1165 iterations, with this one 2."""
+"""Regularisation of steps in gates, to which equations of the gates are added. Measured for an arm of 48 links in two
+doors: with the regularisation for narrow margins a step took 1165 iterations, with this one 2."""
 _MENDS = 3
-"""Number of rounds that insert poses where the motion through gates is not certified. Taste."""
+"""Maximum number of rounds that insert poses where a motion through gates is not certified. Taste."""
 
 
 def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:
-    """Yield all candidates, a few of them deferred at random.
+    """Yield all candidates, some of them deferred at random until all others have been yielded.
 
-    The first candidate that arrives decides which motion is optimised, but another may lead to a better one. A seed
-    defers every candidate with a given probability until all others have been tried, so that early ones still come
-    early.
+    The first candidate that succeeds decides which motion is optimised, but another may lead to a better one. With
+    deferral, other seeds give other motions, while the most promising candidates still tend to come early.
 
     Args:
         candidates: candidates, the most promising first.
-        seed: seed of the random numbers; 0 keeps the order.
-        put_off: probability of deferring a candidate.
+        seed: seed of the random numbers; with 0 the order is kept.
+        put_off: probability that a candidate is deferred.
     """
     if seed == 0:
         yield from candidates
@@ -205,20 +231,20 @@ def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float)
 
 
 TaskType = TypeVar("TaskType", bound=SearchTask)
-"""Type of the task."""
+"""Type of a run's task."""
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
-"""Type of the map of its motions."""
+"""Type of the map from unknowns to configurations in a run's motions."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchRun(Generic[TaskType, CurveType]):
-    """One run through candidates with one stepper; follows each candidate, and records those that stall.
+    """One run through candidates with one stepper; builds their motions and records failures.
 
     Attributes:
-        task: the task.
-        stepper: stepper of the space through the start, with all limits.
-        start: pose at the start.
-        goal: goal with the limits that hold there; a whole-arm goal is in the unknowns of the space.
+        task: the search task.
+        stepper: solver of QP steps, with all limits, in a space through the start.
+        start: start pose.
+        goal: goal with the limits that hold there; for a goal of the whole arm, with its unknowns in that space.
     """
 
     task: TaskType
@@ -229,7 +255,13 @@ class SearchRun(Generic[TaskType, CurveType]):
     def attempt(
         self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
     ) -> CurveMotion[CurveType] | None:
-        """Return the motion through a candidate's poses; where it stalls, record the failure and return None."""
+        """Return the motion through a candidate's poses; None if it stalls.
+
+        Args:
+            name: name of the candidate.
+            lead: computes its poses.
+            failures: list to which a failure is appended.
+        """
         report_tried(name, failures)
         try:
             return self.motion(name, lead())
@@ -238,25 +270,28 @@ class SearchRun(Generic[TaskType, CurveType]):
             return None
 
     def motion(self, name: str, poses: list[Pose]) -> CurveMotion[CurveType]:
-        """Return the poses as a motion named after its candidate."""
+        """Return the motion through the poses, with the name of its candidate."""
         return CurveMotion.of(self.stepper.space, poses, name)
 
     def failure(self, name: str, stalled: Stalled) -> Failure:
-        """Return the failure record of a stalled candidate, with the nearest obstruction."""
+        """Return the record of a stalled candidate, with the nearest obstruction of its last pose."""
         pose = stalled.poses[-1]
         limit = self.goal.describe_limits(pose)
         bends = self.stepper.space.bends(pose.q).reshape(self.task.arm.links, -1)
         return Failure(name, str(stalled), self._remaining(pose), self.tightest(pose), pose.q, bends, limit)
 
     def _remaining(self, pose: Pose) -> float:
-        """Return the distance from the goal of the tip or, with a goal for the whole arm, of the farthest joint [m]."""
+        """Return the distance of the tip or, with a goal of the whole arm, of the farthest joint from the goal [m]."""
         if self.goal.coordinates is None:
             return self.goal.errors(pose)[0]
         apart = self.stepper.pose(self.goal.coordinates).points - pose.points
         return float(np.linalg.norm(apart, axis=1).max())
 
     def arrived(self, poses: list[Pose]) -> list[Pose]:
-        """Return poses that end near the goal, continued onto the goal by settling or by leading to the whole-arm pose.
+        """Return poses that end near the goal, continued onto the goal.
+
+        For a goal of the tip they are continued by steps, for a goal of the whole arm along a straight line of
+        unknowns.
 
         Raises:
             Stalled: the goal is not reached.
@@ -266,35 +301,39 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *self.led_to(self.goal.coordinates, poses[-1])[1:]]
 
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
-        """Return the poses that lead straight from a pose to other unknowns, shape (p,).
+        """Return poses that lead from a pose towards given unknowns, along a straight line as far as possible.
+
+        Args:
+            end: unknowns of the end, shape (p,).
+            pose: first pose.
 
         Raises:
-            Stalled: there is no such straight motion.
+            Stalled: the end is not reached by a safe motion.
         """
         guide = PoseLed(self.stepper.space, pose.v, end)
         try:
             poses = follow(self.stepper, guide, pose, self.task.deadline)
         except Stalled as stalled:
-            # The remaining difference may lie in unknowns that hardly turn a joint.
+            # The remaining difference may be in unknowns on which the bends hardly depend.
             poses = stalled.poses
-        # Where steps are not proved one by one, the motion is certified as a whole.
+        # Where steps are not certified one by one, the motion is certified as a whole.
         unproved = self.stepper.settings.step.proof_depth is None and guide.finished(poses[-1])
         if not unproved and not self.stepper.edge_is_safe(poses[-1].v, end):
             raise Stalled(guide.describe(poses[-1]), poses)
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """Return the link (from 1), name and gap [m] of a pose's nearest obstruction; None when nothing is near."""
+        """Return link (counted from 1), name and gap [m] of a pose's nearest obstruction; None if none is near."""
         finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
         return finder.tightest(finder.find(pose.points))
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarRun(SearchRun[MotionTask, LinkSpace]):
-    """One pass through the planar candidates with one margin.
+    """One run through the candidates in the plane with one planning margin.
 
     Attributes:
-        stepper: stepper of the link space through the start, with all limits.
+        stepper: solver of QP steps, with all limits, in a link space through the start.
         guesses: coordinates of poses at or near the goal, each of shape (p,).
     """
 
@@ -303,7 +342,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
     @classmethod
     def from_task(cls, task: MotionTask, margin_links: float) -> "PlanarRun":
-        """Return a pass in the link space through the task's start.
+        """Return a run in a link space through the task's start.
 
         Args:
             task: the task.
@@ -318,8 +357,8 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(space.fitted(guess) for guess in task.guesses)
         if task.goal_pose is not None:
-            # The first coordinates of the goal are fitted; the last, w, goes from 0 at the start to 1 there. A fed
-            # arm needs none: its space holds any pose.
+            # The first coordinates are fitted to the goal; the last one, w, is 0 at the start and 1 at the goal. The
+            # space of a fed arm needs no w, as it contains every pose.
             space, end = space.blended_to(task.goal_pose)
             start = np.append(start, np.zeros(len(end) - len(start)))
             goal = replace(goal, coordinates=end)
@@ -327,41 +366,46 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
         stepper = task.stepper(space, margin_links)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
-        # A guess that violates a limit would draw the motion away from what the limit allows.
+        # A guess that violates a user limit would lead the motion away from the permitted poses.
         settled = bool(task.user_limits) and goal.coordinates is None
         return replace(run, guesses=run.settled_guesses()) if settled else run
 
     def settled_guesses(self) -> Iterable[FloatArray]:
-        """Return the guesses that could be brought onto the goal within its limits."""
+        """Return the coordinates of the guesses that could be moved onto the goal within its limits."""
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return CachedItems(pose.v for pose in poses if pose is not None)
 
     def direct(self) -> Iterator[GuideCandidate]:
-        """Yield the straight interpolation to a goal of the whole arm."""
+        """Yield the first candidate for a goal of the whole arm, without tip paths; none for a goal of the tip."""
         whole_arm = self.goal.coordinates
         if whole_arm is not None:
             yield from islice(first_candidates(self.stepper, self.start, self.guesses, (), whole_arm), 1)
 
     def first(self) -> Iterator[GuideCandidate]:
-        """Return the candidates that solve most problems."""
+        """Return the candidates that solve most problems, in the order given by the seed."""
         whole_arm = self.goal.coordinates
         return self._drawn(first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def lies_in_gates(self) -> bool:
-        """Return whether the arm lies in narrow gates at the start."""
+        """Return whether the arm passes through a narrow gate at the start."""
         return any(gate_entry(self.stepper, self.start, path) is not None for path in self.task.tip_paths)
 
     def further(self) -> Iterator[GuideCandidate]:
-        """Return all other candidates."""
+        """Return all other candidates, in the order given by the seed."""
         whole_arm = self.goal.coordinates
         return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
-        """Return the candidates in the order that the seed determines."""
+        """Return the candidates, some of them deferred at random according to the seed."""
         return drawn_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
-        """Return the finished motion of the first candidate that arrives and is certified, or None."""
+        """Return the certified motion of the first candidate that reaches the goal; None if none does so in time.
+
+        Args:
+            tried: the candidates.
+            failures: list to which failures are appended.
+        """
         for candidate in tried:
             motion = self.attempt(candidate.name, partial(self._finished, candidate), failures)
             if motion is not None or self.task.deadline.passed():
@@ -372,12 +416,12 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return self.certified_without_pauses(self.arrived(self._led(candidate)))
 
     def certified_without_pauses(self, poses: list[Pose]) -> list[Pose]:
-        """Return the poses of a motion without pauses, certified.
+        """Return the poses of a certified motion through the given poses, without those close to their predecessors.
 
         Raises:
             Stalled: the motion cannot be certified.
         """
-        # Dropping poses cuts corners a little: where that loses the certificate, drop fewer.
+        # Dropping poses cuts corners a little: if the motion is then not certified, fewer are dropped.
         for pause in _PAUSES:
             fewer = without_pauses(poses, pause)
             if self._certified(fewer):
@@ -388,7 +432,10 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         raise Stalled("the motion arrived but could not be certified", poses)
 
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
-        """Return poses with more inserted on the gates' middle lines until these are certified; None on failure."""
+        """Return the poses with others inserted on the gates' middle lines until they are certified; None on failure.
+
+        None also for tasks without gates.
+        """
         if self.task.gates is None:
             return None
         for _ in range(_MENDS):
@@ -403,14 +450,18 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return poses if self._certified(poses) else None
 
     def _led(self, candidate: GuideCandidate) -> list[Pose]:
-        """Follow the candidate's guide, then those that resume where it ends or stalls, until one of them arrives."""
+        """Return the poses of the candidate's guide, continued by the first of its further guides that succeeds.
+
+        Raises:
+            Stalled: the last guide stalls.
+        """
         guide = _made(candidate.make_guide, self.start)
         try:
             poses = follow(self.stepper, guide, self.start, self.task.deadline, into=self.goal)
         except Stalled as stalled:
             if not candidate.resume:
                 raise
-            # A guide that ends in a dead end may still have brought the arm near enough for the next guide.
+            # A guide that stalls may still have brought the arm near enough to the goal for the next guide.
             poses = stalled.poses
         for resume in candidate.resume:
             if self.goal.is_set and self.goal.met(poses[-1]):
@@ -428,7 +479,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return len(self.task.certificate.failures(stack_configurations(poses))) == 0
 
     def goal_poses(self) -> Iterator[Pose]:
-        """Yield the goal of the whole arm, or poses that have the tip at the goal."""
+        """Yield the goal of the whole arm, or poses with the tip at the goal, derived from the guesses."""
         if self.goal.coordinates is not None:
             yield self.stepper.pose(self.goal.coordinates)
             return
@@ -438,7 +489,12 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
                 yield pose
 
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
-        """Return a motion tracked under the limits; on failure, record it and return None."""
+        """Return a motion tracked by steps that keep the limits; None if that fails.
+
+        Args:
+            found: the motion.
+            failures: list to which a failure is appended.
+        """
         name = f"{found.candidate}, tracked"
         reference = Reference.of(found, self.stepper.space)
         if self.goal.coordinates is not None:
@@ -455,11 +511,15 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
 
 def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
-    """Return a guide that leads on from a pose.
+    """Return the guide that ``make`` constructs from a pose.
+
+    Args:
+        make: constructs the guide.
+        pose: first pose of the guide.
 
     Raises:
-        Stalled: no path leads on from there. This does not mean that the problem has no solution, since a tip in a
-            wall's margin may have its nearest free place in a pocket.
+        Stalled: there is no tip path from there. This does not prove that the problem has no solution, since the
+            nearest free point to a tip in a wall's margin may lie in a pocket.
     """
     try:
         return make()
