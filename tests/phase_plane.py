@@ -1,8 +1,8 @@
-"""An independent oracle of retiming: two sweeps over the phase plane of sticky pendulums, with exact friction.
+"""Independent computation of minimum durations, by two sweeps over the phase plane, for pendulums with friction.
 
-With x = ṡ² and s̈ constant over a short step, x' = 2 s̈. Every limit bounds s̈ at given s and x; the sweep backward finds
-the greatest x from which the path's end can be reached, the sweep forward rises as fast as it may below that. It takes
-the whole of every limit, so a motion that keeps them cannot be much faster.
+With x = ṡ² and s̈ constant over a short step, x' = 2 s̈. Every limit bounds s̈ at given s and x. The backward sweep
+finds the maximum x from which the end of the path can be reached; the forward sweep accelerates as fast as possible
+below this maximum. All limits are fully used, so a motion within the limits cannot be much faster.
 """
 
 import numpy as np
@@ -19,12 +19,12 @@ NO_LEVER = 1e-12
 
 
 def fastest_duration(path: JointPath, limits: Limits, friction: float) -> float:
-    """Least time along a path of pendulums, to about one per cent.
+    """Return the minimum duration along a joint path of pendulums, with an error of about 1 % [s].
 
     Args:
-        path: bends over u in [0, 1].
-        limits: velocity, acceleration and torque of all revolutes.
-        friction: viscous, in every bend axis [N m s/rad].
+        path: joint path with parameter u in [0, 1].
+        limits: limits of velocity, acceleration and torque of all revolute joints.
+        friction: coefficient of viscous friction in every bend axis [N m s/rad].
     """
     s = _grid()
     plane = _PhasePlane(path, limits, friction, 0.5 * (s[1:] + s[:-1]))
@@ -41,7 +41,7 @@ def fastest_duration(path: JointPath, limits: Limits, friction: float) -> float:
 
 
 class _PhasePlane:
-    """Bounds on s̈ at given s and ṡ², from the equation of motion τ = m l² q̈ + m g l cos q + f q̇, q the bend turned."""
+    """Bounds of s̈ at given s and ṡ², from the equation of motion τ = m l² q̈ + m g l cos q + f q̇ of bends q."""
 
     def __init__(self, path: JointPath, limits: Limits, friction: float, s: FloatArray) -> None:
         q, first, second = (path.spline(s, nu) for nu in range(3))
@@ -57,7 +57,7 @@ class _PhasePlane:
         self.cap = np.minimum(np.min((velocity / np.maximum(np.abs(first), NO_LEVER)) ** 2, axis=1), 1e6)
 
     def bounds(self, k: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest s̈ in step k for some ṡ²; the least is above the greatest where there is none."""
+        """Return lower and upper bounds of s̈ in step k for given ṡ²; the lower one is larger if no s̈ is possible."""
         rest = self.squared[k] * x + self.linear[k] * np.sqrt(x) + self.static[k]
         gain = self.gain[k]
         lever = np.abs(gain) > NO_LEVER
@@ -69,7 +69,16 @@ class _PhasePlane:
 
 
 def _greatest(plane: _PhasePlane, k: int, width: float, reach: float) -> float:
-    """The greatest ṡ² in step k from which some ṡ² up to ``reach`` can be had at its end, on ever finer lattices."""
+    """Return the maximum ṡ² in step k from which a ṡ² of at most ``reach`` is possible at the end of the step.
+
+    The maximum is found on successively refined grids.
+
+    Args:
+        plane: bounds of s̈.
+        k: index of the step.
+        width: factor from s̈ to the change of ṡ² in the step.
+        reach: maximum ṡ² at the end of the step.
+    """
     x = plane.cap[k] * np.concatenate(([0.0], np.geomspace(1e-9, 1.0, 10 * LATTICE)))
     best = 0.0
     for _ in range(REFINEMENTS):
@@ -83,7 +92,7 @@ def _greatest(plane: _PhasePlane, k: int, width: float, reach: float) -> float:
 
 
 def _grid() -> FloatArray:
-    """Even steps, ever shorter towards both ends, where a motion starts from rest."""
+    """Return evenly spaced path parameters in [0, 1], refined near both ends, where a motion starts from rest."""
     even = np.linspace(0.0, 1.0, STEPS + 1)
     ends = np.linspace(0.0, 1.0, 100)[1:-1] ** 3 * even[1]
     return np.union1d(even, np.concatenate((ends, 1.0 - ends)))

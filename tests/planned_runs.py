@@ -1,4 +1,4 @@
-"""Plan, time and verify one problem, and keep what a benchmark reports of it."""
+"""Planning, timing and verification of one problem, with the figures that benchmarks report."""
 
 import resource
 import traceback
@@ -26,16 +26,16 @@ Outcome = Literal["verified", "refused", "no plan", "crash"]
 
 @dataclass(frozen=True)
 class Run:
-    """What came of one problem.
+    """Result of planning, timing and verification for one problem.
 
     Attributes:
-        name: of the problem.
-        outcome: whether it was planned and verified.
-        reason: why not; empty when verified.
-        seconds: user CPU of planning alone [s].
-        candidate: tactic that found the motion.
-        duration: of the timed motion, NaN without one [s].
-        trajectory: the timed motion, or None.
+        name: name of the problem.
+        outcome: whether a motion was found and verified.
+        reason: reason of failure; empty for a verified motion.
+        seconds: user CPU time of planning [s].
+        candidate: name of the tactic that found the motion.
+        duration: duration of the timed motion [s]; NaN without a motion.
+        trajectory: the timed motion; None without a motion.
     """
 
     name: str
@@ -48,12 +48,18 @@ class Run:
 
 
 def user_seconds() -> float:
-    """User CPU of this process so far [s]."""
+    """Return the user CPU time of this process [s]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_utime
 
 
 def run(problem: Problem, name: str = "", *, optimised: bool = True) -> Run:
-    """Plan, time and verify; a crash is noted with its place, so that one seed does not end a benchmark."""
+    """Plan, time and verify a motion; exceptions are recorded with their location, so that a benchmark continues.
+
+    Args:
+        problem: the problem.
+        name: name of the run; that of the problem if empty.
+        optimised: whether the motion is optimised.
+    """
     if not optimised:
         problem = replace(problem, planner=replace(problem.planner, optimiser="none"))
     planned, path = _planned(problem, Run(name or problem.name, "no plan", "", 0.0))
@@ -68,7 +74,7 @@ def run(problem: Problem, name: str = "", *, optimised: bool = True) -> Run:
 
 
 def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
-    """The run as far as planning goes, and the path, if there is one."""
+    """Return a run with the results of planning, and the joint path or None."""
     begin = user_seconds()
     try:
         path = MotionPlanner(refuse=refuse_closed).plan(problem)
@@ -93,7 +99,7 @@ def _judged(problem: Problem, path: JointPath, planned: Run) -> Run:
 
 
 def in_one_line(error: Exception) -> str:
-    """An error in one line: a diagnosis' reason, or the message of a crash and its place."""
+    """Return an exception in one line: the reason of a diagnosis, or the message and the location of another error."""
     if isinstance(error, NoPlanFound):
         return f"{type(error).__name__}: {error.diagnosis.reason}"
     place = traceback.extract_tb(error.__traceback__)[-1]
@@ -101,7 +107,7 @@ def in_one_line(error: Exception) -> str:
 
 
 def timed(problem: Problem, path: JointPath) -> tuple[JointTrajectory, JointStates]:
-    """The timed motion along a path, with its torques by the verifier's own recursion (nothing to compile)."""
+    """Return the timed motion along a joint path, with torques by the verifier, which needs no compilation."""
     arm = problem.arm
     revolutes = partial(revolute_angles, arm)
 
@@ -124,5 +130,5 @@ def timed(problem: Problem, path: JointPath) -> tuple[JointTrajectory, JointStat
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """Quantile of a sample, NaN of an empty one."""
+    """Return a quantile of a sample; NaN for an empty sample."""
     return float(np.quantile(values, share)) if len(values) else np.nan

@@ -1,4 +1,4 @@
-"""Problems of another size: every length times a factor, and all that depends on lengths with it."""
+"""Scaling of planar problems: lengths by a factor, and all quantities that depend on lengths."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 
 def resized(problem: Problem, factor: float) -> Problem:
-    """The problem with lengths, speeds of points and gravity times a factor, inertias and efforts to match."""
+    """Return a problem with lengths, point velocities and gravity scaled by a factor, inertias and efforts to match."""
     arm = problem.arm
     area = factor**2
     workspace = problem.workspace

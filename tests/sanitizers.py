@@ -14,7 +14,7 @@ from pathlib import Path
 from ccm_opt.core.native import LIBRARY
 from hatch_build import build, find_compiler
 
-# ``WIDE`` is left out: its choice of machine code is made before the sanitizers are there.
+# ``WIDE`` is empty, since it selects machine code at load time, before the sanitizers are initialised.
 FLAGS = (
     "-O1",
     "-g",
@@ -44,12 +44,12 @@ MODULES = (
 
 
 def main(arguments: list[str]) -> int:
-    """Compile, and run the tests; the exit code is that of pytest."""
+    """Compile the C library with sanitizers, run tests with it, and return the exit code of pytest."""
     root = Path(__file__).parents[1]
     with tempfile.TemporaryDirectory() as folder:
         watched = Path(folder) / LIBRARY.name
         build(watched, Path(folder) / "objects", FLAGS)
-        # Oracles in C++ throw exceptions, which the sanitizer hands on to a library that must be there before it looks.
+        # Test libraries in C++ throw exceptions, for which the sanitizer needs libstdc++ to be loaded first.
         asked = [[*find_compiler(), f"-print-file-name={name}"] for name in ("libasan.so", "libstdc++.so")]
         found = [subprocess.run(each, capture_output=True, text=True, check=True).stdout.strip() for each in asked]
         environment = os.environ | {

@@ -1,4 +1,4 @@
-"""Scenes of an arm among walls for the tests of planning, and shapely oracles for its gaps."""
+"""Planar scenes of an arm among walls for tests of planning, and clearances computed with shapely."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -39,11 +39,11 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 MARGIN = 2.5e-3
 """Planning margin [m]."""
 WIDE = 0.1
-"""Self gaps are not told apart beyond this [m]."""
+"""Distance between links above which distances are reported as this value [m]."""
 
 
 def mixed_walls() -> Workspace:
-    """Walls of every kind round the base: polygon, box, circle, thick wall, wall of no thickness, a bent boundary."""
+    """Return a workspace with walls of every kind around the base, and a boundary that is no rectangle."""
     obstacles = (
         Obstacle("polygon", PlaneShape(shapely.Polygon([(0.35, 0.1), (0.5, 0.15), (0.4, 0.3)]))),
         Obstacle("box", PlaneShape(shapely.box(-0.6, -0.4, -0.4, -0.2))),
@@ -56,7 +56,12 @@ def mixed_walls() -> Workspace:
 
 
 def free_axis(arm: Arm, points: FloatArray) -> FloatArray:
-    """Joints and tip with everything before the end of the mount cut off, shape (k, 2) [m]."""
+    """Return joints and tip of an arm without the part before the end of the mount, shape (k, 2) [m].
+
+    Args:
+        arm: the arm.
+        points: joints and tip, shape (links + 1, 2) [m].
+    """
     whole = int(arm.mount_length / arm.link_length + 1e-12)
     share = arm.mount_length / arm.link_length - whole
     cut = points[whole] + share * (points[whole + 1] - points[whole])
@@ -64,7 +69,13 @@ def free_axis(arm: Arm, points: FloatArray) -> FloatArray:
 
 
 def wall_gaps(arm: Arm, workspace: Workspace, points: FloatArray) -> FloatArray:
-    """Gap of poses to every wall by shapely, points (..., links + 1, 2), result (..., walls) [m]."""
+    """Return the clearances of poses from every wall, computed with shapely, shape (..., walls) [m].
+
+    Args:
+        arm: the arm.
+        workspace: the workspace.
+        points: joints and tip of the poses, shape (..., links + 1, 2) [m].
+    """
     axes = shapely.linestrings([free_axis(arm, pose) for pose in points.reshape(-1, *points.shape[-2:])])
     cores = np.array([wall.core for wall in workspace.walls], dtype=object)
     rounding = np.array([wall.rounding for wall in workspace.walls])
@@ -73,14 +84,19 @@ def wall_gaps(arm: Arm, workspace: Workspace, points: FloatArray) -> FloatArray:
 
 
 def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:
-    """Links i < j that are not neighbours round a bend, straight from the format's rule."""
+    """Return indices i < j of the pairs of links checked for self-collision, by the rule of the file format."""
     i, j = np.triu_indices(arm.links, 1)
     far = (j - i - 1) * arm.link_length >= max(2.0 * arm.link_length, np.pi * arm.radius) - 1e-12
     return i[far], j[far]
 
 
 def self_gap(arm: Arm, points: FloatArray) -> float:
-    """Least gap between distant links over poses (..., links + 1, 2) by shapely, or 0.1 m if it is larger [m]."""
+    """Return the minimum clearance between links over several poses, computed with shapely, at most 0.1 m [m].
+
+    Args:
+        arm: the arm.
+        points: joints and tip of the poses, shape (..., links + 1, 2) [m].
+    """
     poses = points.reshape(-1, *points.shape[-2:])
     i, j = distant_pairs(arm)
     middles = 0.5 * (poses[:, :-1] + poses[:, 1:])
@@ -92,13 +108,19 @@ def self_gap(arm: Arm, points: FloatArray) -> float:
 
 
 def swept(start: FloatArray, end: FloatArray, steps: int) -> FloatArray:
-    """Link headings along the straight motion between two poses, shape (steps + 1, links) [rad]."""
+    """Return link headings along the straight motion between two poses, shape (steps + 1, links) [rad]."""
     u = np.linspace(0.0, 1.0, steps + 1)[:, None]
     return (1.0 - u) * start + u * end
 
 
 def sweep_gaps(arm: Arm, workspace: Workspace, poses: FloatArray) -> tuple[float, float]:
-    """Least wall gap and least self gap over sampled poses, shape (m, c); not told apart beyond 0.1 m [m]."""
+    """Return the minimum clearances from walls and between links over sampled poses, both at most 0.1 m [m].
+
+    Args:
+        arm: the arm.
+        workspace: the workspace.
+        poses: link headings and feeds, shape (m, c) [rad, m].
+    """
     points = arm.joint_positions(poses[:, : arm.links], arm.link_length * poses[:, arm.links :].sum(axis=1))
     hull = shapely.convex_hull(shapely.MultiPoint(points.reshape(-1, 2)))
     reach = arm.radius + workspace.clearance + WIDE
@@ -108,7 +130,7 @@ def sweep_gaps(arm: Arm, workspace: Workspace, poses: FloatArray) -> tuple[float
 
 
 def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
-    """A stepper in the link space through the scene's start, and the pose there."""
+    """Return a stepper in the link space through the start of a scene, and the pose at the start."""
     space, v = LinkSpace.through(scene.arm, scene.arm.bends(scene.start))
     walls = scene.workspace.flat_walls
     finder = WallFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
@@ -121,7 +143,15 @@ def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
 
 
 def rows_of(sweep: PlanarSweep, workspace: Workspace, margin: float, reach: float, wanted: float = 0.0) -> IntervalRows:
-    """The rows that keep a motion clear, with a planning margin, a reach and a wanted gap [m]."""
+    """Return the linear inequalities (rows) that keep a motion free of collisions.
+
+    Args:
+        sweep: the motion.
+        workspace: the workspace.
+        margin: planning margin [m].
+        reach: distance up to which walls are considered [m].
+        wanted: preferred clearance [m].
+    """
     arm = sweep.space.arm
     finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, margin, reach)
     rows = partial(motion_rows, workspace=workspace)
@@ -130,17 +160,17 @@ def rows_of(sweep: PlanarSweep, workspace: Workspace, margin: float, reach: floa
 
 
 def open_scene(seed: int, links: int = 24) -> Scene:
-    """A scene without obstacles."""
+    """Return a random scene without obstacles."""
     return clutter(seed, 0, links)
 
 
 def later(seconds: float = 60.0) -> Deadline:
-    """A deadline after so much CPU time from now on."""
+    """Return a deadline after a CPU time from now on [s]."""
     return Deadline.after(seconds)
 
 
 def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:
-    """What the planner asks of the search for a problem, with or without guesses of goal poses."""
+    """Return the task of the motion search for a problem, with guesses of goal poses if ``guessing``."""
     ends = resolve_ends(problem)
     room = route_room(problem, ends)
     routes = () if ends.goal_pose is not None else find_routes(problem, ends, room)
@@ -157,5 +187,5 @@ def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = Fal
 
 
 def scenes(first: int, count: int, obstacles: int = 20) -> Iterator[Scene]:
-    """Several scenes of clutter with consecutive seeds."""
+    """Yield random scenes of polygons with consecutive seeds."""
     return (clutter(seed, obstacles) for seed in range(first, first + count))

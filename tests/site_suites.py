@@ -10,7 +10,7 @@ from .space_sites import SITES, site_problem
 
 
 def __getattr__(name: str) -> Callable[[int, str], Problem]:
-    """Return what makes problems of a family from a seed and a name."""
+    """Return the function that makes problems of a family from a seed and a name."""
     family, links = re.fullmatch(r"(\w+?)_?(\d*)", name).groups()  # type: ignore[union-attr]
     if family.replace("_", "-") not in SITES:
         raise AttributeError(name)

@@ -1,4 +1,4 @@
-"""Small arms and scenes in space for tests, and what judges their motions by dense samples."""
+"""Small arms and scenes in space for tests, and clearances of motions at dense samples."""
 
 from itertools import pairwise
 
@@ -19,7 +19,15 @@ from ccm_opt.scene.surfaces import TriangleSoup
 def snake(
     links: int = 12, length: float = 1.0, radius: float = 0.015, feed: Feed | None = None, limit_deg: float = 45.0
 ) -> Arm:
-    """An arm along x from the origin."""
+    """Return an arm in space with its base at the origin, straight along x.
+
+    Args:
+        links: number of links.
+        length: length of the arm [m].
+        radius: radius of the arm [m].
+        feed: feed axis, or None for a fixed base.
+        limit_deg: joint limit [°].
+    """
     masses = np.full(links, 0.05)
     inertia = np.full(links, 1e-5)
     return Arm(
@@ -41,14 +49,14 @@ def snake(
 
 
 def balls(centres: FloatArray, radius: float) -> TriangleSoup:
-    """Balls as triangles that are points, with a rounding."""
+    """Return balls with given centres, shape (n, 3) [m], and radius [m], as degenerate triangles with a rounding."""
     return TriangleSoup.joined(
         (f"ball {k + 1}", np.repeat(centre[None], 3, axis=0)[None], radius) for k, centre in enumerate(centres)
     )
 
 
 def boxes(corners: list[tuple[list[float], list[float]]]) -> TriangleSoup:
-    """Boxes between two corners each."""
+    """Return the surfaces of boxes, each between two opposite corners [m]."""
     return TriangleSoup.joined(
         (f"box {k + 1}", box_corners(np.array(low), np.array(high))[BOX_FACES], 0.0)
         for k, (low, high) in enumerate(corners)
@@ -65,7 +73,7 @@ def task_of(
     start: FloatArray | None = None,
     seconds: float = 60.0,
 ) -> SpaceTask:
-    """The search from a straight arm, or from another configuration, to a goal."""
+    """Return the task of the motion search in space, from a straight arm or another configuration to a goal."""
     width = len(arm.coordinates)
     slowness = np.append(np.ones(2 * arm.links), np.full(len(arm.base_axes), 10.0))
     return SpaceTask(
@@ -87,7 +95,14 @@ def task_of(
 
 
 def least_gaps(arm: Arm, soup: TriangleSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
-    """Least gaps from walls and between distant links at dense samples of a motion linear between keyframes [m]."""
+    """Return the minimum clearances from obstacles and between links at samples of a piecewise-linear motion [m].
+
+    Args:
+        arm: the arm.
+        soup: surfaces of the obstacles.
+        keyframes: vertices of the motion, shape (K, c) [rad, m].
+        samples: number of samples per piece.
+    """
     share = np.linspace(0.0, 1.0, samples, endpoint=False)[:, None]
     q = np.concatenate([a + share * (b - a) for a, b in pairwise(keyframes)])
     q = np.concatenate((q, keyframes[-1:]))
@@ -117,6 +132,6 @@ def tip_grid(
     deadline: Deadline | None = None,
     ways: WaysBetween | None = None,
 ) -> TipGrid:
-    """Places with room for the tip; arguments as of ``GridDistances.over`` and ``TipGrid.of``."""
+    """Return the grid of collision-free tip positions; arguments as of ``GridDistances.over`` and ``TipGrid.of``."""
     distances = GridDistances.over(tree, box, cells, kept + far, deadline=deadline, ways=ways)
     return TipGrid.of(distances, kept, far, deadline)

@@ -1,4 +1,4 @@
-"""Problems of ``problems/`` as ``ccm_opt.solve`` solves them, each once a process, for whichever test asks."""
+"""Solutions of the problem files in ``problems/``, each computed once per process and shared by tests."""
 
 from functools import cache
 
@@ -11,7 +11,7 @@ from .conftest import PROBLEMS
 
 @cache
 def solved(name: str) -> Solution:
-    """The plan of a problem in the plane."""
+    """Return the solution of a planar problem by name."""
     problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
     assert isinstance(problem, Problem)
     return ccm_opt.solve(problem)
@@ -19,7 +19,7 @@ def solved(name: str) -> Solution:
 
 @cache
 def solved_in_space(name: str) -> Solution:
-    """The plan of a problem in space."""
+    """Return the solution of a problem in space by name."""
     problem = ccm_opt.load_problem(PROBLEMS / "space" / f"{name}.toml")
     assert problem.dimension == 3
     return ccm_opt.solve(problem)

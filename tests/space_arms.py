@@ -1,4 +1,4 @@
-"""Arms in space for tests: equal links on a base, and whatever a test wants otherwise."""
+"""Arms in space for tests, with equal links, of which any parameter can be changed."""
 
 import numpy as np
 
@@ -8,11 +8,20 @@ from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.rigid_motions import turn_towards
 
 FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
-"""A feed of half a metre whose guide tube ends where the feed does."""
+"""Feed axis with a travel of 0.5 m and a guide tube that ends at its end."""
 
 
 def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> Arm:
-    """An arm at the origin along x with z upwards, without a mount; 0.1 kg a link, joints to 0.8 rad a bend."""
+    """Return an arm at the origin, straight along x, with z upwards and without mount.
+
+    Each link has a mass of 0.1 kg, and bend angles are limited to 0.8 rad.
+
+    Args:
+        links: number of links.
+        link_length: length of a link [m].
+        radius: radius of the arm [m].
+        **changes: further fields of the arm.
+    """
     values: dict[str, object] = {
         "links": links,
         "link_length": link_length,
@@ -32,7 +41,7 @@ def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **
 
 
 def planar_twin(arm: Arm) -> Arm:
-    """The arm of the plane of direction (x) and left (y) with the same links, where the base is the origin."""
+    """Return the planar arm with equal links in the plane of an arm's direction (x) and left (y), at the origin."""
     return Arm(
         links=arm.links,
         link_length=arm.link_length,
@@ -51,21 +60,27 @@ def planar_twin(arm: Arm) -> Arm:
 
 
 def random_rotation(random: np.random.Generator) -> FloatArray:
-    """A rotation drawn evenly, shape (3, 3)."""
+    """Return a uniformly distributed random rotation, shape (3, 3)."""
     q, r = np.linalg.qr(random.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return np.asarray(q * np.array([1.0, 1.0, np.sign(np.linalg.det(q))]))
 
 
 def turned_arm(random: np.random.Generator, links: int = 6, **changes: object) -> Arm:
-    """An arm with its base somewhere, turned at random."""
+    """Return an arm with random position and orientation of its base."""
     rotation = random_rotation(random)
     base = random.normal(0.0, 0.5, 3)
     return space_arm(links, base=base, direction=rotation[:, 0], up=rotation[:, 2], **changes)
 
 
 def laid_into_space(curve: Configuration, base: FloatArray, rotation: FloatArray) -> SpaceConfiguration:
-    """A curve of natural segments of the plane, its x along the first column of a rotation, its y along the second."""
+    """Return a planar curve as a curve in space.
+
+    Args:
+        curve: the planar curve.
+        base: position of the base, shape (3,) [m].
+        rotation: rotation whose first two columns are the axes x and y of the plane, shape (3, 3).
+    """
     heading = curve.base_heading
     segments = curve.segments
     return SpaceConfiguration.chain(
