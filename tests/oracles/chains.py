@@ -1,4 +1,4 @@
-"""Places, rotations and derivatives of the links of arms in space, by numpy."""
+"""Positions, rotations and derivatives of the links of arms in space, by NumPy."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from ccm_opt.robot.rigid_motions import bend_rotations
 
 
 def positions_of_links(arm: Arm, q: FloatArray, rotations: FloatArray) -> FloatArray:
-    """Positions of the joints and the tip where the links are turned so, shape (..., links + 1, 3) [m].
+    """Return the positions of joints and tip for given link rotations, shape (..., links + 1, 3) [m].
 
     Args:
         arm: the arm.
-        q: configurations, shape (..., c), of which only the feed counts.
-        rotations: of their links, shape (..., links, 3, 3).
+        q: configurations, of which only the feed is used, shape (..., c) [rad, m].
+        rotations: rotations of the links, shape (..., links, 3, 3).
     """
     positions = np.zeros((*q.shape[:-1], arm.links + 1, 3))
     np.cumsum(arm.link_length * rotations[..., 0], axis=-2, out=positions[..., 1:, :])
@@ -25,7 +25,7 @@ def positions_of_links(arm: Arm, q: FloatArray, rotations: FloatArray) -> FloatA
 
 
 def rotations_by_numpy(arm: Arm, q: FloatArray) -> FloatArray:
-    """As ``link_rotations``."""
+    """Return the rotations of the links, as ``Arm.link_rotations``, shape (..., links, 3, 3)."""
     turns = bend_rotations(arm.bend_pairs(q))
     rotations = np.empty_like(turns)
     latest = np.broadcast_to(arm.base_rotation, (*q.shape[:-1], 3, 3))
@@ -36,7 +36,13 @@ def rotations_by_numpy(arm: Arm, q: FloatArray) -> FloatArray:
 
 
 def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> Pose:
-    """As ``pose_with``; of its unknowns nothing is known."""
+    """Return positions, rotations and derivatives of the links, as ``pose_with``; its p unknowns are set to zero.
+
+    Args:
+        arm: the arm.
+        q: configuration, shape (c,) [rad, m].
+        slopes: derivatives of the configuration with respect to the unknowns, shape (c, p).
+    """
     base = arm.base_rotation
     n = arm.links
     p = slopes.shape[1]

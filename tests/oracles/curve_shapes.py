@@ -1,4 +1,4 @@
-"""Turns of the joints of a curve in space by unit curvature, by numpy."""
+"""Bend angles of joints per unit of curvature of a curve in space, by NumPy."""
 
 import numpy as np
 
@@ -7,14 +7,19 @@ from ccm_opt.planning.curve_map import CurveMap
 
 
 def shapes_by_numpy(curve: CurveMap, places: FloatArray) -> FloatArray:
-    """Turns of joints at places (m,) by a unit of curvature at each knot, those in no guide tube, shape (m, knots)."""
+    """Return the bend angles of joints per unit of curvature at each knot, outside a guide tube, shape (m, knots).
+
+    Args:
+        curve: map from curvature to bend angles.
+        places: arc lengths of the joints, shape (m,) [m].
+    """
     l = curve.arm.link_length
     ahead, here, behind = (_twice_integrated(curve, places + shift) for shift in (l, 0.0, -l))
     return np.asarray((ahead - 2.0 * here + behind) / l)
 
 
 def _twice_integrated(curve: CurveMap, s: FloatArray) -> FloatArray:
-    """∫∫ of every knot's hat from the first knot to places, shape (places, knots) [m²]."""
+    """Return the double integrals of the hat function of every knot up to m arc lengths, shape (m, knots) [m²]."""
     h = curve.spacing
     x = s[:, None] / h - np.arange(curve.knots)
     # A hat is the second difference of the ramps (x)₊; twice integrated those are (x)₊³ / 6. At both ends of the

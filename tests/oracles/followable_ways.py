@@ -1,4 +1,4 @@
-"""The search for ways that an arm can follow, by Python, which adds up and compares in the order in which C does."""
+"""Search for paths that an arm can follow, in Python, with sums and comparisons in the order of the C code."""
 
 import heapq
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from ccm_opt.planning.followable_ways import FollowSearch, WayEnd
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A place on a way with the frame (t, n1, n2) there as columns, and how the way came there."""
+    """Point of a path in the search, with the frame (t, n1, n2) in columns, the cost, and the preceding point."""
 
     place: FloatArray
     frame: FloatArray
@@ -24,7 +24,7 @@ class _State:
 
     @cached_property
     def arcs(self) -> list[int]:
-        """Numbers of the arcs from the start to here."""
+        """Indices of the arcs from the start of the path to this point."""
         found = []
         now = self
         while now.before is not None:
@@ -35,22 +35,22 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class SearchByPython:
-    """The search in Python.
+    """Best-first search for a path of arcs among obstacles, in Python.
 
     Attributes:
-        search: what is searched.
-        goal: where ways end.
+        search: arcs, grid of prices and limits of the search.
+        goal: end of the path.
     """
 
     search: FollowSearch
     goal: WayEnd
 
     def connecting_arc_indices(self, place: FloatArray, frame: FloatArray) -> list[int] | None:
-        """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
+        """Return the indices of the arcs of a path from which two further arcs lead to the goal; None if none is found.
 
         Args:
-            place: where it begins, shape (3,) [m].
-            frame: (t, n1, n2) there as columns, shape (3, 3).
+            place: start of the path, shape (3,) [m].
+            frame: frame (t, n1, n2) at the start, in columns, shape (3, 3).
         """
         queue = [(0.0, 0, _State(place, frame, 0.0, 0.0, None, -1))]
         settled: set[tuple[int, ...]] = set()
@@ -76,7 +76,7 @@ class SearchByPython:
         return places is not None and bool(np.all(self.search.price[self.search.cells(places)] > 0.0))
 
     def _following(self, state: _State) -> list[tuple[_State, float]]:
-        """States one arc on from a state, each with the estimate of a whole way through it."""
+        """Return the collision-free states one arc after a state, each with the estimated cost of a whole path."""
         search = self.search
         arcs = search.arcs
         away = self.goal.place - state.place
@@ -99,7 +99,7 @@ class SearchByPython:
         return found
 
     def _bin(self, state: _State) -> tuple[int, ...]:
-        """What states are told apart by."""
+        """Return the cell of position and direction of a state, of which each is expanded only once."""
         place = np.floor(state.place / (followable_ways.PLACE_BIN * self.search.unit)).astype(int)
         t = state.frame[:, 0]
         face = int(np.argmax(np.abs(t)))
@@ -108,5 +108,5 @@ class SearchByPython:
 
 
 def _summed(terms: FloatArray) -> FloatArray:
-    """Sums of three numbers each, from left to right as in C, for products of matrices may add up in another order."""
+    """Return the sums of three terms on the last axis, added from left to right as in C, for equal rounding."""
     return np.asarray(terms[..., 0] + terms[..., 1] + terms[..., 2])

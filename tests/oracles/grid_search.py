@@ -1,4 +1,4 @@
-"""Cheapest ways through the cells of a grid, by Python."""
+"""Cheapest paths through the cells of a grid in space, by Python."""
 
 import heapq
 from itertools import product
@@ -15,7 +15,7 @@ def settle_by_python(
     before: npt.NDArray[np.int64],
     cost: npt.NDArray[np.float32],
 ) -> None:
-    """As ``cheapest_way`` of grid_ways.c; fills in the cell before each, and its cost."""
+    """Fill in the preceding cell and the cost of every cell, as ``cheapest_way`` of ``grid_ways.c``, in place."""
     shape = price.shape
     flat = price.ravel()
     gaps = room.ravel()
@@ -42,7 +42,7 @@ def settle_by_python(
             if flat[number] <= 0.0 or number in settled:
                 continue
             length = float(np.linalg.norm(step))
-            # Balls about both middles that do not meet may have a thin wall between them.
+            # If the free balls around two cell centres do not intersect, a thin wall may lie between them.
             if float(gaps[cell] + gaps[number]) < length:
                 continue
             trial = float(cost[cell]) + 0.5 * length * float(flat[cell] + flat[number])

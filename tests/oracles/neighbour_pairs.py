@@ -1,7 +1,7 @@
-"""Near pairs by numpy.
+"""Pairs of links and walls, and of two links, that are near each other, by NumPy.
 
-A neighbour list in the manner of molecular dynamics (Verlet, 1967) keeps the work local: pairs nearer than a reach
-are collected once and used until some joint has moved by half of the list's slack.
+A neighbour list as in molecular dynamics (Verlet, 1967) reduces the work: pairs within a reach plus a slack are
+collected once and used until a joint has moved by about half of the slack.
 """
 
 from dataclasses import dataclass, fields
@@ -16,15 +16,15 @@ from ccm_opt.scene.walls import Walls
 from tests.oracles.plane_segments import closest_on_segments, segments_cross
 
 _SLACK = 1.5
-"""Of the neighbour list beyond the reach, as a multiple of it."""
+"""Slack of the neighbour list beyond the reach, as a multiple of the reach."""
 _MOVED = 0.35
-"""Share of that slack by which a coordinate of a joint may have moved before the list is renewed: below 1/√8, so that
-two joints together move by less than the slack."""
+"""Fraction of the slack by which a coordinate of a joint may change before the list is renewed: below 1/√8, so that two
+joints approach each other by less than the slack."""
 
 
 @dataclass(frozen=True)
 class PairQuestion:
-    """One arm among fixed walls, and which of its near pairs are wanted: what a ``WallFinder`` is made of."""
+    """Arguments of a ``WallFinder``: an arm, walls, and the distances that define near pairs."""
 
     arm: Arm
     walls: Walls
@@ -34,24 +34,24 @@ class PairQuestion:
 
     @property
     def finder(self) -> WallFinder:
-        """The finder that is asked."""
+        """The ``WallFinder`` with these arguments."""
         return WallFinder(self.arm, self.walls, self.clearance, self.margin, self.reach)
 
     @cached_property
     def wall_gap(self) -> FloatArray:
-        """Distance of the arm's axis from each wall's core where they touch, shape (walls,) [m]."""
+        """Distances between the arm's axis and the core of each wall at contact, shape (walls,) [m]."""
         return self.arm.radius + self.clearance + self.walls.rounding
 
     @cached_property
     def pair_margin(self) -> FloatArray:
-        """Margin between two links by their distance j − i, shape (links,) [m]."""
+        """Margins between two links i < j, as a function of j − i, shape (links,) [m]."""
         apart = np.arange(self.arm.links)
         return self.arm.link_margins(np.zeros_like(apart), apart, self.margin)
 
 
 @dataclass
 class _NeighbourList:
-    """Pairs within reach of a reference pose."""
+    """Indices of the pairs within reach plus slack of a reference pose."""
 
     points: FloatArray
     link_vertex: tuple[IntArray, IntArray]
@@ -61,10 +61,10 @@ class _NeighbourList:
 
 
 class NeighbourPairs:
-    """Answers what ``WallFinder`` does.
+    """Finder of near pairs with the results of ``WallFinder``.
 
     Args:
-        question: arm, walls, and which pairs are wanted.
+        question: arm, walls and distances.
     """
 
     def __init__(self, question: PairQuestion) -> None:
@@ -82,14 +82,14 @@ class NeighbourPairs:
         self._vertex_gap = question.wall_gap[question.walls.vertex_wall]
 
     def contacts(self, points: FloatArray) -> Contacts:
-        """All pairs of a pose with a gap below the reach; ``points`` has the shape (links + 1, 2) [m]."""
+        """Return all pairs with a clearance below the reach, for joints and tip of a pose, shape (links + 1, 2) [m]."""
         near = self._neighbours(points)
         parts = [self._link_vertex(points, near), self._joint_edge(points, near), self._link_link(points, near)]
         contacts = Contacts(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Contacts)))
         return contacts.take(contacts.gap < self._question.reach)
 
     def crosses(self, points: FloatArray) -> bool:
-        """Whether any link cuts an edge of a wall or a distant link."""
+        """Return whether any link crosses an edge of a wall or a distant link."""
         near = self._neighbours(points)
         i, e = near.link_edge
         start, end = self._link_ends(points, i)
@@ -106,7 +106,7 @@ class NeighbourPairs:
         return near
 
     def _collect(self, points: FloatArray) -> _NeighbourList:
-        """All pairs whose bounding discs come within reach plus slack of each other."""
+        """Return all pairs whose bounding discs are within reach plus slack of each other."""
         half = 0.5 * self._arm.link_length
         middles = 0.5 * (points[:-1] + points[1:])
         reach = self._question.reach + self._slack
@@ -133,7 +133,7 @@ class NeighbourPairs:
         return _NeighbourList(points.copy(), (a, v), (joint_edge[0], joint_edge[1]), (i, e), (p[close], q[close]))
 
     def _link_ends(self, points: FloatArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
-        """End points of links, the mount cut off."""
+        """Return the end points of links, without the part inside the mount."""
         start = points[link]
         end = points[link + 1]
         at = np.where(link == self._mount_link, self._mount_at, 0.0)[:, None]
