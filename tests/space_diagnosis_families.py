@@ -1,7 +1,7 @@
-"""Problems in space that cannot be solved, in six families; what is in the way and from where on is known.
+"""Unsolvable problems in space in six families, with the reason and the threshold of feasibility known by construction.
 
-As in the plane (``diagnosis_families``) thresholds are worked out in closed form, with nothing of the package: lengths
-of strings over an edge, widths of windows, chords of regular arcs, lever arms.
+As for planar problems (``diagnosis_families``), thresholds are computed in closed form without code of the package:
+lengths of shortest paths over an edge, widths of windows, chords of circular arcs, lever arms.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ SPACE_FAMILIES = ("too short", "too thick", "too stiff", "blocked", "contact", "
 
 
 def make_space_case(family: str, seed: int) -> Case:
-    """The problem of a family and a seed."""
+    """Return the random problem of a family for a seed."""
     rng = np.random.default_rng([77, SPACE_FAMILIES.index(family), seed])
     case = _MAKERS[family](rng)
     name = f"space-{family.replace(' ', '-')}-{seed}"
@@ -27,7 +27,14 @@ def make_space_case(family: str, seed: int) -> Case:
 
 
 def _tables(rng: np.random.Generator, length: float, radius: float, **arm: Any) -> dict[str, Any]:
-    """A problem in a large empty room: the arm's base at the origin, upright unless told otherwise."""
+    """Return tables of a problem in a large empty workspace, with an arm at the origin, straight upwards.
+
+    Args:
+        rng: random generator.
+        length: length of the arm [m].
+        radius: radius of the arm [m].
+        **arm: further keys of the table of the arm.
+    """
     links = int(rng.choice([12, 16, 20, 24]))
     return {
         "workspace": {"bounds": [[-1.8, -1.8, -1.8], [1.8, 1.8, 1.8]], "obstacles": []},
@@ -52,7 +59,7 @@ def _direction(rng: np.random.Generator) -> FloatArray:
 
 
 def _too_short(rng: np.random.Generator) -> Case:
-    """A goal in the open that is too far away, or one behind a screen whose upper edge is too high."""
+    """Return a case whose goal is too far away, in free space or around the upper edge of a wall."""
     share = rng.uniform(0.75, 0.95)
     radius = rng.uniform(0.012, 0.02)
     if rng.random() < 0.5:
@@ -85,7 +92,7 @@ def _too_short(rng: np.random.Generator) -> Case:
 
 
 def _walls(ahead: float, depth: float, low: FloatArray, high: FloatArray) -> list[dict[str, Any]]:
-    """A wall across the room with a window in it, of four boxes."""
+    """Return tables of four boxes that form a wall across the workspace with one window."""
     far = 1.75
     near, back = ahead, ahead + depth
     return [
@@ -97,7 +104,7 @@ def _walls(ahead: float, depth: float, low: FloatArray, high: FloatArray) -> lis
 
 
 def _too_thick(rng: np.random.Generator) -> Case:
-    """A wall across the room with one window in it, narrower than the arm; sometimes with a clearance, or a tunnel."""
+    """Return a case with a wall across the workspace whose single window is narrower than the arm and its clearance."""
     radius = rng.uniform(0.03, 0.045)
     clearance = float(rng.choice([0.0, 0.0, 0.004]))
     thick = radius / rng.uniform(0.65, 0.9)
@@ -120,7 +127,7 @@ def _too_thick(rng: np.random.Generator) -> Case:
 
 
 def _too_stiff(rng: np.random.Generator) -> Case:
-    """A goal so near that only a tight arc gets there, or a direction that all joints together do not turn to."""
+    """Return a case whose goal position or direction requires larger bend angles than allowed."""
     data = _tables(rng, rng.uniform(0.9, 1.3), rng.uniform(0.01, 0.02))
     arm = data["arm"]
     links = arm["links"]
@@ -151,12 +158,12 @@ def _too_stiff(rng: np.random.Generator) -> Case:
 
 
 def _limit_of_turn(turn: float) -> float:
-    """The bound on both bends of a joint that turns by an angle at most: cos² of it is the cosine of that [rad]."""
+    """Return the limit β of both bend angles of a joint for a total angle γ of the joint, cos² β = cos γ [rad]."""
     return float(np.arccos(np.sqrt(np.cos(turn))))
 
 
 def _blocked(rng: np.random.Generator) -> Case:
-    """A wall across the room with one window in it that a shutter closes; other bodies stand about."""
+    """Return a case with a wall across the workspace whose single window is closed by one of several obstacles."""
     ahead = rng.uniform(0.35, 0.45)
     depth = rng.uniform(0.05, 0.1)
     middle = np.array([rng.uniform(-0.1, 0.1), rng.uniform(0.0, 0.2)])
@@ -185,7 +192,7 @@ def _blocked(rng: np.random.Generator) -> Case:
 
 
 def _contact(rng: np.random.Generator) -> Case:
-    """A ball that overlaps a link at the start, a link of a goal for the whole arm, or the tip at its goal."""
+    """Return a case with a ball in contact with the start, a goal pose of the whole arm, or the tip goal."""
     thick = rng.uniform(0.03, 0.045)
     data = _tables(rng, rng.uniform(1.0, 1.3), thick)
     links = data["arm"]["links"]
@@ -222,7 +229,7 @@ def _contact(rng: np.random.Generator) -> Case:
 
 
 def _torque(rng: np.random.Generator) -> Case:
-    """An arm too weak for its start or for a goal for the whole arm; the rest of the motion stands upright."""
+    """Return a case with a torque limit too low to hold the start or a goal pose of the whole arm."""
     data = _tables(rng, rng.uniform(0.6, 1.2), rng.uniform(0.01, 0.03))
     links = data["arm"]["links"]
     link = data["arm"]["link_length"]

@@ -1,7 +1,7 @@
-"""The search of surfaces by numpy: the same answers, some hundred times slower.
+"""Distance queries to surfaces by NumPy, with the results of the C code, but about a hundred times slower.
 
-All segments walk the levels of the hierarchy together. Whatever lies in a box is no farther than the farthest corner,
-which bounds the search before a triangle is looked at.
+All segments descend the levels of the hierarchy together. The content of a box is not farther than its farthest corner,
+which bounds the search before any triangle is checked.
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from ccm_opt.scene.distances.surface_tree import PlaneRows, SurfaceBoxes, Witnes
 from .segment_triangle import nearest_pairs, outward_normals
 
 _CHUNK = 200_000
-"""Pairs that are looked at together, so that memory stays bounded."""
+"""Number of pairs computed at once, to bound memory."""
 _POINTS = 5_000
-"""Likewise, points of a grid."""
+"""Number of grid points computed at once, to bound memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class _FacePairs:
-    """Segments with triangles near them, and where they are nearest."""
+    """Pairs of a segment and a nearby triangle, with their distance and closest points."""
 
     segment: IntArray
     face: IntArray
@@ -30,22 +30,22 @@ class _FacePairs:
     point: FloatArray
 
     def taken(self, rows: IntArray) -> "_FacePairs":
-        """Some of the pairs, in this order."""
+        """Return the pairs with given indices, in their order."""
         return _FacePairs(self.segment[rows], self.face[rows], self.gap[rows], self.share[rows], self.point[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class NumpySearch:
-    """Answers what ``SurfaceSearch`` does.
+    """Distance queries with the results of ``SurfaceSearch``.
 
     Attributes:
-        boxes: the hierarchy.
+        boxes: bounding-volume hierarchy of the triangles.
     """
 
     boxes: SurfaceBoxes
 
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
-        """Least gap of each segment, or the reach; not a number where the segment is none."""
+        """Return the minimum distance of each segment, at most ``reach`` [m]; NaN for segments that are not finite."""
         del slack  # all pairs in question are looked at anyway
         gap = np.full(len(segments), reach, dtype=np.float64)
         found = self._near(segments, reach, nearest_only=True)
@@ -54,7 +54,7 @@ class NumpySearch:
         return gap
 
     def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
-        """Where each segment is nearest to a surface."""
+        """Return the closest points of each segment and the surfaces."""
         del together  # each is looked at anyway
         found = self._near(segments, reach, nearest_only=True)
         rows = np.lexsort((found.gap, found.segment))
@@ -76,7 +76,7 @@ class NumpySearch:
         return witnesses
 
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
-        """Half-spaces about each segment."""
+        """Return half-spaces that separate each segment from nearby triangles."""
         del slack  # the nearest is at hand
         found = self._near(segments, reach, nearest_only=False)
         kept: list[IntArray] = []
@@ -89,7 +89,7 @@ class NumpySearch:
         return PlaneRows(chosen.segment, chosen.share, normal, point, chosen.gap, chosen.face)
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
-        """Gaps of the middles of cells, a part of them at a time."""
+        """Return the distances of the centres of grid cells, computed in batches, with the shape of the grid [m]."""
         axes = [low[d] + cell * np.arange(counts[d]) for d in range(3)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         parts = [points[k : k + _POINTS] for k in range(0, len(points), _POINTS)]
@@ -99,7 +99,7 @@ class NumpySearch:
     def _standing_out(
         self, segments: FloatArray, found: _FacePairs, rows: IntArray, most: int, behind: float
     ) -> IntArray:
-        """The rows, nearest first, that do not lie behind the plane of an earlier one."""
+        """Return the pairs, nearest first, whose triangle is not behind the plane of an earlier pair."""
         normal, point = self._sides(segments, found.taken(rows))
         corners = self.boxes.corners[found.face[rows]]
         rounding = self.boxes.rounding[found.face[rows]]
@@ -115,13 +115,13 @@ class NumpySearch:
         return np.array(kept, dtype=np.intp)
 
     def _sides(self, segments: FloatArray, found: _FacePairs) -> tuple[FloatArray, FloatArray]:
-        """Normals towards the segments, and the points of the rounded surfaces."""
+        """Return normals towards the segments, and points on the rounded surfaces."""
         of_pairs = segments[found.segment]
         normal = outward_normals(of_pairs, self.boxes.corners[found.face], found.share, found.point)
         return normal, found.point + self.boxes.rounding[found.face][:, None] * normal
 
     def _near(self, segments: FloatArray, reach: float, *, nearest_only: bool) -> _FacePairs:
-        """All pairs with a gap below the reach, of a segment and a triangle; or all that may be the nearest."""
+        """Return all pairs of segment and triangle nearer than ``reach``, or at least those that may be closest."""
         segment, node = self._near_leaves(segments, reach, nearest_only=nearest_only)
         count = np.maximum(self.boxes.nodes["count"][node], 0).astype(np.intp)
         within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)

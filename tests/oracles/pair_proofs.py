@@ -1,4 +1,4 @@
-"""Proofs that pairs of links stay apart, by numpy."""
+"""Proofs that pairs of links of a planar arm do not collide on straight motions, by NumPy."""
 
 from dataclasses import dataclass
 
@@ -11,18 +11,18 @@ from tests.oracles.plane_segments import closest_on_segments
 
 @dataclass(frozen=True, eq=False)
 class InterpretedProofs:
-    """``PairProofs`` by numpy.
+    """Proofs with the results of ``PairProofs``, by NumPy.
 
     Attributes:
-        first_apart: the first link beyond each one that counts with it, shape (links,).
-        least: what each link adds to the distance that the axes of two keep, shape (links,) [m].
+        first_apart: index of the first later link that is checked against each link, shape (links,).
+        least: contribution of each link to the minimum distance between the axes of two links, shape (links,) [m].
     """
 
     first_apart: IntArray
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """As ``PairProofs``."""
+        """Return the pairs that are not proved, and the intervals with a pair in contact halfway, as ``PairProofs``."""
         span, i, j = self._near(stretches) if pairs is None else pairs
         if len(span) == 0:
             return (span, i, j), span
@@ -51,7 +51,7 @@ class InterpretedProofs:
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
 
     def _near(self, stretches: Stretches) -> Pairs:
-        """Every stretch with every pair of distant links that come anywhere near each other."""
+        """Return every interval with every pair of links that may come near each other."""
         middle = 0.25 * (stretches.a[:, :-1] + stretches.a[:, 1:] + stretches.b[:, :-1] + stretches.b[:, 1:])
         x = np.ascontiguousarray(middle[..., 0])
         y = np.ascontiguousarray(middle[..., 1])

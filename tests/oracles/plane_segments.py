@@ -1,4 +1,4 @@
-"""Closest points of segments in the plane, and whether they cross."""
+"""Closest points of segments in the plane, and test for crossings."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 def closest_on_segments(
     p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Closest points of segments pq and rs that do not cross: the least of four end-to-segment distances.
+    """Return the closest points of m pairs of segments pq and rs that do not cross, from four end-to-segment distances.
 
     Returns:
         Place on pq, place on rs, and the vector from the point on rs to the point on pq; shapes (m,), (m,), (m, 2).
@@ -35,7 +35,10 @@ def closest_on_segments(
 
 
 def segments_cross(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
-    """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
+    """Return whether m pairs of segments pq and rs cross properly, in a point inside both, shape (m,).
+
+    Overlap of bounding boxes is checked too, since orientations of collinear segments are only rounding errors.
+    """
     # Each segment's ends lie on opposite sides of the other's line; an end that touches counts as no crossing.
     opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
     low = np.maximum(np.minimum(p, q), np.minimum(r, s))

@@ -1,6 +1,6 @@
 """Distances of segments from triangles in space by numpy, pair by pair; a triangle may be a segment or a point.
 
-As triangles.h, which says why.
+The algorithm is that of triangles.h, which explains it.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class _TrianglePlanes:
 
     @classmethod
     def of(cls, triangles: FloatArray) -> "_TrianglePlanes":
-        """The planes of triangles (n, 3, 3)."""
+        """Return the frames of triangles, shape (n, 3, 3) [m]."""
         corner = triangles[:, 0]
         edge = triangles[:, 1] - corner
         side = triangles[:, 2] - corner
@@ -44,21 +44,26 @@ class _TrianglePlanes:
         return cls(corner, edge, height, normal, edge_square, height_square, foot, exists)
 
     def over(self, offset: FloatArray) -> BoolArray:
-        """Whether the feet of points, given from the first corners (n, 3), lie in the triangles."""
+        """Return whether the projections of points onto the planes are in the triangles.
+
+        Args:
+            offset: vectors from the first vertices of the triangles to the points, shape (n, 3) [m].
+        """
         up = _divided(_dot(offset, self.height), self.height_square)
         at = _divided(_dot(offset, self.edge), self.edge_square)
         return self.exists & (up >= 0.0) & (at >= self.foot * up) & (1.0 - at >= (1.0 - self.foot) * up)
 
 
 def nearest_pairs(segments: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The nearest points of segments and triangles.
+    """Return the closest points of n pairs of a segment and a triangle.
 
     Args:
-        segments: ends, shape (n, 2, 3).
-        triangles: corners, the longest edge first, shape (n, 3, 3).
+        segments: ends of the segments, shape (n, 2, 3) [m].
+        triangles: vertices of the triangles, the longest edge first, shape (n, 3, 3) [m].
 
     Returns:
-        Distances (n,), shares along the segments (n,), and points of the triangles (n, 3).
+        Distances (n,) [m], parameters in [0, 1] of the points on the segments (n,), and points of the triangles (n, 3)
+        [m].
     """
     start = segments[:, 0]
     line = segments[:, 1] - start
@@ -93,10 +98,10 @@ def nearest_pairs(segments: FloatArray, triangles: FloatArray) -> tuple[FloatArr
 
 
 def outward_normals(segments: FloatArray, triangles: FloatArray, share: FloatArray, point: FloatArray) -> FloatArray:
-    """Unit directions from points of triangles to those of segments, shape (n, 3).
+    """Return unit vectors from points of triangles to points of segments, shape (n, 3).
 
-    Where they are the same, that of the triangle's normal on the side of the segment's middle; of a triangle without
-    one, any at right angles to the segment.
+    If both points coincide, the vector is the triangle's normal on the side of the segment's midpoint; for a degenerate
+    triangle, any unit vector perpendicular to the segment.
     """
     line = segments[:, 1] - segments[:, 0]
     apart = segments[:, 0] + share[:, None] * line - point
@@ -109,7 +114,7 @@ def outward_normals(segments: FloatArray, triangles: FloatArray, share: FloatArr
 
 
 def _across(line: FloatArray) -> FloatArray:
-    """Unit directions at right angles to lines (n, 3)."""
+    """Return unit vectors perpendicular to lines, shape (n, 3)."""
     axis = np.eye(3)[np.argmin(np.abs(line), axis=1)]
     direction = np.cross(line, axis)
     length = np.linalg.norm(direction, axis=1)[:, None]
@@ -117,7 +122,7 @@ def _across(line: FloatArray) -> FloatArray:
 
 
 def _to_edge(start: FloatArray, line: FloatArray, begin: FloatArray, end: FloatArray) -> _Edge:
-    """Shares along segments and points on edges that are nearest to each other."""
+    """Return the closest points of n pairs of a segment and an edge, as parameters on segments and points on edges."""
     edge = end - begin
     apart = start - begin
     a = _dot(line, line)
@@ -141,6 +146,6 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _divided(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
-    """The quotient, and zero where the denominator is."""
+    """Return the quotient, and 0 where the denominator is 0."""
     zero = denominator == 0.0
     return np.where(zero, 0.0, numerator / np.where(zero, 1.0, denominator))

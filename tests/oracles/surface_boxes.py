@@ -1,4 +1,4 @@
-"""A hierarchy of boxes about triangles in space, by numpy."""
+"""A bounding-volume hierarchy of boxes around triangles in space, by NumPy."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +12,12 @@ _BITS = 10
 
 
 def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> SurfaceBoxes:
-    """The hierarchy along a Morton curve (Morton, 1966): neighbours in the order are neighbours in space.
+    """Return the bounding-volume hierarchy of triangles, sorted along a Morton curve (Morton, 1966).
 
     Args:
-        triangles: corners, shape (m, 3, 3), m > 0 [m].
-        rounding: shape (m,) [m].
-        leaf: triangles of a leaf.
+        triangles: vertices, shape (m > 0, 3, 3) [m].
+        rounding: rounding radii, shape (m,) [m].
+        leaf: maximum number of triangles of a leaf.
     """
     order = np.argsort(_morton(triangles.mean(axis=1)), kind="stable")
     corners = longest_edge_first(triangles[order])
@@ -71,7 +71,7 @@ def longest_edge_first(triangles: FloatArray) -> FloatArray:
 
 
 def _morton(places: FloatArray) -> IntArray:
-    """Numbers along the Morton curve through the bounding box of places (m, 3), shape (m,)."""
+    """Return indices of m points along the Morton curve through their bounding box, shape (m,)."""
     low = places.min(axis=0)
     span = max(float(np.max(places.max(axis=0) - low)), np.finfo(np.float64).tiny)
     cells = ((places - low) / span * (2**_BITS - 1)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Half-planes round sweeps, by numpy and shapely."""
+"""Separating half-planes between swept links and walls, by NumPy and shapely."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from ccm_opt.scene.walls import WallSegments
 
 
 def planes_by_numpy(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Half-planes about sweeps, by sweep and distance; arguments as ``free_half_planes``."""
+    """Return half-planes between sweeps and walls, sorted by sweep and distance; arguments as ``free_half_planes``."""
     # A disc about each sweep first: hulls are costly to build, and many links are far from every wall.
     centres = corners.mean(axis=1)
     extents = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
@@ -34,9 +34,9 @@ def planes_by_numpy(corners: FloatArray, walls: WallSegments, far: float) -> tup
 def _directions(
     halfway: FloatArray, hulls: FloatArray, walls: WallSegments, q: IntArray, wall: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Unit directions from hulls to walls along their shortest lines, and their lengths less the rounding.
+    """Return unit vectors along the shortest lines from hulls to walls, and the lines' lengths minus the rounding.
 
-    A hull that meets a wall gives way to the link half-way through the interval.
+    For a hull that intersects a wall, the link at the middle of the interval is used instead.
     """
     lines: Any = shapely.shortest_line(hulls[q], walls.tree.geometries[wall])
     # The hull of the three poses is wider than the sweep at a bend and may touch a wall that the link clears; the
@@ -56,7 +56,7 @@ def _directions(
 def _nearest_first(
     q: IntArray, normal: FloatArray, ends: FloatArray, rounding: FloatArray, bound: FloatArray
 ) -> IntArray:
-    """Indices of the half-planes that are kept, all hulls at once; the pairs come sorted by hull and distance."""
+    """Return indices of the half-planes that are kept, for pairs of hull and wall sorted by hull and distance."""
     waiting = np.arange(len(q))
     kept: list[IntArray] = []
     # Each pass keeps the nearest waiting wall of every hull and drops the walls that lie wholly beyond its half-plane;

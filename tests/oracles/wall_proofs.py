@@ -1,4 +1,4 @@
-"""Proofs that links stay clear of walls, by shapely."""
+"""Proofs that links of a planar arm do not collide with walls on straight motions, by shapely."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,16 +14,16 @@ from ccm_opt.scene.certificate import Links, Stretches, WallProofs
 
 @dataclass(frozen=True)
 class InterpretedWallProofs:
-    """``WallProofs`` by shapely.
+    """Proofs with the results of ``WallProofs``, by shapely.
 
     Attributes:
-        question: walls and distances.
+        question: the proofs with walls and required distances.
     """
 
     question: WallProofs
 
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
-        """As ``WallProofs``."""
+        """Return the links that are not proved, and the intervals with a link in contact halfway, as ``WallProofs``."""
         span, link = self._all_links(stretches) if links is None else links
         need = self.question.least[link] + stretches.sag[span, link]
 
@@ -38,19 +38,25 @@ class InterpretedWallProofs:
         return (span[hit], link[hit]), self._touching(stretches, span[hit], link[hit])
 
     def _all_links(self, stretches: Stretches) -> Links:
-        """Every stretch with every link beyond the mount."""
+        """Return every interval with every link beyond the mount."""
         links = np.arange(self.question.mount[0], stretches.arm.links)
         span, link = np.meshgrid(np.arange(len(stretches.owner)), links, indexing="ij")
         return span.ravel(), link.ravel()
 
     def _touching(self, stretches: Stretches, span: IntArray, link: IntArray) -> IntArray:
-        """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
-        # Half-way the arm really stands so: what touches there touches whatever is proved elsewhere.
+        """Return the intervals with a link in contact halfway, for which bisection cannot succeed."""
+        # The pose halfway is part of the motion, so contact there is contact of the motion.
         lines = _lines(self._ends(stretches.middle, span, link))
         return span[np.unique(self._near(lines, self.question.least[link])[0])]
 
     def _ends(self, joints: FloatArray, span: IntArray, link: IntArray) -> FloatArray:
-        """End positions of links, the mount cut off, of joints (m, links + 1, 2), shape (k, 2, 2) [m]."""
+        """Return the end points of k links without the part inside the mount, shape (k, 2, 2) [m].
+
+        Args:
+            joints: joints and tips of m poses, shape (m, links + 1, 2) [m].
+            span: index of the pose of each link, shape (k,).
+            link: index of each link, shape (k,).
+        """
         ends = np.stack((joints[span, link], joints[span, link + 1]), axis=1)
         mount, share = self.question.mount
         cut = link == mount
@@ -58,7 +64,7 @@ class InterpretedWallProofs:
         return ends
 
     def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
-        """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
+        """Return the pairs (shape, wall) with at most a given distance per shape, shape (k,) [m]."""
         # The tree knows only the walls' cores; the largest rounding finds all candidates, and the next lines weigh each
         # by its own.
         shape, wall = self._tree.query(shapes, predicate="dwithin", distance=distance + self._rounding.max())
@@ -80,12 +86,12 @@ class InterpretedWallProofs:
 
     @cached_property
     def _parts(self) -> list[npt.NDArray[np.object_]]:
-        """Every wall's core, lines taken apart into edges so that a query meets few of them."""
+        """Cores of the walls, with polylines divided into edges so that a query hits few of them."""
         return [_edges(wall.core) for wall in self.question.workspace.walls]
 
 
 def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:
-    """The edges of a line, or what is no line itself."""
+    """Return the edges of a polyline; another geometry is returned as it is."""
     if not isinstance(core, shapely.LineString):
         return np.array([core], dtype=np.object_)
     points = shapely.get_coordinates(core)
@@ -93,5 +99,5 @@ def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:
 
 
 def _lines(points: FloatArray) -> npt.NDArray[np.object_]:
-    """Polylines from their vertices, shape (k, m, 2)."""
+    """Return polylines with given vertices, shape (k, m, 2) [m]."""
     return np.asarray(shapely.linestrings(points), dtype=np.object_)
