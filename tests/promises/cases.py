@@ -1,4 +1,4 @@
-"""Motions that keep every promise, on a fixed arm and on a fed one, to be mutated."""
+"""Motions of a planar arm that pass all checks of the verifier, to be changed such that single checks fail."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,43 +21,43 @@ LINKS = 6
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
 WEIGHTLESS = SimulationOptions(gravity=np.zeros(3))
 FULL = PlannerOptions(effort_share=1.0)
-"""Plans may use their limits in full, so that a limit is not caught by the share of it as well."""
+"""Planner options with full use of the limits, so that no check of a fraction of a limit fails in addition."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A motion for a problem; torques and forces are those of its own figures unless they are given."""
+    """A problem and a motion; states of the drives are computed from the motion unless they are given."""
 
     problem: Problem
     trajectory: JointTrajectory
     joints: JointStates | None = None
 
     def asked(self, **changes: Any) -> "Case":
-        """With another problem."""
+        """Return the case with given fields of the problem replaced."""
         return replace(self, problem=replace(self.problem, **changes))
 
     def limited(self, **changes: Any) -> "Case":
-        """With other limits; a number stands for all revolutes."""
+        """Return the case with given limits replaced; a number applies to all revolute joints."""
         count = 3 * self.problem.arm.links
         arrays = {"velocity", "acceleration", "torque", "jerk"}
         values = {name: np.full(count, value) if name in arrays else value for name, value in changes.items()}
         return self.asked(limits=replace(self.problem.limits, **values))
 
     def built(self, **changes: Any) -> "Case":
-        """With another arm."""
+        """Return the case with given fields of the arm replaced."""
         return self.asked(arm=replace(self.problem.arm, **changes))
 
     def moved(self, **changes: Any) -> "Case":
-        """With another motion."""
+        """Return the case with given fields of the trajectory replaced."""
         return replace(self, trajectory=replace(self.trajectory, **changes))
 
     def told(self, **changes: Any) -> "Case":
-        """With another report of the drives."""
+        """Return the case with given fields of the reported states of the drives replaced."""
         return replace(self, joints=replace(self.states, **changes))
 
     @property
     def states(self) -> JointStates:
-        """What the drives do."""
+        """States and efforts of the drives in the motion, as reported."""
         if self.joints is not None:
             return self.joints
         arm = self.problem.arm
@@ -71,7 +71,7 @@ class Case:
 
     @property
     def failing(self) -> set[str]:
-        """Names of the checks that do not hold."""
+        """Names of the checks of the verifier that fail."""
         checks = verify(self.problem, self.trajectory, self.states)
         return {check.name for check in checks if not check.passed}
 
@@ -80,12 +80,18 @@ Mutation = Callable[[], Case]
 
 
 def peak(values: FloatArray) -> float:
-    """The greatest size."""
+    """Return the maximum magnitude of an array."""
     return float(np.max(np.abs(values)))
 
 
 def quintic(start: FloatArray, end: FloatArray, duration: float = 2.0) -> tuple[FloatArray, ...]:
-    """Time, values, rates and accelerations of a rest-to-rest motion on a straight line in joint space."""
+    """Return times, positions, velocities and accelerations of a straight rest-to-rest motion by a quintic polynomial.
+
+    Args:
+        start: initial configuration, shape (c,) [rad, m].
+        end: final configuration, shape (c,) [rad, m].
+        duration: duration [s].
+    """
     t = np.linspace(0.0, 1.0, round(duration / 0.004) + 1)
     s = 10 * t**3 - 15 * t**4 + 6 * t**5, 30 * t**2 - 60 * t**3 + 30 * t**4, 60 * t - 180 * t**2 + 120 * t**3
     parts = [value[:, None] * (end - start) for value in s]
@@ -93,7 +99,13 @@ def quintic(start: FloatArray, end: FloatArray, duration: float = 2.0) -> tuple[
 
 
 def fixed(end: FloatArray | float = 0.2, arm: Arm | None = None, start: FloatArray | None = None) -> Case:
-    """An arm on a fixed base in an empty room."""
+    """Return a case of an arm with a fixed base in an empty room.
+
+    Args:
+        end: final bend angles, one for all joints or of shape (links,) [rad].
+        arm: the arm; a plain one if None.
+        start: initial bend angles, shape (links,) [rad]; zero if None.
+    """
     arm = arm or plain_arm(LINKS)
     ends = np.broadcast_to(np.asarray(end, dtype=np.float64), (arm.links,)).copy()
     begin = np.zeros(arm.links) if start is None else start
@@ -105,7 +117,12 @@ def fixed(end: FloatArray | float = 0.2, arm: Arm | None = None, start: FloatArr
 
 
 def fed(carried: float = 0.2, end: FloatArray | float = 0.2) -> Case:
-    """An arm that is carried along an axis at 30°, its guide tube ending where the base begins."""
+    """Return a case of an arm on a feed axis at 30°, with the end of the guide tube at the lower limit of the base.
+
+    Args:
+        carried: final feed [m].
+        end: final bend angles, one for all joints or of shape (links,) [rad].
+    """
     arm = plain_arm(LINKS, base_heading=np.pi / 6, feed=Feed(0.0, 0.3, 0.0))
     ends = np.broadcast_to(np.asarray(end, dtype=np.float64), (arm.links,)).copy()
     one = np.ones(3 * LINKS)
@@ -117,7 +134,7 @@ def fed(carried: float = 0.2, end: FloatArray | float = 0.2) -> Case:
 
 
 def pausing(rest: float = 0.1) -> Case:
-    """Two motions with a pause between them that their problem asks for."""
+    """Return a case of two consecutive motions with a rest in between [s]."""
     first = fixed()
     there = first.trajectory
     time, *parts = quintic(np.full(LINKS, 0.2), np.full(LINKS, -0.1))

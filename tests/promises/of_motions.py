@@ -1,4 +1,4 @@
-"""Motions that break one promise each."""
+"""Cases of planar motions, each of which fails one check of the verifier."""
 
 from dataclasses import replace
 
@@ -18,11 +18,11 @@ from .cases import FULL, LINKS, ROOM, WEIGHTLESS, Case, Mutation, fed, fixed, pa
 
 SHARE = 0.9
 BENDING = 0.9 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-"""Bends that lead the arm nowhere near itself."""
+"""Bend angles of a pose without self-collision, shape (LINKS,) [rad]."""
 
 
 def gap_in_time() -> Case:
-    """Two samples are left out."""
+    """Return a case with two samples removed."""
     motion = fixed().trajectory
     parts = {name: np.delete(getattr(motion, name), [100, 101], axis=0) for name in ("positions", "velocities")}
     accelerations = np.delete(motion.accelerations, [100, 101], axis=0)
@@ -30,23 +30,23 @@ def gap_in_time() -> Case:
 
 
 def inside_a_rock() -> Case:
-    """The whole arm lies in an obstacle, far from its edges."""
+    """Return a case with the whole arm inside an obstacle, far from its edges."""
     return fixed().asked(workspace=Workspace(ROOM, (Obstacle("rock", PlaneShape(shapely.box(-2.0, -2.0, 2.0, 2.0))),)))
 
 
 def near_a_wall() -> Case:
-    """A wall is nearer than the clearance, and is not touched."""
+    """Return a case with a wall nearer than the required clearance, without contact."""
     wall = Obstacle("wall", PlaneShape(shapely.box(0.8, -1.0, 0.9, 1.0)))
     return fixed().asked(workspace=Workspace(ROOM, (wall,), clearance=0.3))
 
 
 def rolled_up() -> Case:
-    """An arm of ten links rolls up into itself."""
+    """Return a case with self-collision of an arm of ten links that rolls up."""
     return fixed(1.1, plain_arm(10))
 
 
 def nudged(case: Case, share: float = 0.02) -> Case:
-    """One sample's accelerations are reported greater, so that its torques are."""
+    """Return a case with accelerations, and so torques, increased at the sample of maximum torque by a fraction."""
     accelerations = case.trajectory.accelerations.copy()
     k = int(np.argmax(np.max(np.abs(case.states.torques), axis=1)))
     accelerations[k] *= 1.0 + share
@@ -54,13 +54,13 @@ def nudged(case: Case, share: float = 0.02) -> Case:
 
 
 def torque_at_one_sample() -> Case:
-    """A torque passes its limit at one sample; around it the mean does not."""
+    """Return a case whose torque exceeds its limit at a single sample."""
     case = fixed(BENDING).asked(simulation=WEIGHTLESS)
     return nudged(case.limited(torque=1.01 * peak(case.states.torques)))
 
 
 def weakened_accelerations() -> Case:
-    """Accelerations are reported smaller wherever they are great, and torques with them."""
+    """Return a case whose accelerations, and so torques, are reported too small where they are large."""
     case = fixed(BENDING).asked(simulation=WEIGHTLESS)
     limit = 0.93 * peak(case.states.torques)
     most = 0.85 * np.max(np.abs(case.trajectory.accelerations), axis=0)
@@ -69,7 +69,7 @@ def weakened_accelerations() -> Case:
 
 
 def weakened_feed() -> Case:
-    """The same of the axis."""
+    """Return a case whose feed accelerations, and so forces, are reported too small where they are large."""
     case = fed(end=0.0).asked(simulation=WEIGHTLESS)
     limit = 0.93 * peak(case.states.base_forces)
     weak = case.trajectory.accelerations.copy()
@@ -79,7 +79,7 @@ def weakened_feed() -> Case:
 
 
 def force_at_one_sample() -> Case:
-    """The force on the axis passes its limit at one sample alone."""
+    """Return a case whose feed force exceeds its limit at a single sample."""
     case = fed(end=0.0).asked(simulation=WEIGHTLESS)
     limit = 1.01 * peak(case.states.base_forces)
     accelerations = case.trajectory.accelerations.copy()
@@ -88,7 +88,13 @@ def force_at_one_sample() -> Case:
 
 
 def bumped_rates(case: Case, column: int, size: float) -> Case:
-    """Rates that the angles do not have, with the accelerations that belong to them."""
+    """Return a case with velocities of one coordinate that disagree with its positions, and matching accelerations.
+
+    Args:
+        case: the case.
+        column: index of the coordinate.
+        size: maximum deviation of the velocity [rad/s, m/s].
+    """
     motion = case.trajectory
     t = (motion.time - 0.8) / 0.4
     inside = (t > 0.0) & (t < 1.0)
@@ -100,7 +106,7 @@ def bumped_rates(case: Case, column: int, size: float) -> Case:
 
 
 def still_moving() -> Case:
-    """The last sample still has some speed."""
+    """Return a case with a small joint velocity at the last sample."""
     case = fixed()
     velocities = case.trajectory.velocities.copy()
     velocities[-1, 2] = 1e-4
@@ -108,7 +114,7 @@ def still_moving() -> Case:
 
 
 def feed_still_moving() -> Case:
-    """So has the axis."""
+    """Return a case with a small feed velocity at the last sample."""
     case = fed()
     velocities = case.trajectory.velocities.copy()
     velocities[-1, -1] = 1e-5
@@ -116,20 +122,20 @@ def feed_still_moving() -> Case:
 
 
 def arc(arm: Arm, curvature: float) -> Configuration:
-    """A bow over the same chord, to one side or the other."""
+    """Return a circular arc of the arm's length with its chord along x, of given signed curvature [1/m]."""
     half = 0.5 * curvature * arm.length
     return Configuration.chain(arm.base, -half, [0.5 * arm.length] * 2, [np.full(5, curvature)] * 2)
 
 
 def bowed(start: float, wanted: float) -> Case:
-    """A motion from one bow, and the bow that it should begin at."""
+    """Return a case that starts on an arc of curvature ``start``, while an arc of curvature ``wanted`` is required."""
     arm = plain_arm(12, 0.05)
     begin = map_curve(arm, arc(arm, start), "least-squares")
     return fixed(0.5 * begin, arm, begin).asked(start=JointPose.along(arm, arc(arm, wanted)))
 
 
 def ending_bowed(end: float, wanted: float) -> Case:
-    """A motion to one bow, and the bow that it should end at."""
+    """Return a case that ends on an arc of curvature ``end``, with an arc of curvature ``wanted`` as goal."""
     arm = plain_arm(12, 0.05)
     there = map_curve(arm, arc(arm, end), "least-squares")
     case = fixed(there, arm, 0.5 * there)
@@ -137,14 +143,14 @@ def ending_bowed(end: float, wanted: float) -> Case:
 
 
 def tip_of(case: Case, sample: int) -> tuple[FloatArray, float]:
-    """Where the tip is at a sample, and its heading."""
+    """Return position, shape (2,) [m], and heading [rad] of the tip at a sample."""
     arm = case.problem.arm
     place = case.trajectory.positions[sample]
     return arm.joint_positions_at(place)[-1], float(arm.headings(place[: arm.links])[-1])
 
 
 def missed_tip(*, heading: bool, stop: bool) -> Case:
-    """The tip, or its heading, is a little too far from a goal."""
+    """Return a case whose tip misses a goal slightly, in heading or position, at the end or at an intermediate goal."""
     case = pausing() if stop else fixed()
     sample = case.trajectory.stops[0] if stop else -1
     place, turned = tip_of(case, sample)
@@ -155,7 +161,7 @@ def missed_tip(*, heading: bool, stop: bool) -> Case:
 
 
 def stopping(goal: JointPose, rest: float = 0.1, pause: float = 0.1) -> Case:
-    """A motion that stops where it should be at a goal."""
+    """Return a case with a rest of a given duration [s], where the problem has a goal and requires a pause [s]."""
     return pausing(rest).asked(stops=(Stop(goal, Tolerances(), pause),))
 
 
@@ -163,7 +169,7 @@ AT_STOP = JointPose(np.full(LINKS, 0.2))
 
 
 def stopping_bowed(wanted: float) -> Case:
-    """A stop at a bow that is another."""
+    """Return a case that stops on an arc of curvature 1/m, with an arc of curvature ``wanted`` as required stop."""
     arm = plain_arm(LINKS)
     there = map_curve(arm, arc(arm, 1.0), "least-squares")
     case = fixed(there, arm)
@@ -181,7 +187,7 @@ def stopping_bowed(wanted: float) -> Case:
 
 
 def fed_stopping() -> Case:
-    """A stop at another place of the axis."""
+    """Return a case that stops at another feed than required."""
     case = fed()
     motion = case.trajectory
     parts = {
@@ -195,47 +201,47 @@ def fed_stopping() -> Case:
 
 
 def beyond_the_axis() -> Case:
-    """The base is carried farther than the axis reaches; where the tip comes to is as it should be."""
+    """Return a case whose feed exceeds the range of the axis, with the tip at its goal."""
     case = fed()
     return case.asked(goal=TipGoal(tip_of(case, -1)[0])).built(feed=Feed(0.0, 0.19, 0.0))
 
 
 def led_closely() -> Case:
-    """The arm may leave the path of its tip by a little less than it does."""
+    """Return a case whose allowed deviation from the tip path is slightly less than the actual one."""
     found = leader_deviation(fed().problem.arm, fed().trajectory.positions)
     assert found is not None
     return fed().asked(planner=replace(FULL, follow_within=0.9 * found.worst))
 
 
 def shared(case: Case) -> Case:
-    """Plans may use a share of the limits alone."""
+    """Return the case with a limit on the used fraction of all limits."""
     return case.asked(planner=PlannerOptions(effort_share=SHARE))
 
 
 def effort_above_its_share() -> Case:
-    """A torque takes more than its share, at one sample alone."""
+    """Return a case whose torque exceeds the allowed fraction of its limit at a single sample."""
     case = fixed(BENDING).asked(simulation=WEIGHTLESS)
     return nudged(shared(case.limited(torque=1.01 * peak(case.states.torques) / SHARE)))
 
 
 def point(**limits: float) -> Case:
-    """A limit on a point of the arm."""
+    """Return a case with a limit on velocity or acceleration of a point of the arm."""
     return fixed().asked(limits=replace(fixed().problem.limits, points=(PointLimit(**limits),)))
 
 
 def greatest_jerk(case: Case, columns: slice = slice(0, LINKS)) -> float:
-    """The greatest jerk of some coordinates between samples."""
+    """Return the maximum jerk of selected coordinates between samples."""
     motion = case.trajectory
     return peak(np.diff(motion.accelerations[:, columns], axis=0) / np.diff(motion.time)[:, None])
 
 
 def of(case: Case, name: str, share: float = 0.98) -> float:
-    """A little less than the greatest of one kind of rate of the bends."""
+    """Return a fraction of the maximum of one quantity of the bend angles, such as velocity."""
     return share * peak(getattr(case.trajectory, name)[:, :LINKS])
 
 
 def of_axis(case: Case, name: str, share: float = 0.98) -> float:
-    """The same of the axis."""
+    """Return a fraction of the maximum of one quantity of the feed, such as velocity."""
     return share * peak(getattr(case.trajectory, name)[:, -1])
 
 
@@ -296,6 +302,6 @@ MUTATIONS: dict[str, Mutation] = {
         joint_error=0.4, workspace=Workspace(ROOM, (Obstacle("wall", PlaneShape(shapely.box(0.8, -1.0, 0.9, 1.0))),))
     ),
 }
-"""By the check that catches it; N stands for the number of a goal on the way."""
+"""Cases by the name of the check that fails; N stands for the number of an intermediate goal."""
 UNHARMED = (fixed, fed, lambda: stopping(AT_STOP), lambda: shared(fixed()), lambda: fixed().asked(planner=FULL))
-"""Motions that keep everything."""
+"""Cases in which all checks pass."""
