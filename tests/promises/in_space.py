@@ -1,4 +1,4 @@
-"""Motions in space that break one promise each, and motions that keep everything."""
+"""Motions in space, each of which fails one check of the verifier, and motions that pass all checks."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,12 +26,12 @@ Mutation = Callable[[], SpacePlan]
 
 
 def bends(first: float, second: float = 0.0) -> FloatArray:
-    """The same two bends at every joint."""
+    """Return equal pairs of bend angles for all joints, shape (2 LINKS,) [rad]."""
     return np.tile([first, second], LINKS)
 
 
 def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
-    """An arm moves on a straight line in joint space, in an empty room; its goal is where it ends."""
+    """Return a straight motion in joint space in an empty room, from a start to a goal configuration."""
     time, *parts = quintic(start, end)
     trajectory = JointTrajectory(time, *parts, arm.coordinates)
     one = np.ones(3 * LINKS)
@@ -48,20 +48,32 @@ def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
 
 @cache
 def fixed(first: float = 0.15, second: float = -0.1) -> SpacePlan:
-    """An arm on a fixed base."""
+    """Return a motion of an arm with a fixed base from straight to equal bend angles at all joints."""
     return between(bends(0.0), bends(first, second), space_arm(LINKS))
 
 
 @cache
 def fed(carried: float = 0.2, *, bent: bool = True) -> SpacePlan:
-    """An arm that is carried along an axis, its guide tube ending where the base begins."""
+    """Return a motion of an arm on a feed axis, with the end of the guide tube at the lower limit of the base.
+
+    Args:
+        carried: final feed [m].
+        bent: whether the arm bends.
+    """
     arm = space_arm(LINKS, feed=Feed(0.0, 0.3, 0.0))
     end = bends(0.15, -0.1) if bent else bends(0.0)
     return between(np.append(bends(0.0), 0.0), np.append(end, carried), arm)
 
 
 def stopping(there: SpacePlan, stop: JointPose | TipGoal, pause: float = 0.0, rest: float = 0.0) -> SpacePlan:
-    """A motion, a rest, and the motion back; at the rest there should be a goal."""
+    """Return a motion, a rest and the motion back, for a problem with a goal at the rest.
+
+    Args:
+        there: the motion.
+        stop: goal at the rest.
+        pause: required duration of the rest [s].
+        rest: actual duration of the rest [s].
+    """
     motion = there.trajectory
     count = round(rest / 0.004)
     held = np.repeat(motion.positions[-1:], count, axis=0)
@@ -81,13 +93,13 @@ def stopping(there: SpacePlan, stop: JointPose | TipGoal, pause: float = 0.0, re
 
 
 def pose_at_end(plan: SpacePlan, off: float = 0.0, carried: float = 0.0) -> JointPose:
-    """Where a motion ends, or a little beside it."""
+    """Return the pose at the end of a motion, with offsets of bend angles [rad] and feed [m]."""
     pose = JointPose.from_configuration(plan.trajectory.positions[-1], plan.trajectory.coordinates)
     return JointPose(pose.bends + off, pose.feed + carried)
 
 
 def tip_at_end(plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> TipGoal:
-    """Where the tip ends, or a little beside it, and where it points, or a little elsewhere."""
+    """Return the tip pose at the end of a motion as a goal, with offsets of position [m] and direction."""
     frames = LinkFrames.of(plan.problem.arm, plan.trajectory.positions[-1:])
     along = frames.along[0, -1] + turned * frames.first_axes[0, -1]
     place = places_of(plan)[-1, -1] + np.array([0.0, 0.0, off])
@@ -95,75 +107,75 @@ def tip_at_end(plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tupl
 
 
 def halfway(plan: SpacePlan) -> FloatArray:
-    """Where the tip is halfway through a motion."""
+    """Return the position of the tip at the middle of a motion, shape (3,) [m]."""
     return places_of(plan)[len(plan.trajectory.time) // 2, -1]
 
 
 def limited(plan: SpacePlan, **changes: float) -> SpacePlan:
-    """With other limits; a number stands for all revolutes."""
+    """Return a plan with given limits replaced; a number applies to all revolute joints."""
     arrays = {"velocity", "acceleration", "torque", "jerk"}
     values = {name: np.full(3 * LINKS, value) if name in arrays else value for name, value in changes.items()}
     return plan.asking(limits=replace(plan.problem.limits, **values))
 
 
 def built(plan: SpacePlan, **changes: object) -> SpacePlan:
-    """For another arm."""
+    """Return a plan with given fields of the arm replaced."""
     return plan.asking(arm=replace(plan.problem.arm, **changes))  # type: ignore[arg-type]
 
 
 def in_room(plan: SpacePlan, **changes: object) -> SpacePlan:
-    """In another room."""
+    """Return a plan with given fields of the workspace replaced."""
     return plan.asking(workspace=replace(plan.problem.workspace, **changes))  # type: ignore[arg-type]
 
 
 def told(plan: SpacePlan, **changes: object) -> SpacePlan:
-    """With another report of the drives."""
+    """Return a plan with given fields of the reported states of the drives replaced."""
     return replace(plan, joints=replace(plan.joints, **changes))  # type: ignore[arg-type]
 
 
 def led_closely() -> SpacePlan:
-    """The arm may leave the path of its tip by a little less than it does."""
+    """Return a plan whose allowed deviation from the tip path is slightly less than the actual one."""
     found = leader_deviation(fed().problem.arm, fed().trajectory.positions)
     assert found is not None
     return fed().asking(planner=replace(FULL, follow_within=0.9 * found.worst))
 
 
 def shared(plan: SpacePlan) -> SpacePlan:
-    """Plans may use a share of the limits alone."""
+    """Return a plan with a limit on the used fraction of all limits."""
     return plan.asking(planner=PlannerOptions(effort_share=SHARE))
 
 
 def of(plan: SpacePlan, name: str, share: float = 0.98) -> float:
-    """A little less than the greatest of one kind of rate of the bends."""
+    """Return a fraction of the maximum of one quantity of the bend angles, such as velocity."""
     return share * peak(getattr(plan.trajectory, name)[:, : 2 * LINKS])
 
 
 def of_axis(plan: SpacePlan, name: str, share: float = 0.98) -> float:
-    """The same of the axis."""
+    """Return a fraction of the maximum of one quantity of the feed, such as velocity."""
     return share * peak(getattr(plan.trajectory, name)[:, -1])
 
 
 def jerk_of(plan: SpacePlan, share: float, columns: slice = slice(0, 2 * LINKS)) -> float:
-    """A share of the greatest jerk between samples."""
+    """Return a fraction of the maximum jerk of selected coordinates between samples."""
     motion = plan.trajectory
     return share * peak(np.diff(motion.accelerations[:, columns], axis=0) / np.diff(motion.time)[:, None])
 
 
 def without_two_samples() -> SpacePlan:
-    """Two samples are left out."""
+    """Return a motion with two samples removed."""
     motion = fixed().trajectory
     names = ("time", "positions", "velocities", "accelerations")
     return fixed().moving(**{name: np.delete(getattr(motion, name), [100, 101], axis=0) for name in names})
 
 
 def inside_a_shell() -> SpacePlan:
-    """The whole arm lies inside of a closed mesh that it never touches."""
+    """Return a motion of an arm inside a closed mesh, without contact."""
     corners = box_corners(np.full(3, -2.0), np.full(3, 2.0))
     return with_body(fixed(), "shell", MeshBody(corners, BOX_FACES))
 
 
 def bumped(plan: SpacePlan, column: int, size: float) -> SpacePlan:
-    """Rates that the coordinates do not have, with the accelerations that belong to them."""
+    """Return a motion with velocities of one coordinate that contradict its positions, and matching accelerations."""
     motion = plan.trajectory
     t = (motion.time - 0.8) / 0.4
     inside = (t > 0.0) & (t < 1.0)
@@ -175,31 +187,31 @@ def bumped(plan: SpacePlan, column: int, size: float) -> SpacePlan:
 
 
 def still_moving(plan: SpacePlan, column: int, speed: float) -> SpacePlan:
-    """The last sample still has some speed."""
+    """Return a motion with a given velocity of one coordinate at the last sample."""
     velocities = plan.trajectory.velocities.copy()
     velocities[-1, column] = speed
     return plan.moving(velocities=velocities)
 
 
 def greatest_torque(plan: SpacePlan) -> float:
-    """The greatest torque that is reported."""
+    """Return the maximum reported torque [N m]."""
     return peak(plan.joints.torques)
 
 
 def weightless(plan: SpacePlan) -> SpacePlan:
-    """Without gravity, so that accelerations are all that efforts are for."""
+    """Return a motion without gravity, so that efforts depend on accelerations only."""
     return plan.asking(simulation=WEIGHTLESS).moving()
 
 
 def nudged(plan: SpacePlan, efforts: FloatArray, columns: slice) -> SpacePlan:
-    """Accelerations are reported greater at the sample of the greatest effort, so that this is; the mean is not."""
+    """Return a motion with accelerations increased at the sample of maximum effort only."""
     accelerations = plan.trajectory.accelerations.copy()
     accelerations[int(np.argmax(np.max(np.abs(efforts), axis=1))), columns] *= 1.02
     return plan.moving(accelerations=accelerations)
 
 
 def weakened(plan: SpacePlan, columns: slice) -> SpacePlan:
-    """Accelerations are reported smaller wherever they are great, and efforts with them."""
+    """Return a motion whose accelerations, and so efforts, are reported too small where they are large."""
     accelerations = plan.trajectory.accelerations.copy()
     most = 0.9 * np.max(np.abs(accelerations[:, columns]), axis=0)
     accelerations[:, columns] = np.clip(accelerations[:, columns], -most, most)
@@ -207,44 +219,44 @@ def weakened(plan: SpacePlan, columns: slice) -> SpacePlan:
 
 
 def torque_at_one_sample(share: float = 1.0) -> SpacePlan:
-    """A torque passes its limit, or its share of it, at one sample; around it the mean does not."""
+    """Return a motion whose torque exceeds its limit, or a fraction of the limit, at a single sample."""
     plan = weightless(fixed())
     plan = limited(plan, torque=1.01 * greatest_torque(plan) / share)
     return nudged(plan, plan.joints.torques, slice(None))
 
 
 def force_at_one_sample() -> SpacePlan:
-    """The same of the force on the axis."""
+    """Return a motion whose feed force exceeds its limit at a single sample."""
     plan = weightless(fed())
     plan = limited(plan, feed_force=1.01 * peak(plan.joints.base_forces))
     return nudged(plan, plan.joints.base_forces, slice(2 * LINKS, None))
 
 
 def weakened_torques() -> SpacePlan:
-    """Torques are reported less than they are, wherever they are great; accelerations stay near their limits."""
+    """Return a motion whose torques are reported too small where they are large."""
     plan = weightless(fixed(0.5, -0.4))
     most = of(plan, "accelerations", 1.05)
     return weakened(limited(plan, torque=0.95 * greatest_torque(plan), acceleration=most), slice(None))
 
 
 def weakened_forces() -> SpacePlan:
-    """So are forces on the axis, of an arm that stays straight."""
+    """Return a motion of a straight arm whose feed forces are reported too small where they are large."""
     plan = weightless(fed(bent=False))
     return weakened(limited(plan, feed_force=0.95 * peak(plan.joints.base_forces)), slice(2 * LINKS, None))
 
 
 def beyond_the_axis() -> SpacePlan:
-    """The base is carried farther than the axis reaches; where the tip comes to is as it should be."""
+    """Return a motion whose feed exceeds the range of the axis, with the tip at its goal."""
     return built(fed().asking(goal=tip_at_end(fed())), feed=Feed(0.0, 0.19, 0.0))
 
 
 def to_tip(off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> SpacePlan:
-    """The goal is a place of the tip."""
+    """Return a motion with its final tip pose as goal, with offsets of position [m] and direction, and via points."""
     return fixed().asking(goal=tip_at_end(fixed(), off, turned, via))
 
 
 def at_stop(off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> SpacePlan:
-    """So is a goal on the way."""
+    """Return a motion and its reverse, with the tip pose in between as goal, with offsets and via points."""
     return stopping(fixed(), tip_at_end(fixed(), off, turned, via))
 
 
@@ -320,7 +332,7 @@ SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     ),
     "stop N pause": (lambda: stopping(fixed(), pose_at_end(fixed()), pause=0.1, rest=0.06),),
 }
-"""By the check that catches them; N stands for the number of a place or a goal on the way."""
+"""Motions by the name of the check that fails; N stands for the number of a via point or an intermediate goal."""
 SPACE_UNHARMED: tuple[Mutation, ...] = (
     fixed,
     fed,
@@ -331,4 +343,4 @@ SPACE_UNHARMED: tuple[Mutation, ...] = (
     lambda: stopping(fed(), pose_at_end(fed()), pause=0.1, rest=0.1),
     lambda: shared(fixed()),
 )
-"""Motions in space that keep everything."""
+"""Motions in space that pass all checks."""

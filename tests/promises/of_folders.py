@@ -1,4 +1,4 @@
-"""Changes to what stands in a folder beside the motion, each of which contradicts the motion in one way."""
+"""Changes to the files of a plan's folder, each of which contradicts the motion in one way."""
 
 import re
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Change = Callable[[Folder], None]
 
 
 def _keyframes(folder: Folder) -> None:
-    """Keyframes of another motion, with the curves that belong to them."""
+    """Replace the keyframes by those of another motion, and the curves accordingly."""
     middle = len(folder.arrays["keyframes"]) // 2
     away = 0.3 * np.sin(np.pi * np.arange(len(folder.arrays["keyframes"])) / (2 * middle))[:, None]
     keyframes = folder.arrays["keyframes"] + away
@@ -26,7 +26,7 @@ def _keyframes(folder: Folder) -> None:
 
 
 def curves_of(folder: Folder) -> dict[str, np.ndarray]:
-    """The curves that belong to a folder's keyframes."""
+    """Return the arrays of the curves nearest to the keyframes of a folder."""
     from ccm_opt.io.records import curve_arrays
     from ccm_opt.planning.link_space import nearest_curves
 
@@ -49,7 +49,7 @@ def _recorded_check(folder: Folder) -> None:
 
 
 def _recorded(*path: str | int, value: object) -> Change:
-    """Another value somewhere in the record."""
+    """Return a change that replaces one value in the record, given by its path of keys."""
 
     def change(folder: Folder) -> None:
         place = folder.record
@@ -62,7 +62,7 @@ def _recorded(*path: str | int, value: object) -> Change:
 
 
 def _another_check(**changed: object) -> Change:
-    """One more check, made of one that is there."""
+    """Return a change that adds a copy of the last check to the record, with given entries replaced."""
 
     def change(folder: Folder) -> None:
         folder.record["checks"].append(folder.record["checks"][-1] | changed)
@@ -93,7 +93,7 @@ def _text(name: str, found: str, put: str) -> Change:
 
 
 def _row(name: str, mark: str) -> Change:
-    """A line of numbers far into a text takes the place of the next."""
+    """Return a change that replaces a line of numbers in the second half of a text by the previous such line."""
 
     def change(folder: Folder) -> None:
         lines = folder.texts[name].split("\n")
@@ -105,12 +105,12 @@ def _row(name: str, mark: str) -> Change:
 
 
 def _without_accelerations(folder: Folder) -> None:
-    """A message of limited jerk that a controller joins by cubics, whose accelerations jump."""
+    """Remove the accelerations from a trajectory of limited jerk, so that a controller interpolates by cubics."""
     folder.texts["trajectory.yaml"] = re.sub(r"  accelerations: .*\n", "", folder.texts["trajectory.yaml"])
 
 
 def _two_points(folder: Folder) -> None:
-    """Of the points of the swan's neck, which winds under a wall, the first and the last alone, three times slower."""
+    """Replace a folder by that of the swan's neck, with only the end points in its trajectory message."""
     problem = ccm_opt.load_problem(Path(__file__).parents[2] / "problems" / "swan-neck.toml")
     solution = ccm_opt.solve(problem)
     with TemporaryDirectory() as place:
@@ -161,4 +161,4 @@ FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
     "URDF against problem": (_text("arm.urdf", 'upper="', 'upper="1'), _text("arm.urdf", "ball03_roll", "ball03")),
     "MJCF against problem": (_text("arm.mjcf.xml", 'mass="', 'mass="1'), _text("arm.mjcf.xml", "link03", "link3")),
 }
-"""By the check that catches them."""
+"""Changes by the name of the check that fails."""
