@@ -1,4 +1,4 @@
-"""Commands under faults, and whether what they leave is what must be left."""
+"""Commands run with injected faults, and checks of the files that they leave."""
 
 import io
 import json
@@ -16,20 +16,20 @@ from tests.faults.injection import Faults, injected
 PROBLEM = PROBLEMS / "swan-neck.toml"
 IN_SPACE = PROBLEMS / "space" / "swan-neck-in-space.toml"
 NOTE = "notes.txt"
-"""A file of the user's in the output folder."""
+"""Name of a file of the user in the output folder."""
 CODES_OF_RESULTS = frozenset({0, 2, 3, 4})
-"""What a command may end with; 1 is a bug in ccm_opt."""
+"""Allowed exit codes of commands; 1 is a bug in ccm_opt."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command did under a fault.
+    """Result of a command with an injected fault.
 
     Attributes:
         code: exit code.
-        stdout: what it printed.
-        stderr: what it told.
-        faults: what was counted, and what failed.
+        stdout: text on standard output.
+        stderr: text on standard error.
+        faults: counted operations, and the failed one.
     """
 
     code: int
@@ -38,7 +38,7 @@ class Outcome:
     faults: Faults
 
     def defects(self) -> list[str]:
-        """What is wrong with code and words, whatever was left on disk."""
+        """Return defects in exit code and output, regardless of files."""
         told = self.stdout + self.stderr
         found = []
         if self.code not in CODES_OF_RESULTS:
@@ -51,10 +51,10 @@ class Outcome:
 
 
 def run(arguments: Sequence[str], fail_at: int | None) -> Outcome:
-    """Run a command of the command line in this process, one of its operations failing.
+    """Run a ``ccm-opt`` command in this process, with one failing operation.
 
     Args:
-        arguments: of the command line.
+        arguments: arguments of the command line.
         fail_at: number of the operation that fails, from 1; None: none.
     """
     stdout, stderr = io.StringIO(), io.StringIO()
@@ -73,11 +73,11 @@ def run(arguments: Sequence[str], fail_at: int | None) -> Outcome:
 
 @dataclass(frozen=True)
 class Bench:
-    """A folder with an earlier plan and a note of the user's, in which commands run again and again.
+    """Folder with an earlier plan and a file of the user, in which commands are run repeatedly.
 
     Attributes:
-        root: a folder of its own.
-        problem: file of the problem that is solved.
+        root: the folder.
+        problem: path of the problem file.
     """
 
     root: Path
@@ -85,30 +85,30 @@ class Bench:
 
     @property
     def out(self) -> Path:
-        """Where output folders go."""
+        """Parent directory of output folders."""
         return self.root / "runs"
 
     @property
     def target(self) -> Path:
-        """The folder of the plan."""
+        """Output folder of the plan."""
         return self.out / self.problem.stem
 
     @property
     def earlier(self) -> Path:
-        """A copy of the folder as the earlier run has left it."""
+        """Copy of the output folder after the earlier run."""
         return self.root / "earlier"
 
     @property
     def later(self) -> Path:
-        """A copy of the folder as a run without faults leaves it."""
+        """Copy of the output folder after a run without faults."""
         return self.root / "later"
 
     def solve(self, *more: str) -> list[str]:
-        """Arguments of the command that makes a plan."""
+        """Return the arguments of the command that solves the problem."""
         return ["solve", str(self.problem), "--out", str(self.out), "--no-pictures", "--quiet", *more]
 
     def prepare(self) -> None:
-        """Make the earlier plan and the later one."""
+        """Write the output folders of the earlier run and of a run without faults."""
         for place, more in ((self.earlier, ("--set", "arm.radius=0.02")), (self.later, ())):
             outcome = run(self.solve(*more), None)
             if outcome.code != 0:
@@ -117,12 +117,12 @@ class Bench:
             shutil.copytree(self.target, place)
 
     def restore(self) -> None:
-        """Put the earlier plan in its place."""
+        """Restore the output folder of the earlier run."""
         shutil.rmtree(self.out)
         shutil.copytree(self.earlier, self.target)
 
     def defects(self) -> list[str]:
-        """What is wrong with what stands in the place of the plan: it is neither the old result nor the new one."""
+        """Return defects of the output folder; there are none if it is equal to the old or the new one."""
         if not self.target.is_dir():
             return ["there is no folder any more"]
         if not (self.target / NOTE).is_file():
@@ -136,13 +136,13 @@ class Bench:
         return [] if whole else [f"neither old nor new: {old} and {new}"]
 
     def leftovers(self) -> list[str]:
-        """Folders and files beside the plan that no whole result is."""
+        """Return the names of files and folders beside the output folder that are no complete results."""
         beside = [path for path in self.out.iterdir() if path != self.target]
         return [path.name for path in beside if not _is_whole_record(path)]
 
 
 def _differences(folder: Path, kept: Path) -> list[str]:
-    """Names of files that differ; of a record the times of its stages may."""
+    """Return the names of files that differ between two folders; times of stages in records are ignored."""
     names = {path.name for path in folder.iterdir()}
     expected = {path.name for path in kept.iterdir()}
     if names != expected:
@@ -159,7 +159,7 @@ def _content(path: Path) -> object:
 
 
 def _is_whole_record(path: Path) -> bool:
-    """Whether it is the folder of a failure or of an unfinished plan, with a record that can be read."""
+    """Return whether a folder is that of a failure or of an unfinished plan, with a readable record."""
     record = path / "solution.json"
     if path.name.startswith(".") or not record.is_file():
         return False

@@ -28,17 +28,17 @@ EVENTS = {
     "subprocess.Popen": "start a program",
     "ctypes.dlopen": "load a library",
 }
-"""What the audit events mean; ``open`` counts where it is for writing."""
+"""Kinds of operations by audit event; ``open`` counts only for writing."""
 
 
 @dataclass
 class Faults:
-    """Counts operations while it is armed, and makes one of them fail.
+    """Counter of operations that makes one of them fail.
 
     Attributes:
         fail_at: number of the operation that fails, from 1; None: none.
-        kinds: of all operations so far, in their order.
-        failed: what failed, for people.
+        kinds: kinds of all operations so far, in order.
+        failed: description of the failed operation.
     """
 
     fail_at: int | None = None
@@ -46,7 +46,7 @@ class Faults:
     failed: str | None = None
 
     def met(self, kind: str, what: object, error: Exception) -> None:
-        """Count one operation, and raise when it is the one that fails."""
+        """Count one operation, and raise the given error if this is the operation that has to fail."""
         self.kinds.append(kind)
         if len(self.kinds) == self.fail_at:
             self.failed = f"{kind}: {what}"
@@ -76,7 +76,7 @@ def _is_for_writing(arguments: tuple[Any, ...]) -> bool:
 
 @contextmanager
 def injected(fail_at: int | None) -> Iterator[Faults]:
-    """Count what the block does, and let its operation of that number fail."""
+    """Count the operations in a ``with`` block, and let the operation of a given number fail."""
     faults = Faults(fail_at)
     _armed.append(faults)
     try:
@@ -86,7 +86,7 @@ def injected(fail_at: int | None) -> Iterator[Faults]:
 
 
 def install() -> None:
-    """Let this process meet its operations; call it once, before the planner is imported."""
+    """Install the hooks that count operations; call once per process, before the planner is imported."""
     sys.addaudithook(_hook)
     sys.dont_write_bytecode = True
     solve = daqp.solve

@@ -18,27 +18,27 @@ import ccm_opt
 ROOT = Path(ccm_opt.__file__).parent
 PACKAGES = ("verification", "scene.bad_pose", "scene.certificate", "scene.contact_finder")
 OWN = tuple(f"ccm_opt.{name}" for name in (*PACKAGES, "problem.solution", "core.errors"))
-"""Where the types come from whose fields count; others, such as arms and rooms, are what goes in."""
+"""Packages of the types whose fields are recorded; other types, such as arms and workspaces, are inputs."""
 DEEPEST = 4
 TOLERANCE = 1e-8
-"""By which share of its size a sum may differ: processors round sums in other orders."""
+"""Tolerated relative difference of a sum, since processors add in different orders."""
 
 UNSTEADY = ("_called",)
-"""What returns memory that C has not filled up."""
+"""Functions that return arrays which C code has filled only partly."""
 
 Figure = tuple[int, int, float, float]
-"""Calls of a function, numbers that it returned, their weighted sum, and the same of their sizes."""
+"""Number of calls, number of returned numbers, their weighted sum, and the weighted sum of their magnitudes."""
 
 
 class Recorder:
-    """Sums up what functions return, by their names."""
+    """Profiler that sums the numbers that functions return, by function name."""
 
     def __init__(self) -> None:
         self._names: dict[CodeType, str | None] = {}
         self._figures: dict[str, list[float]] = {}
 
     def __call__(self, frame: FrameType, event: str, value: object) -> None:
-        """As ``sys.setprofile`` calls it."""
+        """Record a return value; called by ``sys.setprofile``."""
         if event != "return":
             return
         code = frame.f_code
@@ -58,13 +58,13 @@ class Recorder:
         found[3] += float(np.sum(np.abs(weighed)))
 
     def figures(self) -> dict[str, Figure]:
-        """What was heard."""
+        """Return the recorded sums, by function name."""
         return {name: (int(a), int(b), c, d) for name, (a, b, c, d) in sorted(self._figures.items())}
 
 
 @contextmanager
 def listening() -> Iterator[Recorder]:
-    """Listen to what the block calls."""
+    """Record the return values of all functions called in a ``with`` block."""
     recorder = Recorder()
     before = sys.getprofile()
     sys.setprofile(recorder)
@@ -75,11 +75,11 @@ def listening() -> Iterator[Recorder]:
 
 
 def figures_of(scene: Callable[[float], object], scale: float = 1.0) -> dict[str, Figure]:
-    """The figures of all functions that a scene calls, in it alone.
+    """Return the recorded sums of all functions that a scene calls, without those of other scenes.
 
     Args:
-        scene: does something, all lengths of the arm being multiplied by what it is given.
-        scale: what it is given.
+        scene: function of a factor on all lengths of the arm.
+        scale: the factor.
     """
     with np.errstate(all="ignore"), listening() as recorder:
         scene(scale)
@@ -87,7 +87,7 @@ def figures_of(scene: Callable[[float], object], scale: float = 1.0) -> dict[str
 
 
 def changed(old: Mapping[str, Figure], new: Mapping[str, Figure]) -> list[str]:
-    """Functions whose figures differ; those that are in one of the two alone have another name now, or are new."""
+    """Return the names of functions whose sums differ, and of those that are only in one of the two records."""
     return [name for name in old if name in new and not _alike(old[name], new[name])]
 
 
@@ -112,7 +112,7 @@ def _name_of(code: CodeType) -> str | None:
 
 
 def _numbers(value: Any, depth: int) -> Iterator[np.ndarray]:
-    """All numbers in a value, words as numbers too."""
+    """Yield all numbers in a value as arrays; texts are converted to numbers."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
         flat = value.ravel()
         yield from (
@@ -136,7 +136,7 @@ def _numbers(value: Any, depth: int) -> Iterator[np.ndarray]:
 
 
 def _is_result(kind: type) -> bool:
-    """Whether a type is one of results; settings are what goes in, and may be more next time."""
+    """Return whether a type is that of results, not of settings, whose fields may change."""
     return kind.__module__.startswith(OWN) and not kind.__name__.endswith("Settings")
 
 

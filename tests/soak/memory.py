@@ -1,4 +1,4 @@
-"""What a process holds of memory between two tries, and what it held at most."""
+"""Memory of a process between two tries, and its maximum."""
 
 import ctypes
 import functools
@@ -64,7 +64,7 @@ def at_rest() -> AtRest:
 
 
 def _held() -> float:
-    """Memory of the process once what is free was given back [MiB]."""
+    """Return the memory of the process after free memory is returned to the system [MiB]."""
     gc.collect()
     if not sys.platform.startswith("linux"):
         return most()
@@ -75,7 +75,7 @@ def _held() -> float:
 
 
 def _in_use() -> float:
-    """What C has asked for and not given back [MiB]; 0 where its library does not say."""
+    """Return the memory allocated in the heap of C [MiB]; 0 where the C library has no such figure."""
     library = ctypes.CDLL(None)
     if not hasattr(library, "mallinfo2"):
         return 0.0
@@ -85,5 +85,5 @@ def _in_use() -> float:
 
 
 def most() -> float:
-    """Memory that was held at any time [MiB]."""
+    """Return the maximum memory of the process so far [MiB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -1,4 +1,4 @@
-"""Files that nobody would write: valid ones with bytes, words and lines lost, doubled, swapped or made extreme."""
+"""Random changes to valid files: bytes, words and lines lost, repeated, swapped or replaced by extreme values."""
 
 import random
 import re
@@ -32,7 +32,7 @@ _WORD = re.compile(rb"[A-Za-z_]\w*")
 
 
 def mutated(content: bytes, generator: random.Random, largest: int | None = None) -> bytes:
-    """The content after one to four mutations, of at most so many bytes."""
+    """Return the content after one to four random changes, of at most ``largest`` bytes."""
     for _ in range(generator.randint(1, 4)):
         # Cut every time, since all words of what was nested by the thousand would be looked for otherwise.
         content = generator.choice(MUTATIONS)(content, generator)[:largest]
@@ -40,32 +40,32 @@ def mutated(content: bytes, generator: random.Random, largest: int | None = None
 
 
 def other_number(content: bytes, generator: random.Random) -> bytes:
-    """A number becomes something extreme, or a thousand times as large or small."""
+    """Return the content with a number replaced by an extreme one, or one a thousand times larger or smaller."""
     return _with_match(
         content, _NUMBER, generator, lambda old: generator.choice((*EXTREMES, old + b"e3", old + b"e-3"))
     )
 
 
 def other_word(content: bytes, generator: random.Random) -> bytes:
-    """A word becomes another word of the file."""
+    """Return the content with a word replaced by another word of the file."""
     words = _WORD.findall(content) or [b"x"]
     return _with_match(content, _WORD, generator, lambda _: generator.choice(words))
 
 
 def lost_bytes(content: bytes, generator: random.Random) -> bytes:
-    """A stretch is lost."""
+    """Return the content without a random range of bytes."""
     first, last = _stretch(content, generator)
     return content[:first] + content[last:]
 
 
 def doubled_bytes(content: bytes, generator: random.Random) -> bytes:
-    """A stretch is there several times."""
+    """Return the content with a random range of bytes repeated several times."""
     first, last = _stretch(content, generator)
     return content[:last] + content[first:last] * generator.choice((1, 1, 2, 50)) + content[last:]
 
 
 def other_bytes(content: bytes, generator: random.Random) -> bytes:
-    """A few bytes are any others."""
+    """Return the content with several bytes replaced by random ones."""
     changed = bytearray(content)
     for _ in range(min(len(changed), generator.randint(1, 6))):
         changed[generator.randrange(len(changed))] = generator.randrange(256)
@@ -73,7 +73,7 @@ def other_bytes(content: bytes, generator: random.Random) -> bytes:
 
 
 def swapped_lines(content: bytes, generator: random.Random) -> bytes:
-    """Two lines change places."""
+    """Return the content with two lines swapped."""
     lines = content.split(b"\n")
     i, j = generator.randrange(len(lines)), generator.randrange(len(lines))
     lines[i], lines[j] = lines[j], lines[i]
@@ -81,12 +81,12 @@ def swapped_lines(content: bytes, generator: random.Random) -> bytes:
 
 
 def cut_short(content: bytes, generator: random.Random) -> bytes:
-    """The end is missing."""
+    """Return the content without its end."""
     return content[: generator.randrange(len(content) + 1)]
 
 
 def nested(content: bytes, generator: random.Random) -> bytes:
-    """Brackets of one kind, very deep, somewhere."""
+    """Return the content with deeply nested brackets of one kind at a random position."""
     opening = generator.choice((b"[", b"{", b"(", b"<g>", b"POLYGON((", b'{"a":'))
     place = generator.randrange(len(content) + 1)
     return content[:place] + opening * generator.choice((10, 1000, 20_000)) + content[place:]

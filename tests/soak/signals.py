@@ -27,16 +27,16 @@ LATEST = 2.0
 HANGING = 120.0
 """One that goes on for so long hangs, whatever the machine does [s]."""
 TOLD_AFTER = 20
-"""Strikes after which it is told how they went."""
+"""Number of interrupts between two reports of progress."""
 CANCELLED = 130
-"""Exit code of a command that was interrupted."""
+"""Exit code of an interrupted command."""
 SHOWN = 8.0
 """After so long a page that is shown without end has long been there [s]."""
 
 
 @dataclass(frozen=True)
 class _Strike:
-    """What came of one interrupt: the exit code, the CPU time that was spent after it [s], and what was wrong."""
+    """Result of one interrupt: exit code, CPU time spent after the interrupt [s], and defects."""
 
     code: int
     computed: float
@@ -92,7 +92,7 @@ def _commands(place: Path, plan: Path) -> list[list[str]]:
 
 
 def _seconds(command: list[str], place: Path) -> float:
-    """How long a command takes undisturbed [s]."""
+    """Return the duration of a command without interrupt [s]."""
     if command[0] == "view":
         return SHOWN
     begun = time.monotonic()
@@ -102,12 +102,12 @@ def _seconds(command: list[str], place: Path) -> float:
 
 
 def _interrupted(command: list[str], after: float, *, whole: bool) -> _Strike:
-    """Run a command and interrupt it.
+    """Run a command, interrupt it, and return the result.
 
     Args:
-        command: its arguments.
-        after: when it is interrupted, unless it has ended by then [s].
-        whole: whether the processes that it has started are interrupted, too.
+        command: program and arguments.
+        after: time until the interrupt, unless the command ends before [s].
+        whole: whether the child processes of the command are interrupted, too.
     """
     before = _of_children()
     process = _started(command)
@@ -139,13 +139,13 @@ def _interrupted(command: list[str], after: float, *, whole: bool) -> _Strike:
 
 
 def _of_children() -> float:
-    """CPU time of all processes that were started from here and have ended [s]."""
+    """Return the CPU time of all ended child processes [s]."""
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     return spent.ru_utime + spent.ru_stime
 
 
 def _of_group(group: int) -> float:
-    """CPU time of the processes of a group that are there, and of those that they have seen end [s]."""
+    """Return the CPU time of the processes in a group, and of their ended child processes [s]."""
     ticks = 0
     for place in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -158,7 +158,7 @@ def _of_group(group: int) -> float:
 
 
 def _free_port() -> int:
-    """A port of this machine that nobody listens at just now."""
+    """Return a port of this machine that is not in use."""
     with socket.socket() as asked:
         asked.bind(("127.0.0.1", 0))
         return int(asked.getsockname()[1])
