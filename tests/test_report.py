@@ -21,7 +21,7 @@ from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem, Stop
-from ccm_opt.problem.solution import Check, GoalPoseRecord, Solution, SurvivedError
+from ccm_opt.problem.solution import Check, GoalPoseRecord, Solution, ToleratedError
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from ccm_opt.viz.checks_section import checks_in_words
 from ccm_opt.viz.document import MINUS, PageUnits, coded, three_digits
@@ -301,8 +301,8 @@ def test_the_page_says_why_the_arm_ends_where_it_does(small_solution: Solution, 
 
 def test_the_page_says_what_a_plan_survives(small_solution: Solution) -> None:
     """Errors that a plan survives stand in a section in degrees and millimetres; without any it is gone."""
-    joints = SurvivedError("joints", 0.01, "rad", "link 2 to 'wall' at t = 0.5000 s", 0.5, 2)
-    walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not examined", limited=False)
+    joints = ToleratedError("joints", 0.01, "rad", "link 2 to 'wall' at t = 0.5000 s", 0.5, 2)
+    walls = ToleratedError("walls", 0.02, "m", "nothing; larger errors are not examined", limited=False)
     page = Elements(report_html(replace(small_solution, tolerance=(joints, walls))))
     assert "Every joint off by 0.57°: limited by link 2 to 'wall' at 0.50 s." in page.text
     assert "Every wall closer by ≥ 20.0 mm" in page.text

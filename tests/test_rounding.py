@@ -14,10 +14,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.scene.certificate import Certificate, proof_rounding
 from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import UNIT, distance_rounding, point_rounding
+from ccm_opt.verification.gap_proof import Pairs
 from ccm_opt.verification.selfcollision import relative_travels, segment_distances
-from ccm_opt.verification.stretch_proof import Pairs
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
 
@@ -142,9 +142,9 @@ def test_ways_between_links_are_not_rounded_down(seed: int, scale: float, links:
     motion = ChainMotion(arm, np.array([0.0, 0.004]), bends)
     first = int(rng.integers(0, links - 2))
     last = int(rng.integers(first + 2, links))
-    stretch = TimeStretches(np.array([0.0]), np.array([1.0]))
+    interval = TimeIntervals(np.array([0.0]), np.array([1.0]))
     pairs = Pairs(np.array([0]), np.array([first]), np.array([last]))
-    found = relative_travels(motion, stretch, motion.travels(stretch), pairs)[0]
+    found = relative_travels(motion, interval, motion.travels(interval), pairs)[0]
     points = motion.poses(np.array([0.0, 0.5, 1.0]))
     apart = segment_distances(points[:, first], points[:, first + 1], points[:, last], points[:, last + 1])
     rounding = 4.0 * motion.rounding + 2.0 * distance_rounding(motion.size)

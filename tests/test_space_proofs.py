@@ -15,7 +15,7 @@ from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, S
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.body_sides import separations
-from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, TimeStretches, chain_points
+from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, TimeIntervals, chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, segment_distances
 from ccm_opt.verification.verification_settings import VerificationSettings
@@ -102,15 +102,15 @@ def dense_poses(motion: ChainMotion, low: float, high: float, count: int = 40) -
 def test_no_joint_goes_farther_than_its_travel(seed: int, samples: int, bend: float, size: int) -> None:
     """In any stretch, of several intervals or a part of one, all joints stay as near to the middle as is said."""
     motion = random_motion(np.random.default_rng(seed), samples, bend)
-    stretches = TimeStretches.blocks(samples, size)
+    intervals = TimeIntervals.blocks(samples, size)
     for _ in range(4):
-        travels = motion.travels(stretches)
-        middles = motion.poses(stretches.middle)
-        for k in range(len(stretches)):
-            dense = dense_poses(motion, stretches.low[k], stretches.high[k])
+        travels = motion.travels(intervals)
+        middles = motion.poses(intervals.middle)
+        for k in range(len(intervals)):
+            dense = dense_poses(motion, intervals.low[k], intervals.high[k])
             away = np.linalg.norm(dense - middles[k], axis=2).max(axis=0)
             assert np.all(away <= travels[k] + 1e-12)
-        stretches = stretches.halves().take(np.arange(min(2 * len(stretches), 30)))
+        intervals = intervals.halves().take(np.arange(min(2 * len(intervals), 30)))
 
 
 def clutter(rng: np.random.Generator, count: int) -> Workspace:

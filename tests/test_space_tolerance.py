@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
-from ccm_opt.problem.solution import Solution, SurvivedError
+from ccm_opt.problem.solution import Solution, ToleratedError
 from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_errors
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_errors
 from tests.arms import limits_at
 
 from .command_runs import CommandLine, brightness
@@ -48,9 +48,9 @@ def plan() -> Solution:
 
 
 @cache
-def survived() -> dict[str, SurvivedError]:
+def tolerated() -> dict[str, ToleratedError]:
     """What it survives, by what is wrong."""
-    return {error.name: error for error in survived_errors(plan().problem, plan().trajectory)}
+    return {error.name: error for error in tolerated_errors(plan().problem, plan().trajectory)}
 
 
 def gap_of(points: FloatArray) -> float:
@@ -64,7 +64,7 @@ def gap_of(points: FloatArray) -> float:
     return float(walls.min()) - arm.radius - problem.workspace.clearance
 
 
-def near_the_limit(error: SurvivedError) -> FloatArray:
+def near_the_limit(error: ToleratedError) -> FloatArray:
     """Configurations of the motion about the moment that limits an error, shape (T, c)."""
     trajectory = plan().trajectory
     assert error.time is not None
@@ -76,7 +76,7 @@ def near_the_limit(error: SurvivedError) -> FloatArray:
 @settings(max_examples=25, deadline=None)
 def test_no_error_of_the_joints_that_is_certified_touches(seed: int) -> None:
     """Whatever the joints are off by, each by no more than is survived, and each moment another way."""
-    error = survived()["joints"]
+    error = tolerated()["joints"]
     random = np.random.default_rng(seed)
     q = near_the_limit(error)
     off = random.choice([-1.0, 1.0], q.shape) if seed % 2 else random.uniform(-1.0, 1.0, q.shape)
@@ -85,7 +85,7 @@ def test_no_error_of_the_joints_that_is_certified_touches(seed: int) -> None:
 
 def test_the_worst_errors_use_up_most_of_the_room_and_soon_touch() -> None:
     """The bound is no more than a few times too careful: with the signs that it names the arm touches."""
-    error = survived()["joints"]
+    error = tolerated()["joints"]
     assert 0.0 < error.size < 0.2
     q = near_the_limit(error)
     worst = error.size * np.array(error.worst)
@@ -96,7 +96,7 @@ def test_the_worst_errors_use_up_most_of_the_room_and_soon_touch() -> None:
 
 def test_the_other_errors_are_what_moves_the_arm_so_far() -> None:
     """The base's place may be off by the least gap, its direction and the links by less than touches."""
-    errors = survived()
+    errors = tolerated()
     assert errors["walls"].size == pytest.approx(plan().metrics["least_wall_clearance_m"], rel=0.02)
     assert errors["base position"].size == errors["walls"].size
     arm = plan().problem.arm

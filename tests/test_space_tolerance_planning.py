@@ -13,7 +13,7 @@ from ccm_opt.core.errors import MotionNotFound
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from tests.test_user_terms_in_space import POST, free_motion, post
 
 
@@ -25,13 +25,13 @@ def asking(degrees: float) -> Problem:
 def test_more_is_survived_where_more_is_asked_for() -> None:
     """The free motion survives less than is asked for, and the planned one all of it, by a check of its own."""
     free = free_motion()
-    without = survived_error(post(), free.trajectory, joint_errors(post().arm))
+    without = tolerated_error(post(), free.trajectory, joint_errors(post().arm))
     wanted = 2.5 * np.rad2deg(without.size)
     solution = ccm_opt.solve(asking(wanted))
     check = next(check for check in solution.checks if check.name == "survived joint error")
     assert check.passed
     assert check.worst >= np.deg2rad(wanted)
-    again = survived_error(asking(wanted), solution.trajectory, joint_errors(post().arm))
+    again = tolerated_error(asking(wanted), solution.trajectory, joint_errors(post().arm))
     assert again.size == pytest.approx(check.worst)
 
 

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.solution import JointTrajectory, SurvivedError
+from ccm_opt.problem.solution import JointTrajectory, ToleratedError
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.tolerance.error_model import (
-    Chains,
     ErrorLevers,
+    JointRanges,
+    error_at_contact,
     error_models,
     joint_errors,
-    survived,
 )
-from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error, tolerated_errors
 from ccm_opt.verification.wall_clearance import check_walls
 from tests.arms import limits_at
 
@@ -82,12 +82,14 @@ def test_no_error_moves_a_place_farther_along_a_direction(
     place = points[link + 1] if outwards else rng.uniform(-1.0, 1.0, dimension)
     normal = rng.normal(size=dimension)
     normal /= np.linalg.norm(normal)
-    chains = Chains(np.zeros(1, dtype=np.intp), np.zeros(1, dtype=np.intp), np.array([link]), fixed=True)
+    joint_ranges = JointRanges(np.zeros(1, dtype=np.intp), np.zeros(1, dtype=np.intp), np.array([link]), fixed=True)
     still = np.zeros((1, arm.links + 1)), np.zeros(1)
     levers = ErrorLevers(arm, model, 1e-9)
-    reaches = levers.along(points[None], still[0], chains, place[None, None], still[1], normal[None], outwards=outwards)
-    most = size * reaches.middle[0, 0] + size**2 * reaches.bow[0, 0]
-    np.testing.assert_allclose(survived(np.array(most), reaches.middle[0, 0], reaches.bow[0, 0]), size)
+    bounds = levers.along(
+        points[None], still[0], joint_ranges, place[None, None], still[1], normal[None], outwards=outwards
+    )
+    most = size * bounds.at_middle[0, 0] + size**2 * bounds.quadratic[0, 0]
+    np.testing.assert_allclose(error_at_contact(np.array(most), bounds.at_middle[0, 0], bounds.quadratic[0, 0]), size)
     for _ in range(20):
         wrong, turned = with_errors(rng, arm, q, model.name, size, link)
         # The place as the link that is off sees it stands still where all others move, but for the link's own length.
@@ -110,17 +112,17 @@ def test_no_error_moves_two_links_farther_against_each_other(
     inner, outer = sorted(rng.choice(arm.links, 2, replace=False).tolist())
     normal = rng.normal(size=dimension)
     normal /= np.linalg.norm(normal)
-    chains = Chains(np.zeros(1, dtype=np.intp), np.array([inner + 1]), np.array([outer]), fixed=False)
+    joint_ranges = JointRanges(np.zeros(1, dtype=np.intp), np.array([inner + 1]), np.array([outer]), fixed=False)
     seeing, seen = (inner, outer) if outwards else (outer, inner)
     points, frame = posed(arm, q, seeing)
     ends = points[seen : seen + 2]
     still = np.zeros((1, arm.links + 1)), np.zeros(1)
     levers = ErrorLevers(arm, model, 1e-9)
-    reaches = levers.along(points[None], still[0], chains, ends[None], still[1], normal[None], outwards=outwards)
+    bounds = levers.along(points[None], still[0], joint_ranges, ends[None], still[1], normal[None], outwards=outwards)
     for _ in range(20):
         wrong, turned = with_errors(rng, arm, q, model.name, size, seeing)
         moved = points[seeing] + (wrong[seen : seen + 2] - wrong[seeing]) @ turned @ frame.T - ends
-        assert np.all(moved @ normal <= size * reaches.middle[0] + size**2 * reaches.bow[0] + 1e-9)
+        assert np.all(moved @ normal <= size * bounds.at_middle[0] + size**2 * bounds.quadratic[0] + 1e-9)
 
 
 def posed(arm: Arm, q: FloatArray, link: int) -> tuple[FloatArray, FloatArray]:
@@ -167,7 +169,7 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
     """Random and extreme errors of the joints within the certified one never bring the arm into contact."""
     rng = np.random.default_rng(seed)
     arm, workspace, poses = drawn_case(rng, links)
-    found = survived_error(bare_problem(arm, workspace), motion_of(poses), joint_errors(arm))
+    found = tolerated_error(bare_problem(arm, workspace), motion_of(poses), joint_errors(arm))
     for _ in range(6):
         errors = found.size * rng.uniform(-1.0, 1.0, poses.shape)
         assert perturbed_gap(arm, workspace, poses, errors) >= -1e-9
@@ -187,8 +189,8 @@ def test_other_certified_errors_touch_nothing(seed: int, links: int) -> None:
     arm, workspace, poses = drawn_case(rng, links)
     room = replace(workspace, clearance=1e-3)
     trajectory = motion_of(poses)
-    turned = survived_error(bare_problem(arm, room), trajectory, error_models(arm)["base heading"]).size
-    aside = survived_error(bare_problem(arm, room), trajectory, error_models(arm)["base position"]).size
+    turned = tolerated_error(bare_problem(arm, room), trajectory, error_models(arm)["base heading"]).size
+    aside = tolerated_error(bare_problem(arm, room), trajectory, error_models(arm)["base position"]).size
     still = np.zeros_like(poses)
     alone = replace(arm, self_collision=False)
     for sign in (-1.0, 1.0):
@@ -197,7 +199,7 @@ def test_other_certified_errors_touch_nothing(seed: int, links: int) -> None:
         angle = rng.uniform(0.0, 2.0 * np.pi)
         moved = replace(alone, base=arm.base + aside * np.array([np.cos(angle), np.sin(angle)]))
         assert perturbed_gap(moved, room, poses, still) >= -1e-9
-        length = survived_error(bare_problem(arm, room), trajectory, error_models(arm)["link lengths"]).size
+        length = tolerated_error(bare_problem(arm, room), trajectory, error_models(arm)["link lengths"]).size
         other = replace(arm, link_length=arm.link_length + sign * length)
         assert perturbed_gap(other, room, poses, still) >= -1e-9
 
@@ -207,7 +209,7 @@ def test_a_straight_arm_beside_a_wall_has_the_error_of_its_levers() -> None:
     arm = replace(plain_arm(10, 0.1), radius=0.01, mount_length=0.0)
     wall = Obstacle("wall", PlaneShape(shapely.LineString([(-2.0, 0.05), (2.0, 0.05)])))
     poses = np.zeros((3, 10))
-    found = survived_error(bare_problem(arm, Workspace(ROOM, (wall,))), motion_of(poses), joint_errors(arm))
+    found = tolerated_error(bare_problem(arm, Workspace(ROOM, (wall,))), motion_of(poses), joint_errors(arm))
     turned = found.size * np.arange(1, 11)
     assert 0.1 * np.sum(np.sin(turned)) == pytest.approx(0.04, rel=5e-3)
     assert found.worst == (1.0,) * 10
@@ -226,7 +228,7 @@ def test_half_as_much_again_along_the_worst_errors_mostly_touches() -> None:
     for seed in range(60):
         arm, workspace, poses = drawn_case(np.random.default_rng(seed), (6, 16)[seed % 2])
         trajectory = motion_of(poses)
-        found = survived_error(bare_problem(arm, workspace), trajectory, joint_errors(arm))
+        found = tolerated_error(bare_problem(arm, workspace), trajectory, joint_errors(arm))
         if found.limited and found.size * arm.links <= 0.1:
             worst = trajectory.bend_angles + 1.5 * found.size * np.array(found.worst)
             touched.append(perturbed_gap(arm, workspace, worst, np.zeros_like(worst)) <= 1e-6)
@@ -242,13 +244,13 @@ def test_the_certified_gap_is_the_least_gap(seed: int, links: int) -> None:
     rng = np.random.default_rng(seed)
     arm, workspace, poses = drawn_case(rng, links)
     trajectory = motion_of(poses)
-    found = survived_error(bare_problem(arm, workspace), trajectory, error_models(arm)["walls"])
+    found = tolerated_error(bare_problem(arm, workspace), trajectory, error_models(arm)["walls"])
     gap = check_walls(ChainMotion(arm, trajectory.time, poses), workspace).worst
     assert found.size <= gap + 1e-9
     # Farther away than a link's length the verifier reports less exactly.
     if gap < arm.link_length:
         assert found.size >= gap - 1.2e-4 - 2e-3 * gap
-    assert survived_error(
+    assert tolerated_error(
         bare_problem(arm, workspace), trajectory, error_models(arm)["base position"]
     ).size == pytest.approx(found.size)
 
@@ -261,10 +263,10 @@ def test_joints_in_a_guide_tube_have_no_error() -> None:
         Obstacle(name, PlaneShape(shapely.LineString([(-0.5, y), (2.0, y)]))) for name, y in (("a", 0.05), ("b", -0.05))
     )
     inside = np.zeros((3, 11))
-    fixed = survived_error(bare_problem(arm, Workspace(ROOM, walls)), coordinates_of(arm, inside), joint_errors(arm))
+    fixed = tolerated_error(bare_problem(arm, Workspace(ROOM, walls)), coordinates_of(arm, inside), joint_errors(arm))
     out = inside.copy()
     out[:, -1] = 0.5
-    free = survived_error(bare_problem(arm, Workspace(ROOM, walls)), coordinates_of(arm, out), joint_errors(arm))
+    free = tolerated_error(bare_problem(arm, Workspace(ROOM, walls)), coordinates_of(arm, out), joint_errors(arm))
     assert not fixed.limited
     assert free.limited
     assert 0.0 < free.size < fixed.size
@@ -279,14 +281,14 @@ def test_nothing_is_survived_in_contact() -> None:
     """An arm that touches a wall survives no error, and the place is named."""
     arm = replace(plain_arm(4, 0.1), radius=0.01, mount_length=0.0)
     wall = Obstacle("wall", PlaneShape(shapely.LineString([(0.2, 0.01), (0.3, 0.01)])))
-    errors = survived_errors(bare_problem(arm, Workspace(ROOM, (wall,))), motion_of(np.zeros((2, 4))))
+    errors = tolerated_errors(bare_problem(arm, Workspace(ROOM, (wall,))), motion_of(np.zeros((2, 4))))
     assert all(error.size == 0.0 and "'wall'" in error.where for error in errors if error.name != "link lengths")
 
 
 def test_an_arm_alone_is_limited_by_nothing() -> None:
     """Errors of an arm far from everything are reported as not looked at beyond some size."""
     arm = replace(plain_arm(2, 0.1), radius=0.01)
-    found = survived_errors(bare_problem(arm, Workspace(ROOM)), motion_of(np.zeros((2, 2))))
+    found = tolerated_errors(bare_problem(arm, Workspace(ROOM)), motion_of(np.zeros((2, 2))))
     assert [error.name for error in found] == ["joints", "link lengths", "base heading", "base position", "walls"]
     assert not any(error.limited for error in found)
-    assert all(isinstance(error, SurvivedError) and error.size > 0.0 for error in found)
+    assert all(isinstance(error, ToleratedError) and error.size > 0.0 for error in found)

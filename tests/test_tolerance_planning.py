@@ -18,7 +18,7 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 
 SWAN_NECK = Path("problems/swan-neck.toml")
 CHECK = "survived joint error"
@@ -43,7 +43,7 @@ def test_a_motion_is_planned_to_survive_what_is_asked() -> None:
     assert check.passed
     assert check.limit == pytest.approx(np.deg2rad(0.5))
     problem = solution.problem
-    certified = survived_error(problem, solution.trajectory, joint_errors(problem.arm))
+    certified = tolerated_error(problem, solution.trajectory, joint_errors(problem.arm))
     assert certified.size == pytest.approx(check.worst)
     assert certified.size >= np.deg2rad(0.5)
 

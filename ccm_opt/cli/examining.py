@@ -24,11 +24,11 @@ from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.io.records import tolerance_data, tolerance_json
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import SimulatedMotion, SurvivedError
+from ccm_opt.problem.solution import SimulatedMotion, ToleratedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
 from ccm_opt.verification.verifier import verify
-from ccm_opt.viz.clearance_section import survived_in_words
+from ccm_opt.viz.clearance_section import tolerated_error_words
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
 """Column headings of the drive of a revolute joint."""
@@ -284,7 +284,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     )
 
 
-def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
+def tolerance_table(problem: Problem, errors: Sequence[ToleratedError]) -> Table:
     """Return a table of the errors that a plan tolerates, each with the check that limits it."""
     table = columned_table(f"{problem.name}: tolerated errors, one at a time", ("", "up to", "required", "limited by"))
     table.columns[-1].justify = "left"
@@ -293,7 +293,7 @@ def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
     in_space = problem.dimension == 3
     asked = problem.joint_error
     for error in errors:
-        wrong, size, where = survived_in_words(error, units, in_space=in_space)
+        wrong, size, where = tolerated_error_words(error, units, in_space=in_space)
         limit = f"≥ {units.given(asked, 'rad')}" if error.name == "joints" and asked > 0.0 else ""
         table.add_row(wrong, size, limit, escape(where))
     return table

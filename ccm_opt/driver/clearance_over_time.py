@@ -188,7 +188,7 @@ class _Room:
         wanted = arm.link_margins(pairs.link, pairs.other, self.wanted)
 
         def chosen(least: FloatArray) -> _GapsAtSamples:
-            best = _first_per_node(pairs.stretch, least, len(poses))
+            best = _first_per_node(pairs.interval, least, len(poses))
             nothing = np.full(len(poses), "", dtype=np.object_)
             return _GapsAtSamples(
                 _filled(best, distance, self._reach),

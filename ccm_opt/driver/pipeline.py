@@ -39,10 +39,10 @@ from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
 from ccm_opt.problem import PlannerOptions, Problem
-from ccm_opt.problem.solution import Solution, SurvivedError, TryRecord
+from ccm_opt.problem.solution import Solution, ToleratedError, TryRecord
 from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 
 _CLEARANCE_SHARE = 0.9
 """Fraction of the maximum clearance of all attempts, each capped at the preferred clearance, that an attempt must keep
@@ -196,7 +196,7 @@ def _reason(failure: NoPlanFound | VerificationError) -> str:
     return "the verifier rejects the plan: " + "; ".join(failure.failures)
 
 
-def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
+def insufficient_robustness(problem: Problem, best: ToleratedError) -> Diagnosis:
     """Return the diagnosis for a motion that tolerates smaller joint errors than the problem requires."""
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
@@ -247,9 +247,9 @@ def surviving_errors(
     deadline = Deadline.after(problem.planner.time_limit)
     wanted = problem.wanted_gap or problem.default_gap
 
-    def judged(options: PlannerOptions) -> tuple[VerifiedPlan, SurvivedError]:
+    def judged(options: PlannerOptions) -> tuple[VerifiedPlan, ToleratedError]:
         plan = planned(replace(problem, planner=options, joint_error=0.0), terms)
-        return plan, survived_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
+        return plan, tolerated_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
 
     best = judged(replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit))
     for _ in range(_GAP_ROUNDS):
@@ -263,11 +263,11 @@ def surviving_errors(
         except (NoPlanFound, VerificationError):
             break
         best = max(best, roomier, key=lambda found: found[1].size)
-    plan, survived = best
-    check = check_of(problem.joint_error, survived)
+    plan, tolerated = best
+    check = check_of(problem.joint_error, tolerated)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
-    raise MotionNotFound(insufficient_robustness(problem, survived))
+    raise MotionNotFound(insufficient_robustness(problem, tolerated))
 
 
 def solve(

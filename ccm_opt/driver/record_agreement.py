@@ -17,11 +17,11 @@ from ccm_opt.problem.solution import (
     JointTrajectory,
     SimulatedMotion,
     SimulationVerdict,
-    SurvivedError,
+    ToleratedError,
 )
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel, error_models
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _SIMULATED_ANGLE = 1e-6
@@ -84,7 +84,7 @@ def record_checks(
     if motion.clearance_arrays:
         found.append(_room(motion.clearance_arrays, room, settings))
     if record.tolerance:
-        found.append(_survived(problem, trajectory, record.tolerance))
+        found.append(_tolerated_errors(problem, trajectory, record.tolerance))
     return found
 
 
@@ -190,7 +190,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
     return _listed("record against checks", wrong, len(recorded))
 
 
-def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
+def _tolerated_errors(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[ToleratedError]) -> Check:
     """Return the check that the motion tolerates each recorded error, proved again; larger errors are not tried."""
     models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
@@ -200,7 +200,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
             wrong.append(error.name)
             continue
         # The recorded size was found to the precision of the search.
-        found = survived_error(problem, trajectory, model, most=error.size)
+        found = tolerated_error(problem, trajectory, model, most=error.size)
         if not found.size >= (1.0 - 2.0 * DEFAULT_TOLERANCE.precision) * error.size:
             wrong.append(f"{error.name}: only {found.size:.3g} {error.unit} are tolerated")
     return _listed("survived errors against motion", wrong, len(recorded))

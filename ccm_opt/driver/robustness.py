@@ -10,10 +10,10 @@ from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem
-from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, ToleratedError
 from ccm_opt.problem.solution.records import FOLLOWED
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error, tolerated_errors
 
 _MOST_AT_ONCE = 15_000
 """Number of samples times number of links up to which ``solve`` always computes the tolerated joint error. Measured on
@@ -35,7 +35,7 @@ NOT_SIMULATED = "not simulated"
 
 def tolerance_of(
     solution: Solution, *, simulated: bool = True, settings: Settings | None = None
-) -> tuple[SurvivedError, ...]:
+) -> tuple[ToleratedError, ...]:
     """Return the maximum error of each kind that a plan tolerates, one kind at a time.
 
     Args:
@@ -62,7 +62,7 @@ def motion_tolerance(
     *,
     simulated: bool = True,
     settings: Settings = DEFAULT_SETTINGS,
-) -> tuple[SurvivedError, ...]:
+) -> tuple[ToleratedError, ...]:
     """Return the maximum errors that a verified motion tolerates, one kind at a time.
 
     Args:
@@ -72,7 +72,7 @@ def motion_tolerance(
         simulated: whether to compute maximum payload and friction too, by simulation.
         settings: settings of the stages.
     """
-    errors = survived_errors(problem, trajectory, settings.tolerance)
+    errors = tolerated_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors
     weight = float(np.sum(problem.arm.masses))
@@ -83,28 +83,28 @@ def motion_tolerance(
     drag = float(torques.max(initial=0.0) / max(float(speeds.max(initial=0.0)), settings.tolerance.least))
     return (
         *errors,
-        _survived_load("payload", "kg", weight, problem, trajectory, joints),
-        _survived_load("friction", "N m s/rad", drag, problem, trajectory, joints),
+        _tolerated_load("payload", "kg", weight, problem, trajectory, joints),
+        _tolerated_load("friction", "N m s/rad", drag, problem, trajectory, joints),
     )
 
 
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
-) -> tuple[SurvivedError, ...]:
+) -> tuple[ToleratedError, ...]:
     """Return the joint error that a motion tolerates, or an empty tuple where computing it would take long."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
-    return (survived_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
+    return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
 
 
-def _survived_load(
+def _tolerated_load(
     name: str,
     unit: str,
     first: float,
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
-) -> SurvivedError:
+) -> ToleratedError:
     """Return the maximum load, unknown to the controller, that the simulated arm tolerates, found by bisection.
 
     Only loads that were tried are known to be tolerated; nothing is claimed about loads in between.
@@ -119,7 +119,7 @@ def _survived_load(
     """
     failed = FOLLOWED
 
-    def survives(load: float) -> bool:
+    def follows(load: float) -> bool:
         nonlocal failed
         known = problem.simulation.disturbances
         disturbed = replace(known, payload=load) if name == "payload" else replace(known, friction=load)
@@ -129,28 +129,28 @@ def _survived_load(
         failed = verdict
         return False
 
-    if not survives(0.0):
-        return SurvivedError(name, 0.0, unit, _limiting_error(failed, joints.names))
+    if not follows(0.0):
+        return ToleratedError(name, 0.0, unit, _limiting_error(failed, joints.names))
     low = 0.0
     high = first
     for _ in range(_DOUBLINGS):
-        if not survives(high):
+        if not follows(high):
             break
         low = high
         high *= 2.0
     else:
-        return SurvivedError(name, low, unit, "nothing; larger errors are not examined", limited=False)
+        return ToleratedError(name, low, unit, "nothing; larger errors are not examined", limited=False)
     # Geometric bisection: the ends may differ by orders of magnitude.
     for _ in range(_LOAD_STEPS):
         middle = np.sqrt(low * high) if low > 0.0 else _SMALL_LOAD * high
-        if survives(middle):
+        if follows(middle):
             low = middle
         else:
             high = middle
         if high - low <= _LOAD_PRECISION * high:
             break
     where = _limiting_error(failed, joints.names)
-    return SurvivedError(name, float(low), unit, where, limited=failed.outcome != NOT_SIMULATED)
+    return ToleratedError(name, float(low), unit, where, limited=failed.outcome != NOT_SIMULATED)
 
 
 def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:

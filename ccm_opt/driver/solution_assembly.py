@@ -35,7 +35,7 @@ from ccm_opt.problem.solution import (
     PossibleGap,
     SimulatedMotion,
     Solution,
-    SurvivedError,
+    ToleratedError,
 )
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.verification.verifier import left_unchecked
@@ -141,7 +141,7 @@ def draft_solution(
     simulated: SimulatedMotion | None = None,
     figures: Mapping[str, float] = MappingProxyType({}),
     room: ClearanceRecord | None = None,
-    tolerance: tuple[SurvivedError, ...] = (),
+    tolerance: tuple[ToleratedError, ...] = (),
 ) -> Solution:
     """Return the solution of a problem assembled from a verified plan and the results known so far.
 
@@ -194,7 +194,7 @@ def described(
         CancelledWithPlan: Ctrl-C was pressed; the error holds the solution as far as known.
     """
     room: ClearanceRecord | None = None
-    tolerance: tuple[SurvivedError, ...] = ()
+    tolerance: tuple[ToleratedError, ...] = ()
     simulated: SimulatedMotion | None = None
     of_simulation: Mapping[str, float] = {}
 

@@ -20,7 +20,7 @@ from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.records import SCHEMA
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, SurvivedError
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
@@ -92,7 +92,7 @@ class RecordedResults:
     figures: Mapping[str, float | None]
     checks: tuple[Check, ...]
     verdict: Mapping[str, object]
-    tolerance: tuple[SurvivedError, ...]
+    tolerance: tuple[ToleratedError, ...]
     data: Mapping[str, object]
 
     @property
@@ -116,7 +116,7 @@ def recorded_results(folder: Path) -> RecordedResults:
         figures = {name: _number(value) for name, value in record["metrics"].items()}
         verdict = {str(name): value for name, value in record["simulation"].items()}
         verdict["outcome"] = str(verdict["outcome"])
-        tolerance = tuple(_survived(each) for each in _listed(record.get("tolerance", [])))
+        tolerance = tuple(_tolerated_error(each) for each in _listed(record.get("tolerance", [])))
         return RecordedResults(figures, tuple(map(_check, _listed(record["checks"]))), verdict, tolerance, record)
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         what = "metrics, checks, tolerance or simulation are not readable"
@@ -141,7 +141,7 @@ def _check(data: Mapping[str, Any]) -> Check:
     )
 
 
-def _survived(data: Mapping[str, Any]) -> SurvivedError:
+def _tolerated_error(data: Mapping[str, Any]) -> ToleratedError:
     """Return a tracking error that a plan survives from its record.
 
     Raises:
@@ -150,7 +150,7 @@ def _survived(data: Mapping[str, Any]) -> SurvivedError:
     size, degrees = (_number(data.get(name)) for name in ("size", "size_deg"))
     if size is None or (degrees is not None and not math.isclose(degrees, math.degrees(size), rel_tol=1e-9)):
         raise ValueError(f"the size of an error is {size!r} rad, but {degrees!r} degrees")
-    return SurvivedError(str(data["name"]), size, str(data["unit"]), str(data["where"]))
+    return ToleratedError(str(data["name"]), size, str(data["unit"]), str(data["where"]))
 
 
 def _number(value: object) -> float | None:

@@ -22,7 +22,7 @@ from ccm_opt.problem.solution import (
     NearPlace,
     Solution,
     StaticPose,
-    SurvivedError,
+    ToleratedError,
 )
 from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
 from ccm_opt.robot.coordinates import Coordinates
@@ -138,12 +138,12 @@ def place_data(place: NearPlace) -> Mapping[str, object]:
     return {"gap": place.gap, "wanted": place.wanted, "time": place.time, **near}
 
 
-def tolerance_data(errors: Iterable[SurvivedError]) -> list[Mapping[str, object]]:
+def tolerance_data(errors: Iterable[ToleratedError]) -> list[Mapping[str, object]]:
     """Return one record per tracking error that a plan survives; angles are given in degrees as well."""
     return [asdict(e) | ({"size_deg": math.degrees(e.size)} if e.unit == "rad" else {}) for e in errors]
 
 
-def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
+def tolerance_json(name: str, errors: Iterable[ToleratedError]) -> str:
     """Return the text of ``tolerance.json``, the tracking errors under which a plan remains collision-free.
 
     Args:

@@ -23,7 +23,7 @@ def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
     return as_revolutes(arm.coordinates, values[:, arm.coordinates.bends]).reshape(len(values), arm.links, 3)[..., :2]
 
 
-def carried(arm: Arm, positions: FloatArray) -> FloatArray:
+def base_displacement(arm: Arm, positions: FloatArray) -> FloatArray:
     """Convert coordinates (T, c) to the displacement of the base along its direction, shape (T,) [m].
 
     The map is linear, so rates and differences of coordinates are converted alike.
@@ -97,7 +97,7 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the positions of joints, base first, and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
-    points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
+    points[:, 0] = arm.base + base_displacement(arm, positions)[:, None] * arm.direction
     if arm.proportions is not None:
         along = along * arm.proportions.lengths[:, None]
     np.cumsum(along, axis=1, out=points[:, 1:])
@@ -112,7 +112,7 @@ def lengths_of(vectors: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class TimeStretches:
+class TimeIntervals:
     """S time intervals in units of samples; 2 to 2.5 is from sample 2 halfway to sample 3.
 
     An interval either begins and ends at samples or lies between two consecutive samples.
@@ -126,13 +126,13 @@ class TimeStretches:
     high: FloatArray
 
     @classmethod
-    def blocks(cls, samples: int, size: int) -> "TimeStretches":
+    def blocks(cls, samples: int, size: int) -> "TimeIntervals":
         """Divide a motion of a given number of samples into intervals of `size` steps; the last one may be shorter."""
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
 
     @classmethod
-    def moments(cls, samples: int, most: int) -> "TimeStretches":
+    def moments(cls, samples: int, most: int) -> "TimeIntervals":
         """Return intervals of zero length at no more than `most` evenly spread samples."""
         few = np.unique(np.linspace(0, samples - 1, min(most, samples)).astype(np.intp)).astype(np.float64)
         return cls(few, few)
@@ -146,14 +146,14 @@ class TimeStretches:
         middle = 0.5 * (self.low + self.high)
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
-    def take(self, index: IntArray) -> "TimeStretches":
+    def take(self, index: IntArray) -> "TimeIntervals":
         """Return those of the time intervals that have given indices."""
-        return TimeStretches(self.low[index], self.high[index])
+        return TimeIntervals(self.low[index], self.high[index])
 
-    def halves(self) -> "TimeStretches":
+    def halves(self) -> "TimeIntervals":
         """Return the first halves of all time intervals, followed by the second halves."""
         middle = self.middle
-        return TimeStretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
+        return TimeIntervals(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
 
 
 @dataclass(frozen=True)
@@ -173,20 +173,20 @@ class ChainMotion:
     positions: FloatArray
     deviation: FloatArray | None = None
 
-    def off(self, stretches: TimeStretches, stretch: IntArray, link: IntArray) -> FloatArray | float:
+    def deviation_bounds(self, intervals: TimeIntervals, interval: IntArray, link: IntArray) -> FloatArray | float:
         """Return bounds on the deviation of links from the nominal motion during time intervals, shape (P,) [m].
 
         Args:
-            stretches: S time intervals.
-            stretch: indices of time intervals, shape (P,).
+            intervals: S time intervals.
+            interval: indices of time intervals, shape (P,).
             link: indices of links, shape (P,).
         """
         if self.deviation is None:
             return 0.0
-        ends = np.stack((np.floor(stretches.low), np.ceil(stretches.high)), axis=1).astype(np.intp)
+        ends = np.stack((np.floor(intervals.low), np.ceil(intervals.high)), axis=1).astype(np.intp)
         beyond = np.zeros((1, self.arm.links))  # makes the end of the motion a valid index for `reduceat`
         most = np.maximum.reduceat(np.concatenate((self.deviation, beyond)), ends.ravel())[::2]
-        return np.asarray(most[stretch, link])
+        return np.asarray(most[interval, link])
 
     @cached_property
     def points(self) -> FloatArray:
@@ -204,7 +204,7 @@ class ChainMotion:
         return np.diff(self.points, axis=0)
 
     @cached_property
-    def bows(self) -> FloatArray:
+    def second_derivatives(self) -> FloatArray:
         """Bounds on the second derivatives of joint and tip positions in each step, shape (T − 1, links + 1) [m].
 
         The derivative is with respect to the fraction of the step.
@@ -251,48 +251,48 @@ class ChainMotion:
         """Convert a time in sample numbers, such as 2.5, to seconds."""
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
-    def travels(self, stretches: TimeStretches) -> FloatArray:
+    def travels(self, intervals: TimeIntervals) -> FloatArray:
         """Return bounds on the distances of joints and tip from their positions in the middle of time intervals.
 
         The shape is (S, links + 1) [m]. Each bound holds throughout its interval.
         """
-        length = stretches.high - stretches.low
-        travels = np.zeros((len(stretches), self.arm.links + 1))
+        length = intervals.high - intervals.low
+        travels = np.zeros((len(intervals), self.arm.links + 1))
         for some, of_kind in (
             (length > 1.0, self._travels_over_samples),
             (length == 1.0, self._interval_travels),
             ((length > 0.0) & (length < 1.0), self._travels_within),
         ):
             if np.any(some):
-                travels[some] = of_kind(stretches.take(np.flatnonzero(some)))
+                travels[some] = of_kind(intervals.take(np.flatnonzero(some)))
         return travels
 
-    def _interval_travels(self, stretches: TimeStretches) -> FloatArray:
+    def _interval_travels(self, intervals: TimeIntervals) -> FloatArray:
         """Return the travel bounds of time intervals that are whole steps, shape (S, links + 1) [m]."""
-        interval = stretches.low.astype(np.intp)
-        return half_travels(self.chords[interval], self.bows[interval])
+        interval = intervals.low.astype(np.intp)
+        return half_travels(self.chords[interval], self.second_derivatives[interval])
 
-    def _travels_within(self, stretches: TimeStretches) -> FloatArray:
+    def _travels_within(self, intervals: TimeIntervals) -> FloatArray:
         """Return the travel bounds of time intervals that are parts of a step, shape (S, links + 1) [m]."""
-        steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
-        chords = self.poses(stretches.high) - self.poses(stretches.low)
-        return half_travels(chords, acceleration_bounds(self.arm, self.places(stretches.middle), steps))
+        steps = (intervals.high - intervals.low)[:, None] * self.steps[intervals.low.astype(np.intp)]
+        chords = self.poses(intervals.high) - self.poses(intervals.low)
+        return half_travels(chords, acceleration_bounds(self.arm, self.places(intervals.middle), steps))
 
-    def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
+    def _travels_over_samples(self, intervals: TimeIntervals) -> FloatArray:
         """Return the travel bounds of time intervals of several steps, shape (S, links + 1) [m].
 
         Each bound is the distance to the farthest sample plus the largest deviation from the chord between samples.
         """
-        low = stretches.low.astype(np.intp)
-        count = stretches.high.astype(np.intp) - low + 1
+        low = intervals.low.astype(np.intp)
+        count = intervals.high.astype(np.intp) - low + 1
         starts = np.cumsum(count) - count
-        stretch = np.repeat(np.arange(len(low)), count)
-        sample = np.arange(int(count.sum())) - starts[stretch] + low[stretch]
-        middle = self.points[stretches.middle.astype(np.intp)]
-        away = lengths_of(self.points[sample] - middle[stretch])
-        # The interval after the last sample is not part of the stretch; including it only enlarges the bound.
-        bows = self.bows[np.minimum(sample, len(self.bows) - 1)]
-        return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
+        interval = np.repeat(np.arange(len(low)), count)
+        sample = np.arange(int(count.sum())) - starts[interval] + low[interval]
+        middle = self.points[intervals.middle.astype(np.intp)]
+        away = lengths_of(self.points[sample] - middle[interval])
+        # The interval after the last sample is not part of the time interval; including it only enlarges the bound.
+        second_derivatives = self.second_derivatives[np.minimum(sample, len(self.second_derivatives) - 1)]
+        return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(second_derivatives, starts) / 8.0)
 
 
 def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
@@ -309,11 +309,11 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
         middle: configurations at s = ½, shape (N, c) [rad, m].
         steps: changes of the coordinates from s = 0 to 1, shape (N, c) [rad, m].
     """
-    bows = np.zeros((len(steps), arm.links + 1))
+    second_derivatives = np.zeros((len(steps), arm.links + 1))
     if arm.dimension == 2:
         turned = np.cumsum(steps[:, arm.coordinates.bends], axis=1)
-        np.cumsum(arm.lengths * turned**2, axis=1, out=bows[:, 1:])
-        return bows
+        np.cumsum(arm.lengths * turned**2, axis=1, out=second_derivatives[:, 1:])
+        return second_derivatives
     bends = bend_pairs(arm, steps)
     frames = LinkFrames.of(arm, middle)
     turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
@@ -325,17 +325,17 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     for link in range(arm.links):
         gain = gain + fastest * each[:, link] + both[:, link]
         fastest = rates[:, link] + 0.5 * gain
-        bows[:, link + 1] = bows[:, link] + arm.lengths[link] * (fastest**2 + gain)
-    return bows
+        second_derivatives[:, link + 1] = second_derivatives[:, link] + arm.lengths[link] * (fastest**2 + gain)
+    return second_derivatives
 
 
-def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
+def half_travels(chords: FloatArray, second_derivatives: FloatArray) -> FloatArray:
     """Return bounds on the distances of joints from their positions halfway, shape (N, links + 1) [m].
 
     The mean velocity is the chord, and the velocity differs from the mean by at most half of its greatest change.
 
     Args:
         chords: displacements of the joints over N motions, shape (N, links + 1, d) [m].
-        bows: bounds on the second derivatives of the joint positions, shape (N, links + 1) [m].
+        second_derivatives: bounds on the second derivatives of the joint positions, shape (N, links + 1) [m].
     """
-    return np.asarray(0.5 * (lengths_of(chords) + 0.5 * bows))
+    return np.asarray(0.5 * (lengths_of(chords) + 0.5 * second_derivatives))

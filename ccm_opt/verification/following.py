@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import ChainMotion, carried, lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, base_displacement, lengths_of
 
 _PLACES = 8
 """Number of parts into which a link is divided to measure its distance from the tip path. Taste."""
@@ -48,7 +48,7 @@ def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTraj
 def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> tuple[float, int, int]:
     """Return the largest distance of the arm outside the tube from the reference path [m], its sample and link."""
     points = motion.points[samples]
-    along = carried(arm, motion.positions[samples])[:, None] + arm.joint_places - arm.hole
+    along = base_displacement(arm, motion.positions[samples])[:, None] + arm.joint_places - arm.hole
     path = _path(arm, points, along, spacing)
     tree = cKDTree(path)
     share = np.arange(_PLACES + 1)[:, None] / _PLACES

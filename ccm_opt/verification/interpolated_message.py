@@ -149,8 +149,8 @@ class _Steps:
         With b = h² max|f''| over a step of length h, f is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b.
         """
         first, last = self.ends[order]
-        bow = 0.5 * self.length[:, None] ** 2 * self.greatest(order + 2)
-        return np.asarray((first * last >= 0.0) & (np.maximum(np.abs(first), np.abs(last)) >= bow))
+        remainder = 0.5 * self.length[:, None] ** 2 * self.greatest(order + 2)
+        return np.asarray((first * last >= 0.0) & (np.maximum(np.abs(first), np.abs(last)) >= remainder))
 
     def trajectory(self, stops: Sequence[int]) -> JointTrajectory:
         """Return the states at the ends of all steps as a trajectory that rests at given indices of message points."""
@@ -264,7 +264,7 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     arm = problem.arm
     joints = steps.message.coordinates.joints
     w, w1, w2, w3 = (np.sum(steps.greatest(order)[:, :joints], axis=1) for order in range(1, 5))
-    carried = [np.sum(steps.greatest(order)[:, joints:], axis=1) for order in range(2, 5)]
+    base_derivatives = [np.sum(steps.greatest(order)[:, joints:], axis=1) for order in range(2, 5)]
     # a: angular acceleration and its derivatives, including the rotation of the joint axes; e: those of unit vectors.
     a1 = w1 + w * w
     e1, e2 = w, a1 + w * w
@@ -276,17 +276,21 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     gyration = np.sqrt(np.append(np.maximum(arm.inertia_transverse, arm.inertia_axial) / arm.masses, 0.0))
     reach = np.append(arm.joint_places[1:], arm.length) + gyration
     gravity = float(np.linalg.norm(problem.simulation.gravity))
-    bow = np.zeros(len(w))
+    remainder = np.zeros(len(w))
     for mass, lever in zip(masses, reach, strict=True):
-        pull, pull1, pull2 = lever * e2 + carried[0] + gravity, lever * e3 + carried[1], lever * e4 + carried[2]
+        pull, pull1, pull2 = (
+            lever * e2 + base_derivatives[0] + gravity,
+            lever * e3 + base_derivatives[1],
+            lever * e4 + base_derivatives[2],
+        )
         # A moment r × m (a − g) about a rotating axis has three factors, differentiated twice; a force has no lever.
         moment = lever * pull
         moment1 = lever * (e1 * pull + pull1)
         moment2 = lever * (e2 * pull + 2.0 * e1 * pull1 + pull2)
-        bow += mass * np.maximum(moment2 + 2.0 * e1 * moment1 + e2 * moment, pull2)
+        remainder += mass * np.maximum(moment2 + 2.0 * e1 * moment1 + e2 * moment, pull2)
     rotor, friction = (float(np.max(values)) for values in (arm.rotor_inertia, arm.friction))
     each = [np.max(steps.greatest(order), axis=1) for order in (3, 4)]
-    return np.asarray(bow + friction * each[0] + rotor * each[1])
+    return np.asarray(remainder + friction * each[0] + rotor * each[1])
 
 
 def check_message_deviation(

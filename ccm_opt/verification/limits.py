@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit, Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried, lengths_of
+from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs, lengths_of
 from ccm_opt.verification.drives import (
     as_revolutes,
     bends_a_ball,
@@ -222,13 +222,13 @@ class _PointMotion:
     @cached_property
     def places(self) -> FloatArray:
         """Positions of the point relative to the base position at zero feed, shape (T, 3) [m]."""
-        return self._summed(self.frames.along) + self._carried(self.trajectory.positions)
+        return self._summed(self.frames.along) + self._base_motion(self.trajectory.positions)
 
     @cached_property
     def velocities(self) -> FloatArray:
         """Velocities of the point from the reported coordinate velocities, shape (T, 3) [m/s]."""
         swing = np.cross(self.rates.rate, self.frames.along)
-        return self._summed(swing) + self._carried(self.trajectory.velocities)
+        return self._summed(swing) + self._base_motion(self.trajectory.velocities)
 
     def mean_speeds(self) -> FloatArray:
         """Return the mean speed of the point over every step, distance by duration, shape (T − 1,) [m/s]."""
@@ -244,7 +244,7 @@ class _PointMotion:
         turns = np.cumsum(bend_pairs(self.arm, steps)[..., 1], axis=1)
         axis = self.arm.base_rotation[:, 1]
         swings = np.cross(axis, self.frames.along)
-        ends = [self._summed(turns[..., None] * some) + self._carried(steps) for some in (swings[:-1], swings[1:])]
+        ends = [self._summed(turns[..., None] * some) + self._base_motion(steps) for some in (swings[:-1], swings[1:])]
         # At constant rates, the third derivative of the position is at most Σ l |φ̇|³.
         third = np.abs(turns) ** 3 @ self._levers
         return np.asarray(np.maximum(*map(lengths_of, ends)) + self._step**2 / 8.0 * third)
@@ -253,7 +253,7 @@ class _PointMotion:
         """Return the magnitudes of the point's acceleration from the reported coordinate rates, shape (T,) [m/s²]."""
         # From the midpoint of a link to its end, the acceleration grows by half of the link's contribution.
         added = 2.0 / self.arm.lengths[:, None] * (self.rates.ends - self.rates.middles)
-        return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
+        return lengths_of(self._summed(added) + self._base_motion(self.trajectory.accelerations))
 
     def gained(self) -> FloatArray:
         """Return the magnitudes of difference quotients of the point's reported velocities, shape (T − 1,) [m/s²]."""
@@ -281,8 +281,8 @@ class _PointMotion:
     def _summed(self, of_links: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("k,tkd->td", self._levers, of_links))
 
-    def _carried(self, values: FloatArray) -> FloatArray:
-        return np.asarray(carried(self.arm, values)[:, None] * self.arm.base_rotation[:, 0])
+    def _base_motion(self, values: FloatArray) -> FloatArray:
+        return np.asarray(base_displacement(self.arm, values)[:, None] * self.arm.base_rotation[:, 0])
 
     def _quotient(self, values: FloatArray) -> FloatArray:
         change = lengths_of(np.diff(values, axis=0))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried
+from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs
 
 _AT_ONCE = 256
 """Number of samples per batch, so that the forces and moments of a batch stay in the processor's cache."""
@@ -49,7 +49,7 @@ class LinkRates:
         growth = np.cumsum(gain, axis=1)
         swing = np.cross(growth, frames.along) + np.cross(rate, np.cross(rate, frames.along))
         step = arm.lengths[:, None] * swing
-        base = carried(arm, accelerations)[:, None, None] * arm.base_rotation[:, 0]
+        base = base_displacement(arm, accelerations)[:, None, None] * arm.base_rotation[:, 0]
         ends = base + np.cumsum(step, axis=1)
         return cls(rate, growth, ends, ends - 0.5 * step)
 

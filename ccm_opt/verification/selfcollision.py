@@ -5,16 +5,16 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, lengths_of
 from ccm_opt.verification.consistency import UNIT, distance_rounding
-from ccm_opt.verification.stretch_proof import (
+from ccm_opt.verification.gap_proof import (
     BLOCK,
     Measured,
     Nearest,
     Pairs,
     Verdict,
     least_allowed_gap,
-    prove_stretches,
+    prove_gaps,
 )
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -142,46 +142,51 @@ class LinkProof:
         self.motion = motion
         self.radii = radii
         # The positions of both links are subject to rounding.
-        self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
+        self._length_loss = 2.0 * motion.rounding + distance_rounding(motion.size)
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove a gap of at least ``least`` [m] between links far apart along the arm; see ``prove_stretches``."""
+        """Prove a gap of at least ``least`` [m] between links far apart along the arm; see ``prove_gaps``."""
         first, second = distant_pairs(self.motion.arm)
-        blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
+        blocks = TimeIntervals.blocks(len(self.motion.time), BLOCK)
         pairs = Pairs.in_all(len(blocks), first, second)
-        return prove_stretches(self.motion, blocks, pairs, self.measure, least, settings, nearest=nearest)
+        return prove_gaps(self.motion, blocks, pairs, self.measure, least, settings, nearest=nearest)
 
     def measure(
-        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+        self, intervals: TimeIntervals, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """Return bounds on the gaps of P pairs of links over time intervals.
 
         Args:
-            stretches: S time intervals.
+            intervals: S time intervals.
             poses: positions of joints and tip in the middle of the intervals, shape (S, links + 1, d) [m].
             pairs: the pairs of links, each with its time interval.
             cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
         motion = self.motion
-        k, i, j = pairs.stretch, pairs.link, pairs.other
-        travels = motion.travels(stretches)
+        k, i, j = pairs.interval, pairs.link, pairs.other
+        travels = motion.travels(intervals)
         travel = np.maximum(travels[k, i], travels[k, i + 1]) + np.maximum(travels[k, j], travels[k, j + 1])
         # The nearest points of two links are each at most half a link from the midpoint.
         middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
         most = lengths_of(middles[k, i] - middles[k, j])
         thick = self.radii.take(i) + self.radii.take(j)
-        taken = thick + self._lost + motion.off(stretches, k, i) + motion.off(stretches, k, j)
+        taken = (
+            thick
+            + self._length_loss
+            + motion.deviation_bounds(intervals, k, i)
+            + motion.deviation_bounds(intervals, k, j)
+        )
         lengths = motion.arm.lengths
         low = most - 0.5 * (lengths.take(i) + lengths.take(j)) * (1.0 + 1e-9) - taken
         exact = low - travel < cutoff
         k, i, j = k[exact], i[exact], j[exact]
         most[exact] = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
         low[exact] = (most - taken)[exact]
-        travel[exact] = np.minimum(travel[exact], relative_travels(motion, stretches, travels, pairs.where(exact)))
+        travel[exact] = np.minimum(travel[exact], relative_travels(motion, intervals, travels, pairs.where(exact)))
         return Measured(low - travel, most - thick, travel, exact)
 
 
-def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
+def relative_travels(motion: ChainMotion, intervals: TimeIntervals, travels: FloatArray, pairs: Pairs) -> FloatArray:
     """Return bounds on the decrease of link distances from their value in the middle of time intervals, shape (P,) [m].
 
     Within a step, motion common to both links does not count. In the frame of the first link, which preserves
@@ -190,40 +195,40 @@ def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: Flo
 
     Args:
         motion: motion of the arm.
-        stretches: S time intervals.
+        intervals: S time intervals.
         travels: bounds on the distances of joints and tip from their mid-interval positions, shape (S, links + 1) [m].
         pairs: the P pairs of links, each with its time interval.
     """
-    k, i, j = pairs.stretch, pairs.link, pairs.other
+    k, i, j = pairs.interval, pairs.link, pairs.other
     relative = np.full(len(k), np.inf)
-    within = np.flatnonzero((stretches.high - stretches.low)[k] <= 1.0)
+    within = np.flatnonzero((intervals.high - intervals.low)[k] <= 1.0)
     if len(within):
-        chords = motion.poses(stretches.high) - motion.poses(stretches.low)
-        bows = 2.0 * travels - lengths_of(chords)
+        chords = motion.poses(intervals.high) - motion.poses(intervals.low)
+        arc_excess = 2.0 * travels - lengths_of(chords)
         at, first, second = k[within], i[within], j[within]
         apart = np.zeros(len(within))
         for one in (first, first + 1):
             for other in (second, second + 1):
                 chord = lengths_of(chords[at, one] - chords[at, other])
-                apart = np.maximum(apart, 0.5 * (chord + bows[at, one] + bows[at, other]))
+                apart = np.maximum(apart, 0.5 * (chord + arc_excess[at, one] + arc_excess[at, other]))
         relative[within] = apart
-    return np.asarray(np.minimum(relative, travels_in_frame(motion, stretches, k, i, j)))
+    return np.asarray(np.minimum(relative, travels_in_frame(motion, intervals, k, i, j)))
 
 
 def travels_in_frame(
-    motion: ChainMotion, stretches: TimeStretches, k: IntArray, i: IntArray, j: IntArray
+    motion: ChainMotion, intervals: TimeIntervals, k: IntArray, i: IntArray, j: IntArray
 ) -> FloatArray:
     """Return bounds on the travel of links from mid-interval in the frames of links nearer to the base, (P,) [m].
 
     Args:
         motion: motion of the arm.
-        stretches: S time intervals.
+        intervals: S time intervals.
         k: indices of the time intervals, shape (P,).
         i: indices of the links nearer to the base, shape (P,).
         j: indices of the moving links, shape (P,).
     """
     arm = motion.arm
-    turns = [motion.turned(at) for at in (stretches.low, stretches.middle, stretches.high)]
+    turns = [motion.turned(at) for at in (intervals.low, intervals.middle, intervals.high)]
     turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
     # Arc lengths in mean lengths of links.
     place = arm.place_shares
@@ -253,7 +258,7 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
     farthest = float(np.max(arm.lengths)) * (1.0 + 1e-9) + reach + 2.0 * arm.radius
     pose, number = np.nonzero(lengths_of(middles[:, first] - middles[:, second]) <= farthest)
     pairs = Pairs(pose, first[number], second[number])
-    k, i, j = pairs.stretch, pairs.link, pairs.other
+    k, i, j = pairs.interval, pairs.link, pairs.other
     gap = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
     gap -= arm.radii.take(i) + arm.radii.take(j)
     return pairs, gap
@@ -288,10 +293,10 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     interval, first, second = np.concatenate(found, axis=1)
     if len(interval) == 0:
         return ""
-    kept, stretch = np.unique(interval, return_inverse=True)
-    stretches = TimeStretches(kept.astype(np.float64), kept + 1.0)
+    kept, number = np.unique(interval, return_inverse=True)
+    intervals = TimeIntervals(kept.astype(np.float64), kept + 1.0)
     measure = LinkProof(motion, np.zeros(links)).measure
-    verdict = prove_stretches(motion, stretches, Pairs(stretch, first, second), measure, settings.touch, settings)
+    verdict = prove_gaps(motion, intervals, Pairs(number, first, second), measure, settings.touch, settings)
     if verdict.proved:
         return ""
     near = verdict.nearest

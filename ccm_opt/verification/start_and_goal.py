@@ -111,9 +111,9 @@ def _whole_arm(
         passed = worst <= of_joints + _ROUNDING
         checks = [Check(f"{name}joints", worst, of_joints, "rad", where, passed=passed)]
     for axis, place in zip(trajectory.coordinates.base_names, trajectory.base_positions[sample], strict=True):
-        off = abs(float(place) - pose.feed)
-        passed = off <= of_places + settings.goal_rounding
-        checks.append(Check(f"{name}{axis}", off, of_places, "m", "base", passed=passed))
+        error = abs(float(place) - pose.feed)
+        passed = error <= of_places + settings.goal_rounding
+        checks.append(Check(f"{name}{axis}", error, of_places, "m", "base", passed=passed))
     return checks
 
 
@@ -182,7 +182,7 @@ def _on_curve(
     # The curve is sampled at forty points per link, which overestimates distances by at most about l / 80 at a joint.
     arc = np.linspace(0.0, curve.length, 40 * arm.links + 1)
     trace = curve.positions_at(arc)
-    off = np.array([np.min(np.linalg.norm(trace - point, axis=1)) for point in points])
+    error = np.array([np.min(np.linalg.norm(trace - point, axis=1)) for point in points])
 
     # The error of a mapping is proportional to κ l², like the sagitta of the curve over a link.
     steepest = float(np.max(np.abs(curve.curvature_at(arc))))
@@ -190,9 +190,9 @@ def _on_curve(
     of_mapping = _CURVE_SHAPE_FACTOR * steepest * longest**2
     allowed = of_mapping + _CURVE_SHAPE_SLACK * longest
     tip = float(np.linalg.norm(points[-1] - trace[-1]))
-    j = int(np.argmax(off))
+    j = int(np.argmax(error))
     return [
-        Check(f"{name}on the curve", float(off[j]), allowed, "m", f"joint {j + 1}", passed=bool(off[j] <= allowed)),
+        Check(f"{name}on the curve", float(error[j]), allowed, "m", f"joint {j + 1}", passed=bool(error[j] <= allowed)),
         Check(f"{name}tip", tip, tip_tolerance, "m", "tip", passed=tip <= tip_tolerance + settings.goal_rounding),
     ]
 

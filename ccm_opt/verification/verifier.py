@@ -19,7 +19,7 @@ from ccm_opt.verification.sample_efforts import check_sample_efforts
 from ccm_opt.verification.selfcollision import check_self_collision, crossing_near_links, distant_pairs
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls, exposed_starts
 
@@ -83,7 +83,7 @@ def verify(
     checks += check_pauses(problem, trajectory, settings)
     # The joint error that a motion tolerates is defined only if the nominal motion passes every check.
     if problem.joint_error > 0.0 and all(check.passed for check in checks):
-        checks.append(check_of(problem.joint_error, survived_error(problem, trajectory, joint_errors(problem.arm))))
+        checks.append(check_of(problem.joint_error, tolerated_error(problem, trajectory, joint_errors(problem.arm))))
     return tuple(checks)
 
 

@@ -12,18 +12,18 @@ from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import ROOM_NAME, Workspace
 from ccm_opt.verification.body_sides import depth_enclosed, separations
-from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, lengths_of
 from ccm_opt.verification.consistency import distance_rounding
-from ccm_opt.verification.selfcollision import segment_distances
-from ccm_opt.verification.stretch_proof import (
+from ccm_opt.verification.gap_proof import (
     BLOCK,
     Measured,
     Nearest,
     Pairs,
     Verdict,
     least_allowed_gap,
-    prove_stretches,
+    prove_gaps,
 )
+from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 TOUCHING = 1e-4
@@ -273,11 +273,11 @@ def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[Flo
 
     Args:
         poses: positions of joints and tip in S poses, shape (S, links + 1, d) [m].
-        pairs: P pairs; ``stretch`` selects the pose and ``link`` the link.
+        pairs: P pairs; ``interval`` selects the pose and ``link`` the link.
         exposed: fraction of each link that belongs to the mount, shape (links,).
     """
     points = poses.reshape(-1, poses.shape[2])
-    joint = pairs.stretch * poses.shape[1] + pairs.link
+    joint = pairs.interval * poses.shape[1] + pairs.link
     end = points.take(joint + 1, axis=0)
     start = points.take(joint, axis=0)
     start += exposed.take(pairs.link)[:, None] * (end - start)
@@ -297,44 +297,44 @@ class WallProof:
         self.motion = motion
         self.surfaces = surfaces
         self._exposed = exposed
-        self._lost = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
+        self._length_loss = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all links keep a gap of at least ``least`` [m] from walls; see ``prove_stretches``."""
+        """Prove that all links keep a gap of at least ``least`` [m] from walls; see ``prove_gaps``."""
         samples = len(self.motion.time)
         # The least gap at a few moments bounds how far the full search must look.
-        moments = self._all_link_pairs(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
+        moments = self._all_link_pairs(TimeIntervals.moments(samples, _PROBES), least, settings, nearest)
         if moments.nearest.gap < least:
             return moments
-        return self._all_link_pairs(TimeStretches.blocks(samples, BLOCK), least, settings, moments.nearest)
+        return self._all_link_pairs(TimeIntervals.blocks(samples, BLOCK), least, settings, moments.nearest)
 
     def _all_link_pairs(
-        self, stretches: TimeStretches, least: float, settings: VerificationSettings, nearest: Nearest | None
+        self, intervals: TimeIntervals, least: float, settings: VerificationSettings, nearest: Nearest | None
     ) -> Verdict:
         links = np.flatnonzero(self._exposed < 1.0)
-        pairs = Pairs.in_all(len(stretches), links, np.zeros_like(links))
-        return prove_stretches(self.motion, stretches, pairs, self.measure, least, settings, self.opened, nearest)
+        pairs = Pairs.in_all(len(intervals), links, np.zeros_like(links))
+        return prove_gaps(self.motion, intervals, pairs, self.measure, least, settings, self.opened, nearest)
 
     def measure(
-        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+        self, intervals: TimeIntervals, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """Return bounds on the gaps of P links to bounding boxes, edges or triangles over time intervals.
 
         Args:
-            stretches: S time intervals.
+            intervals: S time intervals.
             poses: positions of joints and tip in the middle of the intervals, shape (S, links + 1, d) [m].
             pairs: the pairs of a link and a box, each with its time interval.
             cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
         arm = self.motion.arm
-        travels = self.motion.travels(stretches).ravel()
-        joint = pairs.stretch * poses.shape[1] + pairs.link
+        travels = self.motion.travels(intervals).ravel()
+        joint = pairs.interval * poses.shape[1] + pairs.link
         travel = np.maximum(travels.take(joint), travels.take(joint + 1))
         start, end = link_axes(poses, pairs, self._exposed)
         low, high = self.surfaces.bounds(pairs.other, start, end)
         radius = arm.radii.take(pairs.link)
         thick = radius + self.surfaces.rounding.take(pairs.other)
-        taken = thick + self._lost + self.motion.off(stretches, pairs.stretch, pairs.link)
+        taken = thick + self._length_loss + self.motion.deviation_bounds(intervals, pairs.interval, pairs.link)
         # Parts whose boxes are far enough away need no exact distance.
         exact = self.surfaces.is_single(pairs.other) & (low - taken - travel < cutoff)
         low[exact], high[exact] = self.surfaces.separations(pairs.other[exact], start[exact], end[exact])
@@ -343,12 +343,12 @@ class WallProof:
         low -= taken
         if arm.base_axes:
             close = np.flatnonzero(exact & (low - travel < cutoff) & (travel > 0.0))
-            self._slide(stretches, pairs, close, start, end, taken, low, travel)
+            self._slide(intervals, pairs, close, start, end, taken, low, travel)
         return Measured(low - travel, most, travel, exact)
 
     def _slide(
         self,
-        stretches: TimeStretches,
+        intervals: TimeIntervals,
         pairs: Pairs,
         close: IntArray,
         start: FloatArray,
@@ -362,18 +362,18 @@ class WallProof:
         Such a link, as in a guide tube, sweeps a longer link and hardly moves sideways, so its gap is that of the
         longer link, and its travel is the sideways part alone.
         """
-        stretch, link = pairs.stretch[close], pairs.link[close]
-        within = (stretches.high - stretches.low)[stretch] <= 1.0
-        close, stretch, link = close[within], stretch[within], link[within]
+        interval, link = pairs.interval[close], pairs.link[close]
+        within = (intervals.high - intervals.low)[interval] <= 1.0
+        close, interval, link = close[within], interval[within], link[within]
         if len(close) == 0:
             return
-        chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
+        chords = self.motion.poses(intervals.high) - self.motion.poses(intervals.low)
         line = end[close] - start[close]
         ahead = line / np.maximum(lengths_of(line), np.finfo(np.float64).tiny)[:, None]
-        # From mid-stretch to either end a joint moves half its chord; the component along the link is not sideways.
+        # From mid-interval to either end a joint moves half its chord; the component along the link is not sideways.
         aside = np.zeros(len(close))
         for joint in (link, link + 1):
-            chord = chords[stretch, joint]
+            chord = chords[interval, joint]
             along = np.einsum("pd,pd->p", chord, ahead)
             across = lengths_of(chord - along[:, None] * ahead)
             aside = np.maximum(aside, travel[close] - 0.5 * (lengths_of(chord) - across))
@@ -390,7 +390,7 @@ class WallProof:
         boxes = ~surfaces.is_single(pairs.other) & ((size > travel) | (size == 0.0))
         place, child = surfaces.children(pairs.other[boxes])
         closed = pairs.where(boxes)
-        return Pairs(closed.stretch[place], closed.link[place], child), boxes
+        return Pairs(closed.interval[place], closed.link[place], child), boxes
 
 
 def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:

@@ -15,7 +15,7 @@ from ccm_opt.problem.solution import (
     PossibleGap,
     ShortStretch,
     Solution,
-    SurvivedError,
+    ToleratedError,
 )
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
@@ -152,7 +152,7 @@ _WRONG = {
 _TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
 
 
-def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
+def tolerated_error_words(error: ToleratedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
     """Return a tolerated error as texts: its kind, its maximum size, and the check that limits it with time.
 
     Args:

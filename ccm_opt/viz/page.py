@@ -8,10 +8,10 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.solution import GoalPoseRecord, Solution, SurvivedError
+from ccm_opt.problem.solution import GoalPoseRecord, Solution, ToleratedError
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.viz.checks_section import checks_section
-from ccm_opt.viz.clearance_section import clearance_section, gap_data, nearest_mark, survived_in_words
+from ccm_opt.viz.clearance_section import clearance_section, gap_data, nearest_mark, tolerated_error_words
 from ccm_opt.viz.document import (
     Markup,
     PageUnits,
@@ -242,7 +242,7 @@ def _colour(number: int) -> str:
     return _SEGMENT_COLOURS[number % len(_SEGMENT_COLOURS)]
 
 
-def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:
+def tolerance_section(errors: Sequence[ToleratedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:
     """Return the section of a report about the errors that a plan tolerates; None if none were determined.
 
     Args:
@@ -252,7 +252,7 @@ def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_s
     """
     if not errors:
         return None
-    told = (survived_in_words(error, units, in_space=in_space) for error in errors)
+    told = (tolerated_error_words(error, units, in_space=in_space) for error in errors)
     items = (element("li", f"{wrong.capitalize()} {size}: limited by {where}.") for wrong, size, where in told)
     return element("section", element("h2", "Tolerated errors, one at a time"), element("ul", *items))
 

@@ -11,7 +11,7 @@ from matplotlib.gridspec import GridSpec
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, ToleratedError
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
@@ -139,7 +139,7 @@ def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
     return figure, figure.add_gridspec(len(spans), 2, width_ratios=(width, 4.4), height_ratios=heights)
 
 
-def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
+def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: ToleratedError) -> bytes:
     """Return the picture of the effect of the tolerated joint errors on a plan as the bytes of a PNG file.
 
     Args:
@@ -150,7 +150,7 @@ def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: Survived
     return figure_file(lambda: _tolerance_figure(problem, trajectory, error), "png")
 
 
-def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> Figure:
+def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: ToleratedError) -> Figure:
     number = len(trajectory.time) - 1 if error.time is None else int(np.argmin(np.abs(trajectory.time - error.time)))
     pose = trajectory.positions[number]
     worst = pose.copy()
@@ -170,8 +170,8 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
         for sign in (1.0, -1.0):
             edge = sign * (arm.radius + moved) / unit
             sheet.section.plot(along, edge, color=style.START_EDGE, linewidth=1.0, zorder=4)
-    survived = f"tolerates joint errors of {np.rad2deg(error.size):.3g}°"
-    sheet.finish(f"{problem.name} at {trajectory.time[number]:.2f} s: {survived}")
+    label = f"tolerates joint errors of {np.rad2deg(error.size):.3g}°"
+    sheet.finish(f"{problem.name} at {trajectory.time[number]:.2f} s: {label}")
     return sheet.figure
 
 
@@ -193,7 +193,7 @@ def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
         )  # fmt: skip
 
 
-def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
+def _mark_limiting_place(axes: Axes, side: Side, error: ToleratedError) -> None:
     """Draw a cross at the contact or limit that determines the maximum tolerated error."""
     if error.place:
         axes.plot(

@@ -22,9 +22,9 @@ import ccm_opt
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.errors import CcmError
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Solution, SurvivedError
+from ccm_opt.problem.solution import Solution, ToleratedError
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from tests.benchmarks.scene_families import FAMILIES, problems
 from tests.scenes import free_axis, self_gap
 
@@ -80,7 +80,7 @@ class Oracle:
         return arm.self_collision and self_gap(arm, arm.joint_positions_at(q)) < -ROUNDING
 
 
-def random_motions_that_touch(solution: Solution, found: SurvivedError, motions: int) -> int:
+def random_motions_that_touch(solution: Solution, found: ToleratedError, motions: int) -> int:
     """Of some random motions within the certified error of their joints, how many touch something."""
     rng = np.random.default_rng(0)
     oracle = Oracle(solution.problem)
@@ -88,7 +88,9 @@ def random_motions_that_touch(solution: Solution, found: SurvivedError, motions:
     return sum(bool(oracle.touching(q).any()) or oracle.touches_itself(q[::OWN]) for q in drawn)
 
 
-def poses_of_random_motion(rng: np.random.Generator, solution: Solution, found: SurvivedError, kind: int) -> FloatArray:
+def poses_of_random_motion(
+    rng: np.random.Generator, solution: Solution, found: ToleratedError, kind: int
+) -> FloatArray:
     """Poses of one random motion: its errors constant, uniform or extreme, or waves, or changing at random."""
     trajectory = solution.trajectory
     duration = trajectory.duration
@@ -118,7 +120,7 @@ def with_errors(solution: Solution, q: FloatArray, errors: FloatArray) -> FloatA
     return moved
 
 
-def worst_touches(solution: Solution, found: SurvivedError, factor: float) -> bool:
+def worst_touches(solution: Solution, found: ToleratedError, factor: float) -> bool:
     """Whether the motion that is off along the worst direction touches something."""
     q = solution.trajectory.positions
     off = with_errors(solution, q, np.tile(factor * found.size * np.array(found.worst), (len(q), 1)))
@@ -149,7 +151,7 @@ def main() -> None:
         except CcmError:
             continue
         begin = time.process_time()
-        found = survived_error(problem, solution.trajectory, joint_errors(problem.arm))
+        found = tolerated_error(problem, solution.trajectory, joint_errors(problem.arm))
         spent = time.process_time() - begin
         count = random_motions_that_touch(solution, found, motions)
         touched += count

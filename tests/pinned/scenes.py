@@ -41,7 +41,7 @@ from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.tolerance.error_model import error_models
-from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.verification.wall_clearance import check_walls
@@ -317,7 +317,7 @@ def survived(scale: float) -> None:
         trajectory = JointTrajectory(0.01 * np.arange(4), poses, still, still, arm.coordinates)
         room = Workspace(ROOM, walls(), 0.001)
         for model in error_models(arm).values():
-            survived_error(bare_problem(arm, room), trajectory, model)
+            tolerated_error(bare_problem(arm, room), trajectory, model)
 
 
 def keyframes_held(scale: float) -> None:

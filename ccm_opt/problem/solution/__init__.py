@@ -8,7 +8,7 @@ from ccm_opt.problem.solution.records import (
     ShortStretch,
     SimulationOutcome,
     SimulationVerdict,
-    SurvivedError,
+    ToleratedError,
     TryRecord,
 )
 from ccm_opt.problem.solution.solution import (
@@ -45,7 +45,7 @@ __all__ = [
     "SimulationVerdict",
     "Solution",
     "StaticPose",
-    "SurvivedError",
+    "ToleratedError",
     "TryRecord",
     "goal_errors",
 ]

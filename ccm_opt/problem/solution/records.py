@@ -11,7 +11,7 @@ from ccm_opt.robot.configuration import Curve
 
 
 @dataclass(frozen=True)
-class SurvivedError:
+class ToleratedError:
     """The maximum error of one kind under which a plan remains collision-free.
 
     Attributes:

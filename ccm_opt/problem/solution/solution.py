@@ -12,7 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.problem.solution.records import ClearanceRecord, GoalPoseRecord, SurvivedError, TryRecord
+from ccm_opt.problem.solution.records import ClearanceRecord, GoalPoseRecord, ToleratedError, TryRecord
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.configuration import Curve
 
@@ -101,7 +101,7 @@ class Solution:
     timings: Mapping[str, float]
     versions: Mapping[str, str] = field(default_factory=dict)
     room: ClearanceRecord | None = None
-    tolerance: tuple[SurvivedError, ...] = ()
+    tolerance: tuple[ToleratedError, ...] = ()
     tries: tuple[TryRecord, ...] = ()
     not_checked: tuple[str, ...] = ()
 

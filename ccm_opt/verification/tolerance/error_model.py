@@ -22,10 +22,10 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.solution import Check, SurvivedError
+from ccm_opt.problem.solution import Check, ToleratedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import lengths_of
-from ccm_opt.verification.stretch_proof import Pairs
+from ccm_opt.verification.gap_proof import Pairs
 
 ErrorName = Literal["joints", "base heading", "link lengths", "base position", "walls"]
 
@@ -38,7 +38,7 @@ class ErrorModel:
         name: kind of the error.
         unit: unit of the error, "rad" or "m".
         turns: errors of the base heading and of every joint, shape (links + 1,) [rad per unit].
-        stretch: error of the length of every link [m per unit].
+        elongation: error of the length of every link [m per unit].
         shift: displacement of the whole arm relative to the walls, in any direction [m per unit].
         feed: displacement of the base along its feed axis [m per unit].
         with_itself: whether distances between parts of the arm change.
@@ -47,7 +47,7 @@ class ErrorModel:
     name: ErrorName
     unit: str
     turns: FloatArray
-    stretch: float = 0.0
+    elongation: float = 0.0
     shift: float = 0.0
     feed: float = 0.0
     with_itself: bool = True
@@ -75,7 +75,7 @@ def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
     still = np.zeros(arm.links + 1)
     models = (
         joint_errors(arm),
-        ErrorModel("link lengths", "m", still, stretch=1.0),
+        ErrorModel("link lengths", "m", still, elongation=1.0),
         ErrorModel("base heading", "rad", np.append(1.0, np.zeros(arm.links)), with_itself=False),
         ErrorModel("base position", "m", still, shift=1.0, with_itself=False),
         ErrorModel("walls", "m", still, shift=1.0, with_itself=False),
@@ -120,11 +120,11 @@ NAME = "survived joint error"
 """Name of the check of the joint error that a motion tolerates."""
 
 
-def check_of(asked: float, survived: SurvivedError) -> Check:
+def check_of(required: float, tolerated: ToleratedError) -> Check:
     """Return a check that a tolerated joint error is at least the required one [rad]."""
     # Errors above the largest examined one are not certified, so a problem that requires more is rejected.
-    passed = survived.size >= asked
-    return Check(NAME, survived.size, asked, "rad", survived.where, passed=passed)
+    passed = tolerated.size >= required
+    return Check(NAME, tolerated.size, required, "rad", tolerated.where, passed=passed)
 
 
 _TURNS = {1: 1.0, 2: float(np.sqrt(2.0))}
@@ -134,40 +134,40 @@ _MOST_NUMBERS = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Chains:
+class JointRanges:
     """For each of P pairs, the joints between the moving body and the body that is taken to be fixed.
 
     Attributes:
-        stretch: indices of the time intervals, shape (P,).
+        interval: indices of the time intervals, shape (P,).
         first: indices of the first joints in between, shape (P,).
         last: indices of the last joints in between, shape (P,).
         fixed: whether the fixed body is the world, so that the base may have an error, too.
     """
 
-    stretch: IntArray
+    interval: IntArray
     first: IntArray
     last: IntArray
     fixed: bool
 
 
 @dataclass(frozen=True, eq=False)
-class Reaches:
+class DisplacementBounds:
     """Bounds on the distances by which an error moves e points per pair along a direction, each of shape (P, e).
 
     Attributes:
-        middle: coefficient of the error at mid-interval [m per unit].
-        during: coefficient of the error throughout the time interval [m per unit].
-        bow: coefficient of the square of the error [m per unit²].
+        at_middle: coefficient of the error at mid-interval [m per unit].
+        throughout: coefficient of the error throughout the time interval [m per unit].
+        quadratic: coefficient of the square of the error [m per unit²].
     """
 
-    middle: FloatArray
-    during: FloatArray
-    bow: FloatArray
+    at_middle: FloatArray
+    throughout: FloatArray
+    quadratic: FloatArray
 
 
-def survived(gap: FloatArray, lever: FloatArray, bow: FloatArray | float = 0.0) -> FloatArray:
-    """Return the error e for which lever · e + bow · e² = gap, in the error's unit; negative for a negative gap."""
-    root = np.sqrt(lever**2 + 4.0 * bow * np.maximum(gap, 0.0))
+def error_at_contact(gap: FloatArray, lever: FloatArray, quadratic: FloatArray | float = 0.0) -> FloatArray:
+    """Return the error e for which lever · e + quadratic · e² = gap, in its unit; negative for a negative gap."""
+    root = np.sqrt(lever**2 + 4.0 * quadratic * np.maximum(gap, 0.0))
     return np.asarray(2.0 * gap / np.maximum(lever + root, np.finfo(np.float64).tiny ** 0.5))
 
 
@@ -199,15 +199,15 @@ class ErrorLevers:
         levers = np.empty(len(pairs))
         for begin, which in self._parts(len(poses), pairs):
             sums, from_base = self._sums(poses[begin], travels[begin])
-            pose, link = pairs.stretch[which] - begin.start, pairs.link[which]
+            pose, link = pairs.interval[which] - begin.start, pairs.link[which]
             last = pairs.other[which] if of_links else link
             near, far = sums[pose, last, last + 1], sums[pose, last + 1, last + 1]
             if of_links:
                 near, far = near - sums[pose, last, link + 1], far - sums[pose, last + 1, link + 1]
-                levers[which] = np.maximum(near, far) + self.model.stretch * (last - link + 1)
+                levers[which] = np.maximum(near, far) + self.model.elongation * (last - link + 1)
             else:
                 about_base = self.model.turns[0] * np.maximum(from_base[pose, link], from_base[pose, link + 1])
-                moved = np.maximum(near, far) + about_base + self.model.stretch * (link + 1)
+                moved = np.maximum(near, far) + about_base + self.model.elongation * (link + 1)
                 levers[which] = moved + self.model.moves_base
         return levers
 
@@ -218,7 +218,7 @@ class ErrorLevers:
         model = self.model
         turned = float(np.sum(self._turns * arm.places_from_tip[:-1]))
         about_base = model.turns[0] * (arm.length + max(map(abs, arm.base_range)))
-        return float(turned + about_base + model.stretch * arm.links + model.moves_base)
+        return float(turned + about_base + model.elongation * arm.links + model.moves_base)
 
     @property
     def _turns(self) -> FloatArray:
@@ -228,7 +228,7 @@ class ErrorLevers:
     def _parts(self, poses: int, pairs: Pairs) -> list[tuple[slice, IntArray]]:
         size = max(_MOST_NUMBERS // (self.arm.links + 1) ** 2, 1)
         return [
-            (slice(begin, begin + size), np.flatnonzero((pairs.stretch >= begin) & (pairs.stretch < begin + size)))
+            (slice(begin, begin + size), np.flatnonzero((pairs.interval >= begin) & (pairs.interval < begin + size)))
             for begin in range(0, poses, size)
         ]
 
@@ -244,36 +244,36 @@ class ErrorLevers:
         # The distance of two joints is at most the length of the arm between them.
         place = arm.joint_places
         apart = np.minimum(apart, np.abs(place[:, None] - place[:-1]))
-        apart *= (self._turns * self._free(poses, travels))[:, None]
+        apart *= (self._turns * self._outside_tube(poses, travels))[:, None]
         sums = np.concatenate((np.zeros((*apart.shape[:2], 1)), np.cumsum(apart, axis=2)), axis=2)
         return sums, np.linalg.norm(poses - arm.base, axis=2) + travels
 
-    def _free(self, poses: FloatArray, travels: FloatArray) -> FloatArray:
+    def _outside_tube(self, poses: FloatArray, travels: FloatArray) -> FloatArray:
         """Return 1 for joints outside the guide tube and 0 for joints held straight by the tube, shape (S, links)."""
         arm = self.arm
         if not arm.base_axes:
             return np.ones((len(poses), arm.links))
-        carried = (poses[:, 0] - arm.base) @ arm.direction + travels[:, 0]
-        out = carried[:, None] + arm.joint_places[:-1] - arm.hole
+        base_displacement = (poses[:, 0] - arm.base) @ arm.direction + travels[:, 0]
+        out = base_displacement[:, None] + arm.joint_places[:-1] - arm.hole
         return np.asarray((out >= -self.inside).astype(np.float64))
 
     def along(
         self,
         poses: FloatArray,
         travels: FloatArray,
-        chains: Chains,
+        joint_ranges: JointRanges,
         points: FloatArray,
         moved: FloatArray,
         normals: FloatArray,
         *,
         outwards: bool,
-    ) -> Reaches:
+    ) -> DisplacementBounds:
         """Return bounds on the distances by which errors move points along directions, for P pairs of bodies.
 
         Args:
             poses: positions of joints and tip, as for ``of_pairs``.
             travels: bounds on the travel of joints and tip, as for ``of_pairs``.
-            chains: the joints between the points and the body that is taken to be fixed.
+            joint_ranges: the joints between the points and the body that is taken to be fixed.
             points: e points per pair at mid-interval, shape (P, e, d) [m].
             moved: bounds on the distances of the points from these positions during the time interval, shape (P,) [m].
             normals: directions as unit vectors, shape (P, d).
@@ -281,41 +281,41 @@ class ErrorLevers:
                 points belong to the scene or to the first links.
         """
         arm, model = self.arm, self.model
-        pose = poses[chains.stretch]
+        pose = poses[joint_ranges.interval]
         number = np.arange(arm.links)
-        on = (number >= chains.first[:, None]) & (number <= chains.last[:, None])
-        turns = self._turns * self._free(poses, travels)[chains.stretch] * on
-        joint_travels = travels[chains.stretch]
+        on = (number >= joint_ranges.first[:, None]) & (number <= joint_ranges.last[:, None])
+        turns = self._turns * self._outside_tube(poses, travels)[joint_ranges.interval] * on
+        joint_travels = travels[joint_ranges.interval]
 
-        middle = np.einsum("pn,pen->pe", turns, _off(points[:, :, None] - pose[:, None, :-1], normals))
-        gone = np.einsum("pn,pn->p", turns, joint_travels[:, :-1]) + moved * np.sum(turns, axis=1)
-        if model.stretch:
+        middle = np.einsum("pn,pen->pe", turns, _distance_from_line(points[:, :, None] - pose[:, None, :-1], normals))
+        travel = np.einsum("pn,pn->p", turns, joint_travels[:, :-1]) + moved * np.sum(turns, axis=1)
+        if model.elongation:
             lies = np.abs(np.einsum("pnd,pd->pn", np.diff(pose, axis=1), normals)) / arm.lengths
             turning = (joint_travels[:, 1:] + joint_travels[:, :-1]) / arm.lengths
             # An error of the first link's length moves its own ends relative to each other.
-            own = number == chains.first[:, None] - 1
-            grows = model.stretch * (on if chains.fixed else on | own)
+            own = number == joint_ranges.first[:, None] - 1
+            grows = model.elongation * (on if joint_ranges.fixed else on | own)
             middle = middle + np.sum(grows * lies, axis=1)[:, None]
-            gone = gone + np.sum(grows * np.minimum(turning, 1.0), axis=1)
+            travel = travel + np.sum(grows * np.minimum(turning, 1.0), axis=1)
 
         sums = np.cumsum(turns, axis=1) if outwards else np.cumsum(turns[:, ::-1], axis=1)[:, ::-1]
-        heading = model.turns[0] if chains.fixed else 0.0
-        bow = 0.5 * np.sum(on * arm.lengths * (sums + heading) ** 2, axis=1)[:, None]
-        if chains.fixed:
+        heading = model.turns[0] if joint_ranges.fixed else 0.0
+        quadratic = 0.5 * np.sum(on * arm.lengths * (sums + heading) ** 2, axis=1)[:, None]
+        if joint_ranges.fixed:
             about_base = points - arm.base
-            middle = middle + heading * _off(about_base, normals) + model.shift
+            middle = middle + heading * _distance_from_line(about_base, normals) + model.shift
             middle = middle + model.feed * np.abs(normals @ arm.direction)[:, None]
-            gone = gone + heading * moved
-            carried = max(map(abs, arm.base_range))
+            travel = travel + heading * moved
+            base_displacement = max(map(abs, arm.base_range))
             if outwards:
-                bow = bow + 0.5 * heading**2 * carried
+                quadratic = quadratic + 0.5 * heading**2 * base_displacement
             else:
                 whole = heading + np.sum(turns, axis=1)[:, None]
-                bow = bow + 0.5 * whole**2 * (lengths_of(about_base) + 2.0 * carried)
-        return Reaches(middle, middle + gone[:, None], np.broadcast_to(bow, middle.shape))
+                quadratic = quadratic + 0.5 * whole**2 * (lengths_of(about_base) + 2.0 * base_displacement)
+        return DisplacementBounds(middle, middle + travel[:, None], np.broadcast_to(quadratic, middle.shape))
 
 
-def _off(vectors: FloatArray, normals: FloatArray) -> FloatArray:
+def _distance_from_line(vectors: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the lengths of vectors (P, …, d) after projection onto the planes normal to directions (P, d), (P, …)."""
     along = normals.reshape(len(normals), *(1 for _ in vectors.shape[1:-1]), normals.shape[-1])
     heights = np.sum(vectors * along, axis=-1, keepdims=True)

@@ -7,9 +7,9 @@ from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+from .gap_proof import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from .link_motion import ChainMotion, Nodes
 from .rounding import UNIT, distance_rounding
-from .stretch_proof import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 
 _PAIR_PROBES = 24
 """Poses at which all pairs of links are measured first, likewise. Taste."""
@@ -83,7 +83,7 @@ def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
     )
 
 
-def first_distant(arm: Arm) -> int:
+def min_index_gap(arm: Arm) -> int:
     """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
     ``Arm.first_distant`` says the same; the verifier counts for itself, on purpose.
@@ -112,7 +112,7 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
     """Whether distant links keep apart, with their nearest approach; None for an arm too short to meet itself."""
-    return None if first_distant(motion.arm) >= motion.arm.links else _prove(motion, settings)
+    return None if min_index_gap(motion.arm) >= motion.arm.links else _prove(motion, settings)
 
 
 def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
@@ -180,7 +180,7 @@ def _candidates(arm: Arm, poses: FloatArray, turned: FloatArray, look: float) ->
     x = np.ascontiguousarray(middles[..., 0])
     y = np.ascontiguousarray(middles[..., 1])
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for apart in range(first_distant(arm), arm.links):
+    for apart in range(min_index_gap(arm), arm.links):
         dx = x[:, apart:] - x[:, :-apart]
         dy = y[:, apart:] - y[:, :-apart]
         travel = arm.link_length * (turned[:, apart + 1 :] - turned[:, : -apart - 1])
@@ -195,7 +195,7 @@ def _candidates(arm: Arm, poses: FloatArray, turned: FloatArray, look: float) ->
 def _probe(motion: ChainMotion, evaluate: Evaluate, nodes: Nodes, probes: int) -> Nearest:
     """The nearest pair at a few poses spread over the motion: no proof, but a bound on the least gap."""
     # All pairs at a few poses, rather than a few pairs at all poses: any of them may be the nearest.
-    first, second = np.triu_indices(motion.arm.links, first_distant(motion.arm))
+    first, second = np.triu_indices(motion.arm.links, min_index_gap(motion.arm))
     chosen = np.unique(np.linspace(0, len(nodes) - 1, min(probes, len(nodes))).astype(int))
     few = nodes.take(chosen)
     count = len(first)

@@ -13,10 +13,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+from .gap_proof import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from .link_motion import ChainMotion, Nodes, unit_rows
 from .rounding import distance_rounding
 from .selfcollision import segment_distances
-from .stretch_proof import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 
 _ALONG = 1e-6
 """Sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between two samples it

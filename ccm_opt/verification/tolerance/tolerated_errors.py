@@ -1,6 +1,6 @@
 """The largest geometric errors that a plan tolerates without contact, certified at all times.
 
-The proof is that for gaps (``stretch_proof``), with every gap converted to the largest error that leaves the gap open.
+The proof is that for gaps (``gap_proof``), with every gap converted to the largest error that leaves the gap open.
 The error that all pairs of bodies are proved to tolerate at all times is certified. The least tolerated error found at
 a known place and time shows that no larger error could be certified with these bounds.
 """
@@ -12,23 +12,23 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import JointTrajectory, SurvivedError
+from ccm_opt.problem.solution import JointTrajectory, ToleratedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.body_sides import nearest_lines
-from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, carried, chain_points, lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, base_displacement, chain_points, lengths_of
+from ccm_opt.verification.gap_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.selfcollision import LinkProof, distant_pairs, segment_distances, travels_in_frame
-from ccm_opt.verification.stretch_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
-    Chains,
+    DisplacementBounds,
     ErrorLevers,
     ErrorModel,
-    Reaches,
+    JointRanges,
     ToleranceSettings,
+    error_at_contact,
     error_models,
     largest_error,
-    survived,
 )
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts, is_empty, link_axes
@@ -41,20 +41,20 @@ _PLACES = 65
 """Number of points along a link among which the point nearest to another body is searched for."""
 
 
-def survived_errors(
+def tolerated_errors(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
-) -> tuple[SurvivedError, ...]:
-    """Return the largest tolerated error of every kind, one kind at a time; arguments as for ``survived_error``."""
-    return tuple(survived_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
+) -> tuple[ToleratedError, ...]:
+    """Return the largest tolerated error of every kind, one kind at a time; arguments as for ``tolerated_error``."""
+    return tuple(tolerated_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
 
 
-def survived_error(
+def tolerated_error(
     problem: Problem,
     trajectory: JointTrajectory,
     model: ErrorModel,
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
     most: float = np.inf,
-) -> SurvivedError:
+) -> ToleratedError:
     """Return the largest error of one kind that causes no contact, certified for all times of a motion.
 
     Every motion that differs from the planned one by at most this error at all times keeps the clearance from every
@@ -93,7 +93,7 @@ def survived_error(
         kept = min(kept, verdict.kept)
     size = kept / levers.greatest
     if limiting is None or size >= largest:
-        return SurvivedError(model.name, largest, model.unit, "nothing; larger errors are not examined", limited=False)
+        return ToleratedError(model.name, largest, model.unit, "nothing; larger errors are not examined", limited=False)
     return _named(model, size, limiting, nearest)
 
 
@@ -116,44 +116,44 @@ class _SurfacesWithErrors(WallProof):
         self.unit = levers.greatest
 
     def measure(
-        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+        self, intervals: TimeIntervals, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """Return bounds on the errors that the gaps of links to surfaces tolerate; see ``WallProof.measure``."""
-        return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
+        return _in_errors(self, super().measure, intervals, poses, pairs, cutoff)
 
     def along_lines(
-        self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
+        self, intervals: TimeIntervals, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the errors tolerated along shortest lines to surfaces, throughout and at mid-interval, each (P,)."""
         del travel
-        k, link = pairs.stretch, pairs.link
+        k, link = pairs.interval, pairs.link
         ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
         parts = self.surfaces.edge_parts(pairs.other)
         normals = _lines(ends, parts)
-        chains = Chains(k, np.zeros_like(link), link, fixed=True)
+        joint_ranges = JointRanges(k, np.zeros_like(link), link, fixed=True)
         moved = np.maximum(travels[k, link], travels[k, link + 1])
-        of_ends = self.levers.along(poses, travels, chains, ends, moved, normals, outwards=True)
-        of_parts = self.levers.along(poses, travels, chains, parts, np.zeros(len(link)), normals, outwards=False)
+        of_ends = self.levers.along(poses, travels, joint_ranges, ends, moved, normals, outwards=True)
+        of_parts = self.levers.along(poses, travels, joint_ranges, parts, np.zeros(len(link)), normals, outwards=False)
         taken = self.motion.arm.radii.take(link) + self.surfaces.rounding.take(pairs.other) + self.clearance
-        lost = self._lost + self._travel_along(stretches, travels, pairs, normals)
-        return _survived_between(ends, parts, normals, taken, lost, of_ends, of_parts)
+        lost = self._length_loss + self._travel_along(intervals, travels, pairs, normals)
+        return _tolerated_between(ends, parts, normals, taken, lost, of_ends, of_parts)
 
     def _travel_along(
-        self, stretches: TimeStretches, travels: FloatArray, pairs: Pairs, normals: FloatArray
+        self, intervals: TimeIntervals, travels: FloatArray, pairs: Pairs, normals: FloatArray
     ) -> FloatArray:
         """Return bounds on the travel of link ends along directions (P, d) from mid-interval, shape (P,) [m].
 
         Within a step between samples, only the components of the displacements along the directions count.
         """
-        k = pairs.stretch
-        within = ((stretches.high - stretches.low) <= 1.0)[k]
-        chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
-        gone = np.zeros(len(k))
+        k = pairs.interval
+        within = ((intervals.high - intervals.low) <= 1.0)[k]
+        chords = self.motion.poses(intervals.high) - self.motion.poses(intervals.low)
+        travel = np.zeros(len(k))
         for joint in (pairs.link, pairs.link + 1):
             chord = chords[k, joint]
             aside = lengths_of(chord) - np.abs(np.einsum("pd,pd->p", chord, normals))
-            gone = np.maximum(gone, travels[k, joint] - 0.5 * np.where(within, aside, 0.0))
-        return gone
+            travel = np.maximum(travel, travels[k, joint] - 0.5 * np.where(within, aside, 0.0))
+        return travel
 
     def where(self, near: Nearest) -> tuple[str, FloatArray]:
         """Return the name of the obstacle that limits the tolerated error, and its nearest edge or triangle."""
@@ -178,31 +178,31 @@ class _LinksWithErrors(LinkProof):
         self.unit = levers.greatest
 
     def measure(
-        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+        self, intervals: TimeIntervals, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """Return bounds on the errors that the gaps between links tolerate; see ``LinkProof.measure``."""
-        return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
+        return _in_errors(self, super().measure, intervals, poses, pairs, cutoff)
 
     def along_lines(
-        self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
+        self, intervals: TimeIntervals, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the errors that links tolerate along shortest lines, throughout intervals and at mid-interval, (P,).
 
         `travel` is the loss of gap by the motion of the links, shape (P,) [m].
         """
-        k, i, j = pairs.stretch, pairs.link, pairs.other
+        k, i, j = pairs.interval, pairs.link, pairs.other
         first = np.stack((poses[k, i], poses[k, i + 1]), axis=1)
         second = np.stack((poses[k, j], poses[k, j + 1]), axis=1)
         normals = _lines(second, first)
-        chains = Chains(k, i + 1, j, fixed=False)
+        joint_ranges = JointRanges(k, i + 1, j, fixed=False)
         # Directions may be fixed in the world or turn with either link; levers grow by that and by the joints' travel.
-        turning = 2.0 * travels_in_frame(self.motion, stretches, k, i, j)
+        turning = 2.0 * travels_in_frame(self.motion, intervals, k, i, j)
         moved = [np.maximum(np.maximum(travels[k, link], travels[k, link + 1]), turning) for link in (j, i)]
-        of_second = self.levers.along(poses, travels, chains, second, moved[0], normals, outwards=True)
-        of_first = self.levers.along(poses, travels, chains, first, moved[1], normals, outwards=False)
-        lost = self._lost + travel
+        of_second = self.levers.along(poses, travels, joint_ranges, second, moved[0], normals, outwards=True)
+        of_first = self.levers.along(poses, travels, joint_ranges, first, moved[1], normals, outwards=False)
+        lost = self._length_loss + travel
         taken = self.radii.take(i) + self.radii.take(j)
-        return _survived_between(second, first, normals, taken, lost, of_second, of_first)
+        return _tolerated_between(second, first, normals, taken, lost, of_second, of_first)
 
     @staticmethod
     def where(near: Nearest) -> tuple[str, None]:
@@ -213,7 +213,7 @@ class _LinksWithErrors(LinkProof):
 def _in_errors(
     proof: "_SurfacesWithErrors | _LinksWithErrors",
     measure: Callable[..., Measured],
-    stretches: TimeStretches,
+    intervals: TimeIntervals,
     poses: FloatArray,
     pairs: Pairs,
     cutoff: FloatArray | float,
@@ -222,25 +222,25 @@ def _in_errors(
 
     Args:
         proof: the proof that uses the bounds.
-        measure: function that bounds the gaps themselves, as for ``prove_stretches``.
-        stretches: time intervals.
+        measure: function that bounds the gaps themselves, as for ``prove_gaps``.
+        intervals: time intervals.
         poses: positions of joints and tip at mid-interval, shape (S, links + 1, d) [m].
         pairs: pairs of bodies in the intervals.
         cutoff: tolerated error, times the greatest displacement per unit, above which bounds may be rough [m].
     """
-    travels = proof.motion.travels(stretches)
+    travels = proof.motion.travels(intervals)
     during, middle = (
         proof.levers.of_pairs(poses, moved, pairs, of_links=proof.of_links) / proof.unit
         for moved in (travels, np.zeros_like(travels))
     )
-    known = measure(stretches, poses, pairs, cutoff * during + proof.clearance)
-    least = survived(known.least - proof.clearance, during)
+    known = measure(intervals, poses, pairs, cutoff * during + proof.clearance)
+    least = error_at_contact(known.least - proof.clearance, during)
     # Bounds along lines are better than those by levers; for boxes, levers only serve as a first guess at moments.
     counts = np.where(known.exact, least < cutoff, known.travel == 0.0)
-    most = np.where(counts, survived(known.most - proof.clearance, middle), np.inf)
+    most = np.where(counts, error_at_contact(known.most - proof.clearance, middle), np.inf)
     close = np.flatnonzero(known.exact & (least < cutoff))
     for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
-        kept, met = proof.along_lines(stretches, poses, travels, pairs.where(some), known.travel[some])
+        kept, met = proof.along_lines(intervals, poses, travels, pairs.where(some), known.travel[some])
         least[some] = np.maximum(least[some], proof.unit * kept)
         most[some] = np.maximum(most[some], proof.unit * met)
     return replace(known, least=least, most=most)
@@ -256,14 +256,14 @@ def _lines(ends: FloatArray, parts: FloatArray) -> FloatArray:
     return nearest_lines(both[:, 0], both[:, 1], corners)[0][:, :dimension]
 
 
-def _survived_between(
+def _tolerated_between(
     ends: FloatArray,
     parts: FloatArray,
     normals: FloatArray,
     taken: FloatArray,
     lost: FloatArray,
-    of_ends: Reaches,
-    of_parts: Reaches,
+    of_ends: DisplacementBounds,
+    of_parts: DisplacementBounds,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the largest errors for which a plane with a given normal separates segments from other bodies.
 
@@ -287,13 +287,13 @@ def _survived_between(
     highs = np.einsum("ped,pd->pe", ends - origin, normals)
     lows = np.einsum("ped,pd->pe", parts - origin, normals)
     kept, met = [], []
-    for gaps, reaches in (
+    for gaps, bounds in (
         (highs - lows.max(axis=1, keepdims=True), of_ends),
         (highs.min(axis=1, keepdims=True) - lows, of_parts),
     ):
         room = gaps - taken[:, None]
-        kept.append(survived(room - lost[:, None], reaches.during, reaches.bow).min(axis=1))
-        met.append(survived(room, reaches.middle, reaches.bow).min(axis=1))
+        kept.append(error_at_contact(room - lost[:, None], bounds.throughout, bounds.quadratic).min(axis=1))
+        met.append(error_at_contact(room, bounds.at_middle, bounds.quadratic).min(axis=1))
     return np.maximum(*kept), np.maximum(*met)
 
 
@@ -312,7 +312,7 @@ def _proofs(
 
 def _named(
     model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
-) -> SurvivedError:
+) -> ToleratedError:
     """Return a tolerated error with the bodies that limit the error: a link and an edge or triangle, or two links."""
     motion = proof.motion
     link, other = near.link, near.other
@@ -335,7 +335,7 @@ def _named(
     share = np.linspace(0.0, 1.0, _PLACES)[:, None]
     along = (1.0 - share) * pose[:, link] + share * pose[:, link + 1]
     nearest = along[np.argmin(away(pose, along, along))]
-    return SurvivedError(
+    return ToleratedError(
         model.name,
         size,
         model.unit,
@@ -358,7 +358,7 @@ def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray
     bends = arm.coordinates.joints
     distances = gap(np.vstack((q, q + _STEP * np.eye(bends, len(q)))))
     signs = -np.sign(distances[1:] - distances[0])
-    out = float(carried(arm, q[None])[0]) + arm.joint_places[:-1] - arm.hole
+    out = float(base_displacement(arm, q[None])[0]) + arm.joint_places[:-1] - arm.hole
     # A joint inside the guide tube is held straight and has no error.
     inside = DEFAULT_VERIFICATION.inside
     held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)

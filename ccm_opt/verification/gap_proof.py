@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 BLOCK = 32
@@ -32,32 +32,32 @@ class Pairs:
     """P pairs of bodies in time intervals: a link, and either another link or a bounding box of surfaces.
 
     Attributes:
-        stretch: indices of the time intervals, shape (P,).
+        interval: indices of the time intervals, shape (P,).
         link: indices of the links, from 0, shape (P,).
         other: indices of the other links or of the boxes, shape (P,).
     """
 
-    stretch: IntArray
+    interval: IntArray
     link: IntArray
     other: IntArray
 
     def __len__(self) -> int:
-        return len(self.stretch)
+        return len(self.interval)
 
     @classmethod
-    def in_all(cls, stretches: int, link: IntArray, other: IntArray) -> "Pairs":
+    def in_all(cls, intervals: int, link: IntArray, other: IntArray) -> "Pairs":
         """Repeat given pairs of links and other bodies in each of a number of time intervals."""
-        stretch = np.repeat(np.arange(stretches), len(link))
-        return cls(stretch, np.tile(link, stretches), np.tile(other, stretches))
+        interval = np.repeat(np.arange(intervals), len(link))
+        return cls(interval, np.tile(link, intervals), np.tile(other, intervals))
 
     def where(self, chosen: BoolArray | IntArray) -> "Pairs":
         """Return the pairs of bodies selected by a mask of shape (P,) or by indices."""
-        return Pairs(self.stretch[chosen], self.link[chosen], self.other[chosen])
+        return Pairs(self.interval[chosen], self.link[chosen], self.other[chosen])
 
     def and_also(self, others: "Pairs", shift: int = 0) -> "Pairs":
         """Return these pairs followed by other pairs, whose interval indices are shifted by `shift`."""
         return Pairs(
-            np.concatenate((self.stretch, others.stretch + shift)),
+            np.concatenate((self.interval, others.interval + shift)),
             np.concatenate((self.link, others.link)),
             np.concatenate((self.other, others.other)),
         )
@@ -114,7 +114,7 @@ class Measured:
     exact: BoolArray
 
 
-Measure = Callable[[TimeStretches, FloatArray, Pairs, float], Measured]
+Measure = Callable[[TimeIntervals, FloatArray, Pairs, float], Measured]
 """Function from time intervals, poses at mid-interval (S, links + 1, d) [m], pairs and a cutoff [m] to bounds on gaps.
 
 Gaps above the cutoff need not be bounded tightly.
@@ -140,9 +140,9 @@ def least_allowed_gap(limit: float, thickness: float, settings: VerificationSett
     return max(limit - settings.contact_tolerance, settings.touch - thickness)
 
 
-def prove_stretches(
+def prove_gaps(
     motion: ChainMotion,
-    stretches: TimeStretches,
+    intervals: TimeIntervals,
     pairs: Pairs,
     measure: Measure,
     least: float,
@@ -154,7 +154,7 @@ def prove_stretches(
 
     Args:
         motion: motion of the arm.
-        stretches: time intervals.
+        intervals: time intervals.
         pairs: pairs of bodies in these intervals.
         measure: function that bounds the gaps of pairs.
         least: gap that every pair must keep [m].
@@ -167,9 +167,9 @@ def prove_stretches(
     kept = np.inf
     # Breadth first: all pairs of one depth are measured at once, where numpy is fast.
     while len(pairs):
-        cutoff = max(least, _told(ceiling, settings))
-        known = measure(stretches, motion.poses(stretches.middle), pairs, cutoff)
-        nearest = _nearer(motion, stretches, pairs, known, nearest)
+        cutoff = max(least, _reporting_cutoff(ceiling, settings))
+        known = measure(intervals, motion.poses(intervals.middle), pairs, cutoff)
+        nearest = _nearer(motion, intervals, pairs, known, nearest)
         # A pose of the motion itself is a counterexample, so no halving can help.
         if nearest.gap < least:
             return Verdict(proved=False, nearest=nearest)
@@ -182,39 +182,39 @@ def prove_stretches(
 
         # Pairs that are proved may still contain the least gap, which the report needs more precisely.
         ceiling = min(ceiling, nearest.gap, float(np.min(known.most)))
-        vague = known.least < _told(ceiling, settings)
+        vague = known.least < _reporting_cutoff(ceiling, settings)
         vague &= ~known.exact | (known.travel > 0.0)
         if np.count_nonzero(vague) < settings.most_report_pairs:
             undecided |= vague
         kept = min(kept, float(np.min(known.least[~undecided], initial=np.inf)))
-        stretches, pairs = _divided(stretches, pairs.where(undecided), known.travel[undecided], opened)
+        intervals, pairs = _divided(intervals, pairs.where(undecided), known.travel[undecided], opened)
     return Verdict(proved=nearest.gap >= least, nearest=nearest, kept=kept)
 
 
-def _told(ceiling: float, settings: VerificationSettings) -> float:
+def _reporting_cutoff(ceiling: float, settings: VerificationSettings) -> float:
     """Return the gap above which the report needs no refinement of a pair, from an upper bound on the least gap [m]."""
     return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 
-def _nearer(motion: ChainMotion, stretches: TimeStretches, pairs: Pairs, known: Measured, nearest: Nearest) -> Nearest:
+def _nearer(motion: ChainMotion, intervals: TimeIntervals, pairs: Pairs, known: Measured, nearest: Nearest) -> Nearest:
     exact = np.where(known.exact, known.most, np.inf)
     best = int(np.argmin(exact))
     if exact[best] >= nearest.gap:
         return nearest
-    when = motion.when(float(stretches.middle[pairs.stretch[best]]))
+    when = motion.when(float(intervals.middle[pairs.interval[best]]))
     return Nearest(float(exact[best]), int(pairs.link[best]), int(pairs.other[best]), when)
 
 
-def _divided(stretches: TimeStretches, pairs: Pairs, travel: FloatArray, opened: Opened) -> tuple[TimeStretches, Pairs]:
+def _divided(intervals: TimeIntervals, pairs: Pairs, travel: FloatArray, opened: Opened) -> tuple[TimeIntervals, Pairs]:
     """Return refined intervals and pairs: large boxes replaced by their children, all other intervals halved."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
     # Time intervals without pairs are dropped, so the remaining ones are renumbered.
-    kept, renumbered = np.unique(parts.stretch, return_inverse=True)
-    cut, numbers = np.unique(whole.stretch, return_inverse=True)
-    first = replace(whole, stretch=numbers)
+    kept, renumbered = np.unique(parts.interval, return_inverse=True)
+    cut, numbers = np.unique(whole.interval, return_inverse=True)
+    first = replace(whole, interval=numbers)
     both = first.and_also(first, shift=len(cut))
-    same = stretches.take(kept)
-    halves = stretches.take(cut).halves()
-    together = TimeStretches(np.concatenate((same.low, halves.low)), np.concatenate((same.high, halves.high)))
-    return together, replace(parts, stretch=renumbered).and_also(both, shift=len(kept))
+    same = intervals.take(kept)
+    halves = intervals.take(cut).halves()
+    together = TimeIntervals(np.concatenate((same.low, halves.low)), np.concatenate((same.high, halves.high)))
+    return together, replace(parts, interval=renumbered).and_also(both, shift=len(kept))
