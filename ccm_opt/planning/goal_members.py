@@ -1,12 +1,12 @@
-"""Members of a goal set.
+"""Selected members of a goal set, and poses at goals that require joints at their limits.
 
-A wide tolerance makes the goal a set; planning leads routes to a few distinct members of it: at least one in every
-piece of the set that the tip can get to, preferably those onto which the arm can run in straight, and far apart
-otherwise. The search also accepts any other member that it comes by.
+A wide tolerance makes the goal a set. Routes are planned to a few distinct members of it: at least one in each of the
+largest pieces of the set, preferably with a free straight run onto the member, and otherwise far apart. A motion may
+also end at any other member.
 
 Goals that only a pose with joints at their limits can reach need few candidates. A curve of bounded curvature that
-reaches as far as such a curve can is made of arcs of maximal curvature (Dubins, 1957), so the arm's poses are sought
-among arcs of at most three parts.
+reaches as far as such a curve can consists of arcs of maximal curvature (Dubins, 1957), so such poses are sought near
+curves of at most three arcs.
 """
 
 from dataclasses import dataclass
@@ -22,55 +22,56 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _MOST = 5
-"""Most members that are chosen, except that every piece has one. Taste: each gets routes of its own."""
+"""Maximum number of members selected. Taste: routes are planned to each."""
 _PIECES = 4
-"""Pieces of the set that are considered, the largest first. Taste."""
+"""Maximum number of pieces of the set that are considered, the largest first. Taste."""
 _GRID = 9
-"""Places across the set, in both directions. Taste."""
+"""Number of grid points across the set along each axis. Taste."""
 _TURN_STEP = 0.08726646259971647
-"""Largest step between the headings that are considered [rad]. Taste: 5°."""
+"""Largest spacing of the headings that are considered [rad]. Taste: 5°."""
 _TURN_SHARE = 0.1
-"""Share of the arm's length that a turn of one radian counts for. Taste."""
+"""Distance that is equivalent to a difference in heading of one radian, as a fraction of the arm's length. Taste."""
 _DIFFERENT = 0.04
-"""Members that differ by less than this share of the arm's length count as one. Taste: a nominal link."""
+"""Difference below which members count as one, as a fraction of the arm's length. Taste: a nominal link."""
 _EDGE = 0.02
-"""Distance of places from the edge of free space, as a share of the set's radius. Taste."""
+"""Distance of positions from the edge of their piece, as a fraction of the set's radius. Taste."""
 _REACH = 0.99
-"""Share of its length to which the arm is expected to stretch. Taste: at full stretch no step has a choice."""
+"""Largest distance of members from the base, as a fraction of the arm's length. Taste: a fully stretched arm can hardly
+move."""
 _RUNS = (0.5, 1.0, 2.0)
-"""Lengths of straight runs onto a member that are distinguished, in nominal links. Taste."""
+"""Lengths of straight runs onto a member that are checked, in nominal links. Taste."""
 _RUN_SAMPLES = 9
-"""Number of places on a run that are checked for being free. Taste."""
+"""Number of points of a run that are checked. Taste."""
 
 
 _ARC_PLACES = 24
-"""Number of joints at which an arc may change the side to which it bends. Taste."""
+"""Maximum number of joints at which the bends may change sign. Taste."""
 _MOST_TURN = 7.0
-"""Arcs that would turn by more than this start with smaller bends, so that they do not coil up [rad]. Taste."""
+"""Largest sum of the absolute bends of an initial curve, so that it does not coil up [rad]. Taste."""
 _ARCS_TRIED = 16
-"""Number of arcs from which Newton's method begins. Taste."""
+"""Maximum number of initial curves for Newton's method. Taste."""
 _ARCS_KEPT = 4
-"""Number of poses at the goal to which motions are sought. Taste."""
+"""Maximum number of poses at the goal that use the joint limits in full. Taste."""
 _ALIKE = 0.3
-"""Poses of which no joint differs by more than this share of its limit are one. Taste."""
+"""Largest difference in any bend up to which poses count as one, as a fraction of the joint limit. Taste."""
 _ARC_STEPS = 30
-"""Most steps of Newton's method. Taste."""
+"""Maximum number of steps of Newton's method. Taste."""
 _ARC_TURN = 0.3
-"""Largest turn of a joint in one of them [rad]. Taste."""
+"""Largest change of a bend in one of these steps [rad]. Taste."""
 _ARC_RIDGE = 1e-13
-"""Added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings."""
+"""Regularisation of the Newton equations, in squared arm lengths. Derived: some thousand rounding errors."""
 _ARC_ARRIVED = 1e-11
-"""Error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the optimisation asks of a
-motion's end."""
+"""Error of the tip at which Newton's method ends, in arm lengths or radians. Derived: far below what the optimisation
+requires at the end of a motion."""
 
 _AMPLE = 0.9
-"""Share of the joints' limits with which guides reach a goal if an arc does. Measured: at 0.98, which steps use unless
-an end asks for more, guides fail within 13 s at goals for which an arc needs 0.96 of the limits."""
+"""Fraction of the joint limits within which guides find goal poses themselves. Measured: with steps limited to 0.98,
+guides fail within 13 s at goals that require 0.96 of the limits."""
 _HEADING_LENGTH = 0.25
-"""Distance of the tip, in arm lengths, that counts as much as a radian of its heading when the arcs that come nearest
-to the goal are chosen. Taste."""
+"""Position error that is equivalent to a heading error of one radian, in arm lengths, in the choice of initial curves.
+Taste."""
 _RELEASES = 8
-"""Most times that joints beyond their limits are held and the step is computed anew. Taste."""
+"""Maximum number of times that joints at their limits are held and a step is recomputed. Taste."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class GoalMember:
 
     Attributes:
         position: position of the tip, shape (2,) [m].
-        heading: heading of the tip [rad], or None where any is acceptable.
+        heading: heading of the tip [rad], or None if any is acceptable.
     """
 
     position: FloatArray
@@ -92,9 +93,9 @@ class _Choice:
 
     Attributes:
         places: positions, shape (m, 2) [m].
-        headings: headings, shape (m,) [rad]; zeros where any is acceptable.
-        runs: length of the straight run onto each member that is free, in nominal links, shape (m,).
-        pieces: index of the piece of the set that each position belongs to, shape (m,).
+        headings: headings, shape (m,) [rad]; zeros if any is acceptable.
+        runs: longest checked length of a free straight run onto each member, in nominal links, 0 for none, shape (m,).
+        pieces: index of the piece of the set that contains each position, shape (m,).
     """
 
     places: FloatArray
@@ -104,17 +105,17 @@ class _Choice:
 
 
 def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) -> tuple[GoalMember, ...]:
-    """Return the members of a goal to which routes are led; only the goal itself when it is not a set.
+    """Return the members of a goal to which routes are planned; only the goal itself if it is not a set.
 
     Args:
         arm: the arm.
-        goal: goal of the tip.
+        goal: goal for the tip.
         room: free space of the arm's axis.
         fed: distance by which the base can still advance [m].
 
     Returns:
-        The members, first the one chosen for each piece of the set, then additional ones. Empty only if the whole set
-        is closed to the tip.
+        The members: first one for each piece of the set, then additional ones. Empty if no point of the set is in free
+        space connected with the base and within reach.
     """
     if not goal.is_set:
         return (GoalMember(goal.position, goal.heading),)
@@ -125,7 +126,14 @@ def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) ->
 
 
 def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
-    """Return all combinations of positions and headings from which members are selected."""
+    """Return all combinations of sampled positions and headings of a goal, from which members are selected.
+
+    Args:
+        arm: the arm.
+        goal: goal for the tip.
+        room: free space of the arm's axis.
+        fed: distance by which the base can still advance [m].
+    """
     places, pieces = _places(arm, goal, room, fed)
     headings = _headings(goal)
     each = np.repeat(np.arange(len(places)), len(headings))
@@ -140,10 +148,10 @@ def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
 
 
 def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: float) -> BoolArray:
-    """Return a mask of the positions and headings onto which a straight run is free, shape (m,).
+    """Return a mask of the members onto which a straight run is free, shape (m,).
 
     Args:
-        room: free space.
+        room: free space of the arm's axis.
         places: positions, shape (m, 2) [m].
         headings: headings, shape (m,) [rad].
         length: length of the run [m].
@@ -154,7 +162,10 @@ def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: 
 
 
 def _headings(goal: GoalPose) -> FloatArray:
-    """Return evenly spaced headings within the tolerance, including the middle one, shape (h,) [rad]."""
+    """Return evenly spaced headings within the tolerance, including the goal's own, shape (h,) [rad].
+
+    A single zero if any heading is acceptable.
+    """
     if goal.heading is None:
         return np.zeros(1)
     steps = int(np.ceil(goal.room[1] / _TURN_STEP))
@@ -164,7 +175,14 @@ def _headings(goal: GoalPose) -> FloatArray:
 def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[FloatArray, IntArray]:
     """Return positions of a goal set, shape (m, 2) [m], with the index of each one's piece of the set, shape (m,).
 
-    Only positions connected with the base and within the arm's reach are included.
+    A set consists of positions within the arm's reach and in the part of free space nearest to the base. A goal without
+    tolerance of position gives its position, unchecked.
+
+    Args:
+        arm: the arm.
+        goal: goal for the tip.
+        room: free space of the arm's axis.
+        fed: distance by which the base can still advance [m].
     """
     if goal.room[0] == 0.0:
         return goal.position[None], np.zeros(1, dtype=np.intp)
@@ -189,11 +207,17 @@ def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[Floa
 def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float) -> FloatArray:
     """Return positions in one piece of the set, shape (m, 2) [m].
 
-    They are the points nearest to the middle of the set and to the base, the point with the widest clearance, and
-    a grid.
+    They are the points nearest to the set's centre and to the base, the centre of the largest inscribed circle, and
+    grid points.
+
+    Args:
+        piece: the piece.
+        middle: centre of the set.
+        base: position of the arm's base.
+        width: radius of the set [m].
     """
     roomiest = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece))[:1]
-    # Slightly inside: at the very edge of free space no step has a choice.
+    # Slightly inside: at the very edge of free space the arm can hardly move.
     inside = piece.buffer(-_EDGE * width)
     inside = piece if inside.is_empty else inside
     ends = [shapely.get_coordinates(shapely.shortest_line(inside, end))[:1] for end in (middle, base)]
@@ -205,13 +229,19 @@ def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Poin
 def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
     """Return the indices of selected members that are far apart from one another.
 
-    The best member of every piece is selected first, then repeatedly the member farthest from all selected ones.
+    The best member of each piece is selected first: one with the longest free run, and among those one close to the
+    goal's position and heading. Then the member farthest from all selected ones is added repeatedly.
+
+    Args:
+        arm: the arm.
+        goal: goal for the tip.
+        choice: members to select from.
     """
     if len(choice.places) == 0:
         return []
     off = np.linalg.norm(choice.places - goal.position, axis=1) / arm.length
     turned = np.abs(choice.headings - (goal.heading or 0.0)) * _TURN_SHARE
-    # A member with a longer straight run is preferred before anything else.
+    # A longer straight run takes precedence over everything else.
     short = choice.runs.max() - choice.runs
     chosen: list[int] = []
     for piece in range(int(choice.pieces.max()) + 1):
@@ -229,7 +259,7 @@ def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
 
 
 def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
-    """Return by how much each member differs from member k, in arm lengths, shape (m,)."""
+    """Return the difference of each member from member k, in arm lengths, shape (m,)."""
     off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
     turned = np.abs(wrap(choice.headings - choice.headings[k])) * _TURN_SHARE
     return np.asarray(off + turned)
@@ -237,7 +267,7 @@ def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class ArcsAtLimits:
-    """Finds poses of arcs, bent up to the joint limits, that reach a goal.
+    """Finds poses at a goal that use the joint limits, from initial curves of at most three arcs.
 
     Attributes:
         arm: arm on a fixed base.
@@ -248,7 +278,7 @@ class ArcsAtLimits:
     goal: GoalPose
 
     def where_needed(self, full: float) -> tuple[FloatArray, ...]:
-        """Return poses at the goal that use the joint limits in full; none if smaller bends suffice.
+        """Return poses at the goal with bends up to the joint limits; none if clearly smaller bends suffice.
 
         Args:
             full: fraction of the joint limits that poses may use.
@@ -261,7 +291,9 @@ class ArcsAtLimits:
         return self.poses(full, _ARCS_KEPT)
 
     def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
-        """Return distinct poses at the goal within a fraction of the joint limits, from the nearest arcs first.
+        """Return distinct poses at the goal within a fraction of the joint limits.
+
+        Initial curves with the tip nearest to the goal come first.
 
         Args:
             share: fraction of the joint limits that poses may use; the base may use its whole limit.
@@ -283,9 +315,12 @@ class ArcsAtLimits:
         return tuple(found)
 
     def _nearest(self, bounds: FloatArray) -> FloatArray:
-        """Return the bends of the arcs whose tip comes nearest to the goal, shape (m, links) [rad].
+        """Return the bends of the initial curves with the tip nearest to the goal, nearest first, (m, links) [rad].
 
         The base is turned so that the tip lies in the direction of the goal.
+
+        Args:
+            bounds: bounds of the absolute bends, shape (links,) [rad].
         """
         arm = self.arm
         bends = np.minimum(bounds, _MOST_TURN / arm.links) * self._sides()
@@ -305,9 +340,9 @@ class ArcsAtLimits:
         return nearest
 
     def _sides(self) -> FloatArray:
-        """Return the side to which each joint of each arc bends, ±1, shape (m, links).
+        """Return the signs of the bends of all initial curves, ±1, shape (m, links).
 
-        In each arc all joints bend to one side, except for at most one stretch of joints.
+        All joints of a curve bend to one side, except for at most one run of consecutive joints.
         """
         links = self.arm.links
         places = np.unique(np.linspace(1, links, min(links, _ARC_PLACES)).astype(int))
@@ -319,16 +354,18 @@ class ArcsAtLimits:
         return np.vstack((sides, -sides))
 
     def _onto_goal(self, bends: FloatArray, bounds: FloatArray) -> FloatArray | None:
-        """Return bends within bounds that put the tip onto the goal, shape (links,) [rad].
+        """Return bends within bounds with the tip at the goal, by Newton's method, (links,) [rad]; None on failure.
 
-        They are found by Newton's method from given bends; None where the method fails.
+        Args:
+            bends: initial bends, shape (links,) [rad].
+            bounds: bounds of the absolute bends, shape (links,) [rad].
         """
         arm = self.arm
         for _ in range(_ARC_STEPS):
             headings = arm.headings(bends)
             points = arm.joint_positions(headings)
             member = self.goal.nearest_member(points[-1], unit_vector(headings[-1]))
-            # Joint k turns the tip about itself.
+            # Row k of the lever is the vector from joint k to the tip.
             lever = (points[-1] - points[:-1]) / arm.length
             rows = np.stack((-lever[:, 1], lever[:, 0]))
             error = (member.position - points[-1]) / arm.length
@@ -341,7 +378,14 @@ class ArcsAtLimits:
         return None
 
     def _step(self, rows: FloatArray, error: FloatArray, bends: FloatArray, bounds: FloatArray) -> FloatArray:
-        """Return the least change of the joints that are not held at a limit, one Newton step, shape (links,) [rad]."""
+        """Return the minimum-norm Newton step, with joints held that would leave their bounds, shape (links,) [rad].
+
+        Args:
+            rows: derivatives of tip position and, if given, heading, shape (e, links), in arm lengths and radians.
+            error: required change of these, shape (e,).
+            bends: current bends, shape (links,) [rad].
+            bounds: bounds of the absolute bends, shape (links,) [rad].
+        """
         free = np.ones(len(bends), dtype=bool)
         ridge = _ARC_RIDGE * np.eye(len(error))
         step = np.zeros(len(bends))
@@ -349,7 +393,7 @@ class ArcsAtLimits:
             moving = rows * free
             step = moving.T @ np.linalg.solve(moving @ moving.T + ridge, error)
             step *= min(1.0, _ARC_TURN / max(float(np.abs(step).max()), TINY))
-            # A joint at its limit is held if it would go beyond; one on its way there is clipped.
+            # A joint at its bound is held if the step leads beyond it; others are clipped at the bound by the caller.
             held = free & (bends * np.sign(step) >= bounds * (1.0 - _ARC_RIDGE)) & (step != 0.0)
             if not held.any():
                 break

@@ -1,4 +1,4 @@
-"""Paths for the tip through a grid: labels of connected cells tell whether there is one, A* finds the cheapest."""
+"""Paths of the tip through a grid in space: labels of connected cells show if one exists, A* finds the cheapest."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,17 +13,17 @@ from ccm_opt.core.native import NativeCall
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 LAYER = 8
-"""Number of cells along x between two checks of the deadline; these are evaluated together."""
+"""Number of layers of cells along x that are evaluated together, between two checks of the deadline."""
 
 
 @dataclass(frozen=True, eq=False)
 class WaysBetween:
-    """All paths between two places up to a given length, which together fill an ellipsoid.
+    """The set of all paths between two points up to a given length, which together fill an ellipsoid.
 
     Attributes:
-        start: where the paths begin, shape (3,) [m].
-        goal: where the paths end, shape (3,) [m].
-        longest: length of the longest path [m].
+        start: first point of the paths, shape (3,) [m].
+        goal: last point of the paths, shape (3,) [m].
+        longest: maximum length of a path [m].
     """
 
     start: FloatArray
@@ -31,10 +31,10 @@ class WaysBetween:
     longest: float
 
     def pass_near(self, sides: tuple[FloatArray, FloatArray, FloatArray], near: float) -> BoolArray:
-        """Return a mask of the places of a grid that lie on one of the paths, or within a distance of one.
+        """Return a mask of the points of a grid that may be within a distance of one of the paths.
 
         Args:
-            sides: coordinates of the grid along x, y and z [m].
+            sides: coordinates of the grid points along x, y and z [m].
             near: the distance [m].
 
         Returns:
@@ -46,13 +46,13 @@ class WaysBetween:
 
 @dataclass(frozen=True, eq=False)
 class GridDistances:
-    """Distances from the surfaces, at the places of a grid.
+    """Distances of a grid's cell centres from the surfaces.
 
     Attributes:
-        low: the first place, the centre of its cell, shape (3,) [m].
-        cell: spacing of the places along each axis [m].
-        values: distances, at most the reach; 0 where they were not evaluated, shape (nx, ny, nz) [m].
-        reach: distance beyond which distances are not resolved [m].
+        low: centre of the first cell, shape (3,) [m].
+        cell: size of the cells along each axis [m].
+        values: distances, capped at ``reach``; 0 if not evaluated, shape (nx, ny, nz) [m].
+        reach: largest distance that is measured [m].
     """
 
     low: FloatArray
@@ -74,13 +74,13 @@ class GridDistances:
         """Evaluate the distances over a box; cells not evaluated by the deadline get distance 0, as if in contact.
 
         Args:
-            tree: tree of the surfaces.
-            box: lower and upper corner, shape (3,) each [m].
+            tree: bounding volume hierarchy of the surfaces.
+            box: lower and upper corner, each of shape (3,) [m].
             cells: approximate number of cells.
-            reach: distance beyond which distances are not resolved [m].
-            finest: least size of cells [m].
-            deadline: time limit; none when None.
-            ways: paths of interest; cells that no such path passes are not evaluated. All cells are when None.
+            reach: largest distance that is measured [m].
+            finest: minimum size of cells [m].
+            deadline: deadline, or None.
+            ways: paths of interest; other cells are not evaluated. None to evaluate all cells.
         """
         low, high = box
         size = np.maximum(high - low, 1e-9)
@@ -106,16 +106,16 @@ class GridDistances:
 
 @dataclass(frozen=True, eq=False)
 class TipGrid:
-    """A grid of places with their clearance for the tip, one per cell.
+    """A grid of cells with the gaps of the tip at the cells' centres.
 
     Attributes:
         low: centre of the first cell, shape (3,) [m].
-        cell: size of the cells [m].
-        gaps: distance of each cell's centre from the surfaces in excess of ``kept``, at most ``far``, negative where
-            the tip does not fit, shape (nx, ny, nz) [m].
+        cell: size of the cells along each axis [m].
+        gaps: distance of each cell's centre from the surfaces minus ``kept``, capped at ``far``, shape (nx, ny, nz)
+            [m]; cells with a gap of at most 0 are blocked.
         far: gap beyond which obstacles have no effect on paths [m].
-        kept: distance that the tip needs from surfaces [m].
-        deadline: time limit; no path is found after it.
+        kept: distance that the tip's centre has to keep from surfaces [m].
+        deadline: deadline, after which no path is found.
     """
 
     low: FloatArray
@@ -130,22 +130,27 @@ class TipGrid:
         """Return the grid of gaps computed from distances to the surfaces.
 
         Args:
-            distances: distances of the places, known up to ``kept + far``.
-            kept: distance that the tip needs from surfaces [m].
-            far: gap from which on obstacles do not matter [m].
-            deadline: time limit; none when None.
+            distances: distances, with a reach of at least ``kept + far``.
+            kept: distance that the tip's centre has to keep from surfaces [m].
+            far: gap beyond which obstacles have no effect on paths [m].
+            deadline: deadline, or None.
         """
         gaps = np.minimum(distances.values, kept + far) - kept
         return cls(distances.low, distances.cell, gaps, far, kept, deadline or Deadline.never())
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
-        """Return the indices of the cell that contains a place; the nearest cell for a place outside the grid."""
+        """Return the indices of the cell that contains a point (3,) [m], or of the nearest one outside the grid."""
         found = np.rint((place - self.low) / self.cell).astype(int)
         x, y, z = np.clip(found, 0, np.array(self.gaps.shape) - 1)
         return int(x), int(y), int(z)
 
     def free_near(self, place: FloatArray, within: int = 2) -> tuple[int, int, int] | None:
-        """Return the free cell nearest to a place, at most ``within`` cells away along each axis; None without one."""
+        """Return the free cell nearest to a point, shape (3,) [m], or None.
+
+        Args:
+            place: the point.
+            within: maximum distance from the point's cell along each axis, in cells.
+        """
         centre = self.index(place)
         best: tuple[float, tuple[int, int, int]] | None = None
         for step in product(range(-within, within + 1), repeat=3):
@@ -166,9 +171,9 @@ class TipGrid:
         return np.asarray(labels)
 
     def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
-        """Return the free cells nearest to two places.
+        """Return the free cells nearest to two points, each of shape (3,) [m].
 
-        None if no free cell is near either place, or no path connects the two cells.
+        None if one of them has no free cell nearby, or the cells are not connected.
         """
         first = self.free_near(start)
         last = self.free_near(goal)
@@ -177,11 +182,11 @@ class TipGrid:
         return first, last
 
     def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
-        """Return the cost per length of a path through each cell; −1 where the tip does not fit.
+        """Return the cost per length of a path through each cell, −1 for blocked cells, shape (nx, ny, nz).
 
         Args:
-            nearness: extra cost of a path along a surface, relative to one far away.
-            dear: extra costs of the cells, of the shape of ``gaps``; none when None.
+            nearness: extra cost per length of a path in contact with a surface; far from surfaces the cost is 1.
+            dear: further extra costs of the cells, shape (nx, ny, nz), or None.
         """
         near = 1.0 - np.clip(self.gaps / self.far, 0.0, 1.0)
         price = (1.0 + nearness * near**2).astype(np.float32)
@@ -191,14 +196,15 @@ class TipGrid:
         return price
 
     def costs_to_go(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
-        """Return the cost of the cheapest path from every cell to a place [m], inf where no path exists.
+        """Return the cost of the cheapest path from each cell to a point.
 
         Args:
-            goal: the place, shape (3,) [m].
+            goal: the point, shape (3,) [m].
             price: costs of the cells per length, as returned by ``prices``.
 
         Returns:
-            The costs, of the shape of ``gaps``; None where no cell near the place is free, or the deadline has passed.
+            The costs, inf if there is no path, shape (nx, ny, nz) [m]; None if no cell near the point is free, or the
+            deadline has passed.
         """
         last = self.free_near(goal)
         if last is None:
@@ -211,15 +217,15 @@ class TipGrid:
     def cheapest_way(
         self, start: FloatArray, goal: FloatArray, nearness: float, dear: FloatArray | None = None
     ) -> FloatArray | None:
-        """Return the corners of the cheapest path between two places, shape (m, 3) [m].
+        """Return the vertices of the cheapest path between two points, shape (m, 3) [m].
 
-        None where no path exists, or none is found in time.
+        None if no path exists, or the deadline has passed.
 
         Args:
-            start: where the path begins, shape (3,) [m].
-            goal: where the path ends, shape (3,) [m].
-            nearness: extra cost of a path along a surface, relative to one far away.
-            dear: extra costs of the cells, of the shape of ``gaps``; none when None.
+            start: first point of the path, shape (3,) [m].
+            goal: last point of the path, shape (3,) [m].
+            nearness: extra cost per length of a path in contact with a surface; far from surfaces the cost is 1.
+            dear: further extra costs of the cells, shape (nx, ny, nz), or None.
         """
         ends = self.joined(start, goal)
         if ends is None:
@@ -241,16 +247,16 @@ class TipGrid:
     def _settled(
         self, price: npt.NDArray[np.float32], first: tuple[int, int, int], last: tuple[int, int, int] | None
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-        """Return the predecessor of each cell on its cheapest path from the first cell, and the cost of that path.
+        """Return the predecessor of each cell on its cheapest path from a first cell, and the cost of that path.
 
         Args:
             price: costs of the cells per length.
-            first: cell where all paths begin.
+            first: first cell of all paths.
             last: cell at which the search ends; None to search all cells.
 
         Returns:
-            Flat indices of predecessors, shape (cells,), −1 where none is known; and costs in cell sizes, of the shape
-            of the grid, inf where none is known.
+            Flat indices of predecessors, −1 for none, shape (cells,); and costs in cell sizes, inf for cells not
+            reached, shape (nx, ny, nz).
         """
         shape = price.shape
         capacity = 16 * price.size
@@ -275,8 +281,8 @@ class _Block:
     """A box of cells of a grid.
 
     Attributes:
-        start: first cell along each axis, shape (3,).
-        stop: one beyond the last cell along each axis, shape (3,).
+        start: index of the first cell along each axis, shape (3,).
+        stop: index after the last cell along each axis, shape (3,).
     """
 
     start: IntArray
@@ -294,7 +300,12 @@ class _Block:
         return tuple(slice(int(start), int(stop)) for start, stop in zip(self.start, self.stop, strict=True))
 
     def sides(self, low: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the block's cell centres along x, y and z, in a grid with first centre ``low``, shape (3,) [m]."""
+        """Return the coordinates of the block's cell centres along x, y and z [m].
+
+        Args:
+            low: centre of the grid's first cell, shape (3,) [m].
+            cell: size of the cells [m].
+        """
         x, y, z = (low[axis] + cell * np.arange(self.start[axis], self.stop[axis]) for axis in range(3))
         return x, y, z
 
@@ -302,7 +313,7 @@ class _Block:
         """Return the smallest block that contains all marked cells, and the slices of that block within this one.
 
         Args:
-            wanted: mask that marks cells of this block; with none marked, the returned block is empty.
+            wanted: mask over this block; the returned block is empty if no cell is marked.
         """
         low, high = np.zeros(3, dtype=np.intp), np.zeros(3, dtype=np.intp)
         for axis in range(3):
@@ -313,22 +324,22 @@ class _Block:
 
 
 def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArray) -> FloatArray:
-    """Return the distance from a given place to every place of a grid, shape (nx, ny, nz) [m]."""
+    """Return the distance from a point (3,) [m] to each point of a grid, shape (nx, ny, nz) [m]."""
     x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
     return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
 
 
 def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) -> FloatArray:
-    """Return a path without corners that straight pieces can bypass at the required distance from the surfaces.
+    """Return a path without vertices that straight pieces at the required distance from the surfaces can bypass.
 
-    From each corner the farthest visible corner is tried first. Where the path is already closer to surfaces than
-    required, a new piece must not come closer still.
+    From each vertex the farthest visible vertex is tried first. Where the path is already closer to surfaces than
+    required, a new piece must not be closer than the pieces that it replaces.
 
     Args:
-        tree: tree of the surfaces.
-        way: corners of the path, shape (m, 3) [m].
+        tree: bounding volume hierarchy of the surfaces.
+        way: vertices of the path, shape (m, 3) [m].
         kept: required distance from the surfaces [m].
-        finest: distance beyond ``kept`` up to which distances are resolved [m].
+        finest: resolution by which distances beyond ``kept`` are still distinguished [m].
     """
     if len(way) < 3:
         return way

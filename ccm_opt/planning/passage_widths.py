@@ -11,35 +11,36 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.walls import Walls
 
 MARGINS = (0.06, 0.024)
-"""Planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the narrow one
-gets through. Measured: with a smaller narrow one, the first candidate failed in one scene."""
+"""Planning margins that are tried in turn, in nominal links: with the larger one motions are smoother, with the smaller
+one the arm passes through narrower gaps. Measured: with an even smaller second one, the first candidate failed in one
+scene."""
 WIDTH_SAMPLES = 96
-"""Number of places along a path at which its passage is measured. Taste."""
+"""Number of points along a path at which the width of its passage is measured. Taste."""
 
 _LEAST_MARGIN = 0.001
-"""Least planning margin, in nominal links. Taste."""
+"""Minimum planning margin where none of the usual ones fits, in nominal links. Taste."""
 
 _NARROW = 2.5
-"""Width below which passages require shorter nominal links, in nominal links. Taste: a fold in a passage is about a
-third of its width high, and should not be shorter than a nominal link."""
+"""Width of a passage below which nominal links are shortened, in nominal links. Taste: the height of a fold is about a
+third of the passage's width, and should not be less than a nominal link."""
 
 _ROOMY = 3.2
-"""Width of such passages after the shortening, in nominal links. Taste."""
+"""Width of such a passage in shortened nominal links. Taste."""
 _FITTING_SHARE = 0.8
-"""Largest planning margin as a share of the gap next to the arm. Taste: with all of the gap taken, no step could
-move the arm."""
+"""Largest planning margin as a fraction of the gap beside the arm. Taste: a margin equal to the gap would leave the arm
+no freedom to move."""
 _MARGIN_SHARE = 0.5
-"""Share of the available gap that serves as margin where no planning margin fits. Taste."""
+"""Margin where none of the usual ones fits, as a fraction of the gap beside the arm. Taste."""
 
 SPARE = 1.001
-"""Factor on the length of the lines whose crossings with edges are sought, against rounding."""
+"""Factor by which lines are lengthened whose crossings with edges are sought, against rounding errors."""
 
 
 def required_nominal_links(task: MotionTask) -> float:
-    """Return the number of nominal links to the arm's length that the first tip path requires.
+    """Return the number of nominal links along the arm that the narrowest passage of the first tip path requires.
 
-    The number is larger than usual where passages are narrow. A nominal link shorter than a link is of no use, so arms
-    of few links are always planned with the usual number.
+    It is at least the usual number and at most the arm's number of links, as nominal links shorter than links are of no
+    use; arms with no more links than the usual number always get the latter.
     """
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
@@ -52,15 +53,16 @@ def required_nominal_links(task: MotionTask) -> float:
 
 
 def fitting_margins(task: MotionTask) -> tuple[float, ...]:
-    """Return the planning margins, in nominal links, that leave the path to the goal open, or else smaller ones.
+    """Return the planning margins to be tried in turn, in nominal links.
 
-    A wide margin closes passages that hardly admit the arm, and goals that hardly admit the tip; trying such a margin
-    wastes time.
+    They are those of ``MARGINS`` that are smaller than the gap beside the arm, as no step gets through a passage with a
+    larger one. If none is, a smaller margin is followed by the smallest of ``MARGINS``; if the gap is unknown, all of
+    ``MARGINS`` are returned.
     """
     gap = gap_beside_arm(task) * task.nominal_links / task.arm.length
     if gap <= 0.0:
         return MARGINS
-    # A margin nearly as wide as the gap closes the passage: the step would never get through.
+    # With a margin nearly as wide as the gap, no step gets through the passage.
     fitting = tuple(margin for margin in MARGINS if margin <= _FITTING_SHARE * gap)
     if fitting:
         return fitting
@@ -68,9 +70,9 @@ def fitting_margins(task: MotionTask) -> tuple[float, ...]:
 
 
 def gap_beside_arm(task: MotionTask) -> float:
-    """Return the gap on either side of the arm in the narrowest passage of the widest tip path, and at its goal [m].
+    """Return the smallest gap on either side of the arm along the widest tip path, at its gates and at its goal [m].
 
-    Not positive when there is no tip path, or the paths are too narrow to be distinguished from walls.
+    0 without tip paths; negative if every path is narrower than the arm with its clearance.
     """
     arm = task.arm
     walls = task.workspace.flat_walls
@@ -78,7 +80,7 @@ def gap_beside_arm(task: MotionTask) -> float:
     for path in task.tip_paths:
         if path.length > 0.0:
             half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length).min())
-            # With a margin wider than its gap at the goal the tip would never arrive.
+            # With a margin wider than the gap at the goal, the tip could not reach the goal.
             rooms.append(
                 min(half_width, *(_room_about(task, places) for places in (path.gate_places, path.route[-1:])))
             )
@@ -86,23 +88,23 @@ def gap_beside_arm(task: MotionTask) -> float:
 
 
 def _room_about(task: MotionTask, places: FloatArray) -> float:
-    """Return the distance from places (m, 2) to the nearest wall [m]; inf for no places."""
+    """Return the distance from points (m, 2) [m] to the nearest wall [m]; inf for no points."""
     return task.gap_about(places) + task.arm.tip_radius + task.workspace.clearance
 
 
 def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
-    """Return the width of the passage at places evenly spread along a path, shape (``WIDTH_SAMPLES``,) [m].
+    """Return the width of the passage at points evenly spaced along a path, shape (``WIDTH_SAMPLES``,) [m].
 
-    The width is measured across the path, to the first wall on the left and on the right; a side without a wall counts
-    as ``widest``, and widths above ``widest`` are capped.
+    The width is measured perpendicular to the path, to the nearest wall on the left and on the right, and capped at
+    ``widest``.
 
     Args:
         walls: the walls.
-        path: shape (k, 2) [m].
+        path: vertices of the path, shape (k, 2) [m].
         widest: largest width that is measured [m].
     """
     places, tangent = evenly_along(path)
-    # Along the normal to the first edge on either side; where there is none, the largest width measured.
+    # Distances along the normal to the first edge on either side; without one, the largest measured width.
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     place, along = _crossings(walls, places, across, widest)
     left = np.full(WIDTH_SAMPLES, widest)
@@ -114,7 +116,14 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
 
 
 def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ``WIDTH_SAMPLES`` places evenly spread along a path (k, 2) between its ends, and its directions there."""
+    """Return ``WIDTH_SAMPLES`` points evenly spaced along a path, without its ends, and the tangents there.
+
+    Args:
+        path: vertices of the path, shape (k, 2) [m].
+
+    Returns:
+        The points [m] and the unit tangents, each of shape (``WIDTH_SAMPLES``, 2).
+    """
     path = without_repeats(path, 0.0)
     arcs = arc_lengths(path)
     at = np.linspace(0.0, arcs[-1], WIDTH_SAMPLES + 2)[1:-1]
@@ -124,9 +133,17 @@ def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray, widest: float) -> tuple[IntArray, FloatArray]:
-    """Return the crossings of lines through places (m, 2) with edges: place and signed distance, each of shape (k,).
+    """Return the crossings of lines with edges of walls.
 
-    Distances [m] are reduced by the rounding of the wall; crossings farther than ``widest`` [m] may be left out.
+    Args:
+        walls: the walls.
+        places: a point of each line, shape (m, 2) [m].
+        directions: unit vectors along the lines, shape (m, 2).
+        widest: distance from the point beyond which crossings may be omitted [m].
+
+    Returns:
+        Indices of the lines, shape (k,), and signed distances of the crossings from the points, reduced by the walls'
+        rounding radius, shape (k,) [m].
     """
     # This query returns every edge crossed within reach, and few others.
     reach = SPARE * (widest + float(walls.rounding.max(initial=0.0)))

@@ -1,6 +1,6 @@
-"""Cells of a reach map, and how they are flooded.
+"""Cells of a reach map, and the flood fill that finds those that the tip can reach.
 
-Cells are processed in waves: all seeds of a wave are known before it begins, and its results are taken in together in
+Cells are processed in waves: all seeds of a wave are known before it begins, and its results are recorded together in
 the order of its tasks. So the map depends neither on which process finishes first nor on the number of processes.
 """
 
@@ -31,13 +31,13 @@ from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _STEPS = 40
-"""Most steps from a pose in the neighbouring cell onto a place. Measured: nearly all that arrive take fewer."""
+"""Maximum number of steps from a pose to a goal in a neighbouring cell. Measured: nearly all successes take fewer."""
 _PROGRESS = 0.9
-"""Share of the distance left that four steps may leave for a place not to be given up. Taste."""
+"""Largest ratio of the remaining error after a round of steps to the one before at which steps continue. Taste."""
 _ROUND = 4
-"""Number of steps between checks of the progress."""
+"""Number of steps in a round, after which the progress is checked."""
 _TURNS = 2
-"""Number of poses from which a direction is tried in a cell. Taste."""
+"""Maximum number of poses from which each direction is tried in a cell. Taste."""
 
 Cell: TypeAlias = tuple[int, ...]
 """Indices of a cell along x and y, in space along z too."""
@@ -54,9 +54,9 @@ class ReachSettings:
         headings: default number of headings tried in a cell in the plane. Taste.
         directions: default number of directions tried in a cell in space. Taste: none, since each direction takes as
             long as the whole map without directions.
-        drawn: number of sampled poses, each of which is a seed in the cell of its tip. Taste: each takes a thousandth
-            of a second, and together they find the regions beyond narrow places.
-        margin: planning margin of steps in the plane, in nominal links, where possible. Taste.
+        drawn: number of sampled poses; those that are free are seeds in the cells of their tips. Taste: each takes a
+            thousandth of a second, and together they find the regions beyond narrow passages.
+        margin: planning margin of steps in the plane, in nominal links. Taste.
         seen: largest gap that is measured, as a fraction of the arm's length. Taste.
         most_cells: maximum number of cells; larger grids are refused. Derived: several minutes of work and 10 MB of
             arrays.
@@ -83,7 +83,7 @@ class ReachQuestion:
     Attributes:
         pickled: the pickled problem.
         width: width of a cell [m].
-        directions: directions that are tried in every cell, shape (K, d).
+        directions: unit vectors of tip directions that are tried in every cell, shape (K, d).
         settings: settings of the search.
     """
 
@@ -96,10 +96,16 @@ class ReachQuestion:
     def about(
         cls, problem: Problem, width: float, directions: FloatArray, settings: ReachSettings = REACH
     ) -> "ReachQuestion":
-        """Return the question for a problem.
+        """Return the inputs for a problem.
 
-        In space, a problem's last goal for the tip is kept as the goal of an initial motion; otherwise the tip's start
-        is the goal.
+        The goal of the pickled problem is the position of the tip at the start; only in space, a goal for the tip is
+        kept, as goal of an initial motion.
+
+        Args:
+            problem: the problem.
+            width: width of a cell [m].
+            directions: unit vectors of tip directions that are tried in every cell, shape (K, d).
+            settings: settings of the search.
         """
         goal = TipGoal(problem.start.tip(problem.arm))
         if problem.dimension == 3 and problem.goal.whole(problem.arm) is None:
@@ -108,20 +114,20 @@ class ReachQuestion:
 
     @property
     def looker(self) -> "TipLooker":
-        """The object that processes cells in this process, created once."""
+        """The object that processes cells in this process, cached."""
         return _looker(self.pickled, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
 class ReachTask:
-    """A cell to be entered, or a reached cell whose directions and gap are to be found.
+    """A cell to be entered, or a reached cell whose directions and gap are to be determined.
 
     Attributes:
         cell: indices of the cell.
-        middle: middle of the cell, shape (d,) [m].
-        seeds: unknowns of poses, each of shape (p,), in the order of trying: to enter the cell, poses with the tip in
-            it or in a neighbour; where it is reached, first the pose with the tip in its middle, then those of the
-            neighbours.
+        middle: centre of the cell, shape (d,) [m].
+        seeds: unknowns of poses, each of shape (p,), in the order of trying. For a cell to be entered, the poses have
+            their tips in it or in a neighbour; for a reached cell, they are the pose with the tip at its centre and
+            those of reached neighbours.
         reached: whether the cell is reached.
     """
 
@@ -136,13 +142,14 @@ class CellFound:
     """Result for a cell.
 
     Attributes:
-        arrived: unknowns of a free pose with the tip in the middle, shape (p,); None where there is none.
-        stone: unknowns of a free pose that only entered the cell; None where there is none.
+        arrived: unknowns of a free pose with the tip at the cell's centre, shape (p,); None if none was found.
+        stone: unknowns of a free pose with the tip anywhere in the cell, shape (p,); None if none was found.
         tried: number of seeds tried.
-        taken: mask of the directions that the tip can have, shape (K,).
+        taken: mask of the directions that the tip can have, shape (K,); None for a cell to be entered.
         turned: unknowns of poses with these directions, each of shape (p,).
-        gap: largest gap of these poses, capped at the largest that is measured [m].
-        cpu: CPU time taken [s].
+        gap: largest gap among these poses and the first seed, capped at the largest measured gap [m]; NaN for a cell to
+            be entered.
+        cpu: CPU time used [s].
     """
 
     arrived: FloatArray | None = None
@@ -156,7 +163,7 @@ class CellFound:
 
 @on_one_thread()
 def look_at_cell(question: ReachQuestion, task: ReachTask) -> CellFound:
-    """Process one cell of a reach map; return the result and the CPU time used."""
+    """Process one cell of a reach map, and return the result with the CPU time used."""
     begun = time.process_time()
     looker = question.looker
     found = looker.turned(task, question.directions) if task.reached else looker.entered(task, question.width)
@@ -171,15 +178,15 @@ def _looker(pickled: bytes, settings: ReachSettings) -> "TipLooker":
 
 @dataclass(frozen=True, eq=False)
 class TipLooker:
-    """Moves poses of one arm among fixed walls or surfaces from place to place.
+    """Processes cells: moves poses of one arm among fixed walls or surfaces by steps.
 
     Attributes:
-        stepper: takes the steps.
-        start: unknowns of the first pose, shape (p,).
-        room: returns the least gap of configurations, shape (k, c), beyond radius and clearance, capped at the largest
-            gap that is measured [m].
-        drawn: returns unknowns of random shapes.
-        seed: seed of the samples.
+        stepper: solver of QP steps.
+        start: unknowns of the start pose, shape (p,).
+        room: returns the minimum gap of configurations, shape (k, c), beyond radius and clearance, capped at the
+            largest measured gap [m].
+        drawn: returns unknowns of a random shape, shape (p,).
+        seed: seed of the random shapes.
         task: task in space, for an initial motion; None in the plane.
     """
 
@@ -191,19 +198,23 @@ class TipLooker:
     task: SpaceTask | None = None
 
     def free(self, pose: Pose) -> bool:
-        """Return whether a pose touches nothing and keeps all limits."""
+        """Return whether a pose is certified to be free of contact and within all limits."""
         return self.stepper.safe(pose.q, pose.q)
 
     def entered(self, task: ReachTask, width: float) -> CellFound:
-        """Return a pose in the middle of a cell, or one that only enters the cell, from nearby poses.
+        """Return a pose with the tip at a cell's centre, or else one with the tip in the cell, derived from the seeds.
 
-        In a duct the middles of cells may lie in its walls. So a pose that only enters the cell serves as a stepping
-        stone, though the cell does not count as reached by it.
+        In a duct the centres of cells may lie in its walls. So a pose with the tip elsewhere in the cell is used as a
+        seed for neighbours, though the cell does not count as reached.
+
+        Args:
+            task: the cell to be entered.
+            width: width of a cell [m].
         """
         stone: FloatArray | None = None
         for number, seed in enumerate(task.seeds, start=1):
             near = self.stepper.pose(seed)
-            # Straight across the side that the cells share, since a duct may lead there, and then to the middle.
+            # Straight across the face that the cells share, since a duct may lead there, and then to the centre.
             across = _into(task.middle, width, near.tip)
             if float(np.linalg.norm(across - task.middle)) > self.stepper.space.nominal_length:
                 _, near = self._led(near, GoalPose(across))
@@ -218,7 +229,12 @@ class TipLooker:
         return CellFound(stone=stone, tried=len(task.seeds))
 
     def turned(self, task: ReachTask, directions: FloatArray) -> CellFound:
-        """Return the directions that the tip can have in a cell, each tried from the poses that point nearest to it."""
+        """Return the directions that the tip can have in a cell; each is tried from the poses nearest in direction.
+
+        Args:
+            task: the reached cell.
+            directions: unit vectors, shape (K, d).
+        """
         own, *beside = map(self.stepper.pose, task.seeds)
         found = [own]
         taken = np.zeros(len(directions), dtype=bool)
@@ -237,7 +253,7 @@ class TipLooker:
         )
 
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
-        """Return a free pose at a goal, reached from a nearby pose, or None; and the last pose on the way there."""
+        """Return a free pose at a goal, reached by steps from a nearby pose, or None; and the pose of the last step."""
         stepper = self.stepper
         if self.task is not None:
             goal = self.task.limited(goal)
@@ -257,7 +273,7 @@ class TipLooker:
 
 
 def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
-    """Return the looker for an arm on a fixed base among walls.
+    """Return the processor of cells for an arm on a fixed base among walls in the plane.
 
     Raises:
         UnreachableGoal: the start touches something, or violates a joint limit.
@@ -276,7 +292,7 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 
 def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
-    """Return the looker for an arm among surfaces."""
+    """Return the processor of cells for an arm among surfaces in space."""
     task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.never(), SpaceMotionSettings())
     curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve)
@@ -285,24 +301,30 @@ def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
-    """Return a place moved into a cell; coordinates outside the cell are set to those of the cell's middle."""
+    """Return a point with each coordinate that is outside a cell replaced by that of the cell's centre, shape (d,) [m].
+
+    Args:
+        middle: centre of the cell, shape (d,) [m].
+        width: width of the cell [m].
+        place: the point, shape (d,) [m].
+    """
     return np.where(np.abs(place - middle) > 0.5 * width, middle, place)
 
 
 @dataclass(eq=False)
 class TipFlood:
-    """State of a map under construction, an iterator over tasks that ends when no task is left for the moment.
+    """State of a map under construction: an iterator over tasks, which ends while results of given tasks are missing.
 
     Attributes:
-        axes: middles of the cells along x and y, in space along z too [m].
+        axes: coordinates of the cells' centres along each axis [m].
         width: width of a cell [m].
-        closed: mask of cells that no pose can have, one axis per coordinate.
+        closed: mask of cells that do not count as reached, one array axis per coordinate.
         count: number K of directions that are tried in a cell.
         settings: settings of the search.
-        poses: unknowns of a pose in each reached cell, shape (p,).
-        taken: mask of the directions in each cell, shape (..., K).
-        gap: gap in each cell [m]; NaN where it is not reached.
-        cpu: CPU time of all cells [s].
+        poses: unknowns of a pose in each reached cell, each of shape (p,).
+        taken: mask of the directions that the tip can have in each cell, shape (*closed.shape, K).
+        gap: largest gap found in each cell [m]; NaN for cells that are not reached.
+        cpu: CPU time used for all cells [s].
     """
 
     axes: tuple[FloatArray, ...]
@@ -325,12 +347,12 @@ class TipFlood:
         self.gap: FloatArray = np.full(self.closed.shape, np.nan)
 
     def begin(self, looker: TipLooker, along: FloatArray) -> None:
-        """Create the first wave from the start, the poses of a motion, and sampled poses.
+        """Create the first wave from the start, the poses of a motion, and sampled poses, at most one in each cell.
 
         Args:
-            looker: builds poses.
-            along: unknowns of poses of a motion, shape (N, p), which may lie in regions that the flood does not reach
-                otherwise.
+            looker: gives the start and samples poses.
+            along: unknowns of a motion's poses, shape (N, p); these may lie in regions that the flood fill does not
+                reach otherwise.
         """
         for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
             cell = self._cell_index(pose.tip)
@@ -348,10 +370,10 @@ class TipFlood:
         return self
 
     def __next__(self) -> ReachTask:
-        """Return the next task; after the end, iteration may resume when results have been added.
+        """Return the next task; after StopIteration, iteration may resume when results have been added.
 
         Raises:
-            StopIteration: there is no task at the moment.
+            StopIteration: the wave is given out but not finished, or there are no tasks left.
         """
         if self._given == len(self._wave) == len(self._found):
             self._next_wave()
@@ -362,9 +384,10 @@ class TipFlood:
         return task
 
     def _next_wave(self) -> None:
-        """Take in the results of a finished wave, and create the next one.
+        """Record the results of a finished wave, and create the next one.
 
-        Cells are entered while there are any; then directions are tried in the reached cells, which may lead to others.
+        As long as there are cells to be entered, the wave consists of these; then directions are tried in the reached
+        cells, and the poses found serve as seeds for further cells.
         """
         first = not self._tried
         gained = [task.cell for task in self._wave if self._take(task) or first]
@@ -373,7 +396,7 @@ class TipFlood:
         self._wave = self._entering(gained) or self._turning() or self._from_turned()
 
     def _take(self, task: ReachTask) -> bool:
-        """Take in a task's result, and return whether its cell has gained a pose from which others may be reached."""
+        """Record a task's result, and return whether its cell has gained a pose that can be a seed for neighbours."""
         cell = task.cell
         found = self._found[cell]
         if task.reached:
@@ -388,7 +411,7 @@ class TipFlood:
         if found.arrived is None:
             return found.stone is not None and new
         if self.closed[cell]:
-            # The cell does not count as reached, but may lead on.
+            # The cell does not count as reached, but its pose may be a seed for neighbours.
             if new:
                 self._stones[cell] = found.arrived
             return new
@@ -396,7 +419,10 @@ class TipFlood:
         return True
 
     def _entering(self, gained: list[Cell]) -> list[ReachTask]:
-        """Return the tasks of entering neighbours of cells that have gained a pose, with a seed from each such cell."""
+        """Return tasks of entering the neighbours of cells that have gained a pose, with a seed from each such cell.
+
+        At most as many seeds as a cell has neighbours are tried in it.
+        """
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell in gained:
             for other in self._beside(cell):
@@ -407,7 +433,7 @@ class TipFlood:
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
 
     def _turning(self) -> list[ReachTask]:
-        """Return the tasks of trying directions in reached cells."""
+        """Return tasks of trying directions in those reached cells where they have not yet been tried."""
         tasks: list[ReachTask] = []
         for cell in self.poses:
             if cell not in self._turned:
@@ -416,7 +442,7 @@ class TipFlood:
         return tasks
 
     def _from_turned(self) -> list[ReachTask]:
-        """Return the tasks of entering unreached cells from poses with other directions in their neighbours."""
+        """Return tasks of entering unreached cells from poses with tried directions in their neighbours."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell, poses in self._turned.items():
             if cell not in self._given_on:
@@ -435,14 +461,14 @@ class TipFlood:
                 yield pose
 
     def _cell_index(self, place: FloatArray) -> Cell | None:
-        """Return the indices of the cell that contains a place; None outside the grid."""
+        """Return the indices of the cell that contains a point, shape (d,) [m]; None outside the grid."""
         low = np.array([middles[0] for middles in self.axes])
         numbers = np.round((place - low) / self.width).astype(int)
         within = np.all(numbers >= 0) and np.all(numbers < self.closed.shape)
         return tuple(numbers.tolist()) if within else None
 
     def _beside(self, cell: Cell) -> Iterator[Cell]:
-        """Yield the cells that share a side with a cell."""
+        """Yield the cells of the grid that share a face with a cell."""
         for axis, size in enumerate(self.closed.shape):
             for step in (1, -1):
                 if 0 <= cell[axis] + step < size:
