@@ -1,7 +1,7 @@
-"""Random poses at the goal, trees and swings between poses.
+"""Random poses at the goal, and RRT-Connect between poses in the unknowns of a curve.
 
-A curled arm sweeps its surroundings wherever its base turns it, while a straight one passes whatever it can point past.
-So trees that hardly ever meet between two curled poses meet soon between the same poses unbent.
+A curled arm sweeps much of its surroundings when its base turns, a straight one little. So trees that hardly ever meet
+between two curled poses soon meet between the same poses straightened.
 """
 
 from collections.abc import Iterator
@@ -28,53 +28,53 @@ from ccm_opt.robot.inverse_kinematics import bends_from_directions
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _DRAWS = 200
-"""Most random poses that are brought onto the goal."""
+"""Maximum number of random poses that are moved towards the goal."""
 POLISH_TURN = 0.3
 """Largest turn of a link in a step of Newton's method onto the goal [rad]."""
 
 _STEPS = 40
-"""Most steps of a random pose towards the goal."""
+"""Maximum number of steps of a random pose towards the goal."""
 
 
 _SHAPES = 4096
-"""Smooth shapes that are sampled together; a shape and where its tip is take some 4 µs."""
+"""Number of smooth shapes that are sampled together; a shape and its tip take some 4 µs."""
 _NEAREST = 256
 """Number of those, nearest to the goal, that are moved onto it. Taste: it takes a tenth of a millisecond each. Measured
-among bars: of these one in a hundred is free, of shapes that begin anywhere one in a thousand."""
+among bars: of these one in a hundred is free, of shapes with the tip anywhere one in a thousand."""
 _FACING = 0.3
-"""Distance of the tip from its goal that is as bad as a radian off its direction [arm lengths]. Taste."""
+"""Position error that is equivalent to a direction error of one radian, in arm lengths. Taste."""
 _NEWTON_STEPS = 20
-"""Most steps of Newton's method onto the goal. Taste: it converges in some six or never."""
+"""Maximum number of steps of Newton's method onto the goal. Taste: it converges in some six or never."""
 _NEWTON_TURN = 1.5
-"""Largest of these steps, in the norm of turns of the links [rad]. Taste."""
+"""Maximum norm of these steps, in changes of link headings [rad]. Taste."""
 _ARRIVED = 1e-4
-"""Error of the tip that is left to the exact method, in arm lengths and radians."""
+"""Error of the tip up to which poses are passed on to the exact method, in arm lengths and radians."""
 _CHAIN_STRAYS = (0.0, 0.3, 1.0)
-"""Preferences of the growths of chains for nodes after the asked number of links. Measured among bars: each finds poses
-where the others find none."""
+"""Preferences for nodes after the required number of links, for the growths of chains. Measured among bars: each finds
+poses where the others find none."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
-"""Gaps that links of chains keep, as shares of the wanted gap; one is drawn for each growth. Taste."""
+"""Gaps of chains' links, as fractions of the preferred gap; one is sampled for each growth. Taste."""
 _CHAIN_GAP = 0.8
 """Largest gap between the two parts of a chain, in links. Taste."""
 _CHAIN_BENDS = 0.98
-"""Share of the largest bend that joints of chains use."""
+"""Largest bend of joints of chains, as a fraction of the joint limit."""
 _ALIKE = 0.03
-"""Distance of all joints within which poses count as one [arm lengths]. Taste."""
+"""Largest distance between joints of two poses up to which the poses count as one, in arm lengths. Taste."""
 _CONTROLS = (3, 9)
-"""Number of control values between which the curvature of a smooth shape is linear: least, and one more than most."""
+"""Minimum number, and maximum plus one, of control values between which a smooth shape's curvature is linear."""
 _BENT = 0.7
-"""Largest standard deviation of the curvature at a control, as a share of what the joints can do. Measured on two
-confined scenes: with half as much trees take twice as long."""
+"""Maximum standard deviation of the curvature at a control, as a fraction of the largest one that the joints permit.
+Measured in two confined scenes: with half as much, trees take twice as long to meet."""
 
 
 def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[Pose]:
-    """Yield poses at the goal that touch nothing and keep the joint limits.
+    """Yield random poses at the goal that touch nothing and keep the joint limits.
 
-    Poses are sampled until the deadline passes or the maximum number of samples is reached.
+    Poses are sampled until the deadline has passed or the maximum number of samples is reached.
 
     Args:
         task: task with a goal for the tip.
-        stepper: stepper in whose unknowns the poses are given.
+        stepper: solver of QP steps; gives the space of unknowns.
         rng: random generator.
     """
     goal = task.limited_goal
@@ -89,12 +89,12 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
 def free_goal_poses(
     task: SpaceTask, points: "CurvePoints", motions: SampledMotions, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return poses at the goal, smooth random shapes moved there, that touch nothing and keep the joint limits.
+    """Return smooth random shapes moved onto the goal that touch nothing and keep the joint limits.
 
     Args:
         task: task with a goal for the tip, of an arm on a fixed base.
-        points: scaled unknowns in which shapes are moved.
-        motions: sampled check that selects what touches nothing.
+        points: scaled unknowns in which the shapes are moved.
+        motions: sampled check of contact.
         rng: random generator.
     """
     goal = task.limited_goal
@@ -114,14 +114,14 @@ def free_goal_poses(
 def chained_goal_poses(
     task: SpaceTask, points: "CurvePoints", known: list[Pose], rng: np.random.Generator
 ) -> list[Pose]:
-    """Return further poses at the goal, made of chains of links, that touch nothing and keep the joint limits.
+    """Return further poses at the goal, composed of chains of links, that touch nothing and keep the joint limits.
 
-    Where an arm has to pass between many obstacles, no smooth shape drawn at random does.
+    Chains pass between many obstacles, where hardly any smooth random shape is free.
 
     Args:
         task: task with a goal for the tip, of an arm on a fixed base.
         points: scaled unknowns in which shapes are moved.
-        known: poses at the goal; those near to one of them are left out.
+        known: known poses at the goal; poses close to one of them are omitted.
         rng: random generator.
     """
     goal = task.limited_goal
@@ -156,12 +156,15 @@ def chained_goal_poses(
 
 
 def _alike(arm: Arm, pose: Pose, other: Pose) -> bool:
-    """Return whether no joint is far from its place in another pose."""
+    """Return whether every joint has nearly the same position in both poses."""
     return bool(np.max(np.linalg.norm(pose.points - other.points, axis=1)) < _ALIKE * arm.length)
 
 
 def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> FloatArray:
-    """Return how far the tip is from a goal for each row of unknowns, shape (m, p), in arm lengths, shape (m,)."""
+    """Return the error of the tip for each row of unknowns, shape (m, p), in arm lengths, shape (m,).
+
+    Direction errors count as equivalent position errors.
+    """
     arm = stepper.space.arm
     joints = arm.joint_positions_at(stepper.space.configurations(shapes))
     away = np.linalg.norm(joints[:, -1] - goal.position, axis=1) / arm.length
@@ -173,11 +176,11 @@ def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class CurvePoints:
-    """Scales the unknowns of a curve to points whose distances measure turns of the links.
+    """Linear map from unknowns of a curve to points whose Euclidean distances approximate rotations of the links.
 
     Attributes:
-        stepper: stepper in the unknowns, of an arm on a fixed base.
-        start: pose at which the metric of the turns is evaluated.
+        stepper: solver of QP steps in the unknowns, of an arm on a fixed base.
+        start: pose at which the metric of the unknowns is evaluated.
     """
 
     stepper: SpaceStepper
@@ -185,26 +188,30 @@ class CurvePoints:
 
     @cached_property
     def root(self) -> FloatArray:
-        """Root of the metric, the matrix by which unknowns (as rows) are multiplied to get points, shape (p, p)."""
+        """Cholesky factor of the metric; a row of unknowns times this matrix is the point, shape (p, p)."""
         metric = self.stepper.space.metric(self.start)
         return np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
     @cached_property
     def configurations(self) -> tuple[FloatArray, FloatArray]:
-        """Configuration of the zero point, shape (c,), and derivatives with respect to the point, shape (p, c)."""
+        """Configuration at point zero, shape (c,), and its derivatives with respect to the point, shape (p, c)."""
         curve = self.stepper.space
         slopes = np.asarray(np.linalg.solve(self.root, curve.drive_rows.T), dtype=np.float64)
         return curve.configuration(np.zeros(curve.dimension)), slopes
 
     def unknowns(self, points: FloatArray) -> FloatArray:
-        """Return the unknowns that belong to points, both of shape (m, p)."""
+        """Return the unknowns of points, both of shape (m, p)."""
         return np.asarray(np.linalg.solve(self.root.T, points.T).T)
 
     def moved_onto(self, goal: GoalPose, points: FloatArray) -> FloatArray:
-        """Move points, shape (m, p), in place so that the tip is at a goal, ignoring obstacles and limits.
+        """Move points in place by Newton's method so that the tip is at a goal, without regard to obstacles and limits.
+
+        Args:
+            goal: goal for the tip.
+            points: points, shape (m, p).
 
         Returns:
-            Remaining error of the tip, in arm lengths and radians, shape (m,).
+            Remaining errors of the tip, in arm lengths and radians, shape (m,).
         """
         arm = self.stepper.space.arm
         offset, slopes = self.configurations
@@ -222,9 +229,9 @@ class CurvePoints:
 
 
 def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int) -> FloatArray:
-    """Return the unknowns of curves with smooth random curvature up to the joint limits, shape (count, p).
+    """Return the unknowns of ``count`` curves with smooth random curvature up to the joint limits, shape (count, p).
 
-    The base turns are normally distributed.
+    The rotations of the base are normally distributed.
     """
     curve = stepper.space
     arm, knots = curve.arm, curve.knots
@@ -246,7 +253,7 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
 
 
 def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
-    """Return the unknowns of a curve with smooth random curvature, and a random feed, shape (p,)."""
+    """Return the unknowns of a curve with smooth random curvature, and a random feed or base rotation, shape (p,)."""
     curve = stepper.space
     arm = curve.arm
     k = curve.knots
@@ -267,7 +274,7 @@ def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArr
 
 
 def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose moved onto the goal, clear of walls and within limits; None where that fails."""
+    """Return the pose moved onto the goal by steps, free of contact and within limits; None on failure."""
     for k in range(_STEPS):
         pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + k), checked=False)
         distance, turn = goal.errors(pose)
@@ -278,26 +285,27 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pos
 
 
 def _free(stepper: SpaceStepper, pose: Pose) -> bool:
-    """Return whether a pose touches nothing and is within the limits."""
+    """Return whether a pose is certified to be free of contact and within the limits."""
     return stepper.safe(pose.q, pose.q)
 
 
 _SWING_EXTENSIONS = 1000
-"""Most extensions of trees between poses that have been unbent: the trees meet after few extensions or not at all.
-Measured on curled arms next to a post, where some hundred are enough."""
+"""Maximum number of extensions of trees between straightened poses: the trees meet after few extensions or not at all.
+Measured for curled arms next to a post: some hundred are enough."""
 _BASE_SHARE = 0.8
-"""Share of the targets of such trees in which only the base turns, anywhere, and the curve lies between those of the
+"""Fraction of the targets of such trees in which the base has a random direction and the curve is between those of the
 start and a goal."""
 _EXTENSION = 2.0
-"""Longest extension, in the norm of turns of the links [rad]. Measured among bars: with 1 it takes twice as long until
-trees meet."""
+"""Maximum length of an extension, in the norm of points [rad]. Measured among bars: with 1 it takes twice as long until
+the trees meet."""
 _BATCH = (8, 16)
-"""Numbers of extensions that are made between two looks at the clock. Taste."""
+"""Minimum and maximum number of targets in a batch, between checks of the deadline. Taste."""
 _SMOOTH = 0.8
-"""Share of the trees' targets that are smooth shapes anywhere; with half as many, trees meet later (measured
-likewise)."""
+"""Fraction of the trees' targets that are smooth random shapes. Measured among bars: with half as many, trees meet
+later."""
 _ATTRACTED = 0.1
-"""Share of targets that are poses of the other tree. Measured among bars: with none trees meet after twice the time."""
+"""Fraction of targets that are nodes of the other tree. Measured among bars: with none, trees meet after twice the
+time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,9 +317,9 @@ class CurveDraws:
         motions: sampled check of motions.
         goals: poses at the goal.
         base_share: fraction of the targets near start and goals in which the base points in a random direction.
-        smooth: fraction of targets that are smooth random shapes.
-        batch: least and greatest number of targets sampled at once.
-        longest: longest extension [rad].
+        smooth: fraction of all targets that are smooth random shapes.
+        batch: minimum and maximum number of targets sampled together.
+        longest: maximum length of an extension, in the norm of points [rad].
     """
 
     points: CurvePoints
@@ -324,23 +332,29 @@ class CurveDraws:
 
     @property
     def stepper(self) -> SpaceStepper:
-        """Stepper in whose unknowns the trees grow."""
+        """Solver of QP steps that gives the space of unknowns."""
         return self.points.stepper
 
     @property
     def start(self) -> Pose:
-        """Pose where the motion begins."""
+        """Start pose of the motion."""
         return self.points.start
 
     @cached_property
     def goal_points(self) -> FloatArray:
-        """Points that belong to the goals, shape (m, p)."""
+        """Points of the poses at the goal, shape (m, p)."""
         return np.stack([goal.v for goal in self.goals]) @ self.points.root
 
     def way(self, rng: np.random.Generator, draws: int, deadline: Deadline) -> list[Pose] | None:
-        """Return the poses from the start to one of the goals.
+        """Return the poses of a certified motion from the start to one of the goals, by RRT-Connect.
 
-        None if no path is found within ``draws`` extensions or before the deadline.
+        Args:
+            rng: random generator.
+            draws: maximum number of extensions.
+            deadline: deadline of the search.
+
+        Returns:
+            None if no motion is found.
         """
         root = self.points.root
         trees = (PointTree.empty(len(root)), PointTree.empty(len(root)))
@@ -363,6 +377,12 @@ class CurveDraws:
         """Return random targets for a tree, shape (count, p).
 
         They are smooth shapes, nodes of the other tree, and points near or between the start and the goals.
+
+        Args:
+            rng: random generator.
+            count: number of targets.
+            tree: the tree; unused.
+            other: the other tree.
         """
         del tree
         root = self.points.root
@@ -374,7 +394,7 @@ class CurveDraws:
 
     @property
     def _shares(self) -> FloatArray:
-        """Fractions of targets that are smooth shapes, nodes of the other tree, and others, shape (3,)."""
+        """Fractions of targets that are smooth shapes, nodes of the other tree, and other points, shape (3,)."""
         others = max(1.0 - self.smooth - _ATTRACTED, 0.0)
         return np.array([self.smooth, _ATTRACTED, others])
 
@@ -391,11 +411,11 @@ class CurveDraws:
         return np.asarray(middle + self.points.unknowns(size * spread[None] / np.sqrt(len(middle)))[0])
 
     def _unproved(self, way: FloatArray) -> IntArray:
-        """Return the edges of a path of points that are not certified; its ends are the exact start and goal."""
+        """Return the indices of the intervals of a path of points (K, p) that are not certified."""
         return self.stepper.failing_edges(self._between_ends(way))
 
     def _between_ends(self, way: FloatArray) -> FloatArray:
-        """Return the unknowns along a path of points, shape (K, p), with those of start and goal exact."""
+        """Return the unknowns of a path of points, both (K, p), with those of the start and the nearest goal exact."""
         goal = self.goals[int(np.argmin(np.linalg.norm(self.goal_points - way[-1], axis=1)))]
         return np.vstack((self.start.v, self.points.unknowns(way[1:-1]), goal.v))
 
@@ -408,17 +428,17 @@ def swung(
     rng: np.random.Generator,
     deadline: Deadline,
 ) -> list[Pose] | None:
-    """Return the poses of a motion that straightens the arm, swings it over and bends it to one of the goals.
+    """Return the poses of a motion that straightens the arm, turns it at its base, and bends it to one of the goals.
 
-    None where the search finds no path between the straightened poses.
+    None if the search finds no motion between the straightened poses.
 
     Args:
-        stepper: stepper of an arm whose base turns.
+        stepper: solver of QP steps of an arm on a fixed base.
         motions: sampled check of motions.
-        start: pose where the motion begins.
+        start: start pose of the motion.
         goals: poses at the goal, one or more.
         rng: random generator.
-        deadline: time limit.
+        deadline: deadline of the search.
     """
     unbent = unbending_poses(stepper, start, deadline)
     of_goals = [unbending_poses(stepper, goal, deadline) for goal in goals]
@@ -432,7 +452,13 @@ def swung(
 
 
 def unbending_poses(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from a given one to where its curve is straight, or as straight as obstacles permit."""
+    """Return the poses from a given one towards that with a straight curve, as far as obstacles permit.
+
+    Args:
+        stepper: solver of QP steps.
+        pose: the given pose.
+        deadline: deadline of the steps.
+    """
     guide = PoseLed(stepper.space, pose.v, stepper.space.unbent(pose.v))
     try:
         return follow(stepper, guide, pose, deadline)

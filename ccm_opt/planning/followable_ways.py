@@ -1,18 +1,17 @@
-"""Paths that an arm can follow, and how it slides along them.
-
-The search itself is compiled C (followable_ways.c).
+"""Paths that a fed arm can follow, and motions of the arm along them.
 
 The search is hybrid A* (D. Dolgov et al., Path planning for autonomous vehicles in unknown semi-structured
-environments, 2010), in space: a state is a place and a direction, from which short arcs towards some azimuths lead on;
-states in one bin of places and directions count as one. The cost to go is estimated by the cheapest path through the
-grid, whatever its bends. As soon as two arcs lead to the goal with clearance around them, the path ends with these.
+environments, 2010), in space, in C (followable_ways.c). A state is a position and a direction, from which short arcs
+towards some azimuths lead to further states; states in one bin of positions and directions count as one. The cost to go
+is estimated by the cheapest path through the grid without regard to bends. The path ends as soon as two arcs through
+free cells lead from a state to the goal.
 
-Links are chords of the track, so the arm stays on it however few links it has. Joints that are about to leave the tube,
-or have just left it, bend little, as everywhere in planning: they stay near the line of the tube a little longer.
+Links are chords of the track, so the joints stay on it however few links the arm has. Only joints near the end of the
+guide tube, which may bend little, deviate from it.
 
-Between its joints a configuration does not determine the curve. If every configuration were fitted by itself, the curve
-would swing there as the joints slide by, and the optimisation would have to undo that first. So the fit also penalises
-changes of the curve from one configuration to the next.
+Between the joints a configuration does not determine the curve of the arm. If each configuration were fitted
+separately, the curve would oscillate there as the joints slide by, and the optimisation would have to remove that. So
+the fit also penalises changes of the curve from one configuration to the next.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,24 +35,24 @@ from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.rigid_motions import turn_towards
 
 _STEP = 1.0
-"""Length of the arcs of which a path is composed [u]."""
+"""Length of the arcs of a path, in nominal links."""
 _BENDS = (0.5, 1.0)
-"""Curvatures of the arcs as shares of the tightest one; the straight arc comes first."""
+"""Curvatures of the bent arcs, as fractions of the largest permitted one."""
 PLACE_BIN = 0.5
-"""Size of a bin of places [u]; states in one bin count as one."""
+"""Size of a bin of positions, in nominal links; states in one bin count as one."""
 DIRECTION_BINS = 2
 """Half the number of bins along each side of the six faces of the cube of directions."""
 MOST_STATES = 20_000
-"""Most states that are expanded."""
+"""Maximum number of states that are expanded."""
 _AZIMUTHS = 8
 """Number of azimuths towards which arcs bend."""
 _LANDING = 6.0
-"""Distance from the goal within which two arcs to it are tried [u]."""
+"""Distance from the goal up to which two arcs to it are tried, in nominal links."""
 
 _BEND_PRICE = 1.0
-"""Extra cost of the tightest bend relative to a straight path."""
+"""Extra cost per length of the tightest arc, relative to a straight one."""
 _LONGEST_LANDING = 1.6
-"""Longest landing of two arcs, as a multiple of the straight distance."""
+"""Maximum length of the two arcs to the goal, as a multiple of the distance."""
 
 _BINS = 7
 """Number of integers that identify the bin of a state in followable_ways.c."""
@@ -61,11 +60,11 @@ _BINS = 7
 
 @dataclass(frozen=True, eq=False)
 class WayEnd:
-    """A place with a direction, at which a path begins or ends.
+    """Position and direction of an end of a path.
 
     Attributes:
         place: position, shape (3,) [m].
-        direction: unit vector, shape (3,); None where any direction is acceptable.
+        direction: unit vector of the path's direction, shape (3,); None if any is acceptable.
     """
 
     place: FloatArray
@@ -77,9 +76,9 @@ class WayArcs:
     """Arcs of equal length by which a path continues from a state.
 
     Attributes:
-        places: m places on each arc, the last at its end, in the frame at its beginning, shape (a, m, 3) [m].
+        places: m points on each arc, the last at its end, in the frame at its beginning, shape (a, m, 3) [m].
         turns: rotation of the frame from the beginning to the end of each arc, shape (a, 3, 3).
-        dear: cost of each arc per length, shape (a,).
+        dear: cost per length of each arc, shape (a,).
         length: length of each arc [m].
     """
 
@@ -94,8 +93,8 @@ class WayArcs:
 
         Args:
             unit: length of a nominal link [m].
-            radius: radius of the tightest bend [m].
-            cell: cell size of the grid; places on an arc are about half a cell apart [m].
+            radius: minimum bending radius [m].
+            cell: cell size of the grid; points on an arc are about half a cell apart [m].
         """
         step = _STEP * unit
         samples = step * np.arange(1, 1 + max(2, int(np.ceil(2.0 * step / cell))))
@@ -123,10 +122,10 @@ class FollowSearch:
     Attributes:
         low: centre of the grid's first cell, shape (3,) [m].
         cell: size of the cells [m].
-        price: cost per length of a path through each cell, shape (nx, ny, nz); not positive where the cell is blocked.
-        left: cost of the cheapest path from each cell to the goal, inf where there is none, shape (nx, ny, nz) [m].
+        price: cost per length of a path through each cell, shape (nx, ny, nz); not positive for blocked cells.
+        left: cost of the cheapest path from each cell to the goal, inf if there is none, shape (nx, ny, nz) [m].
         arcs: arcs by which a path continues from a state.
-        radius: radius of the tightest bend [m].
+        radius: minimum bending radius [m].
         unit: length of a nominal link [m].
         most: maximum length of a path [m].
     """
@@ -141,20 +140,18 @@ class FollowSearch:
     most: float
 
     def cells(self, places: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Return the cells that contain places, shape (..., 3); the nearest cells for places outside the grid."""
+        """Return the indices along x, y and z of the cells that contain points (..., 3) [m], or of the nearest ones."""
         found = np.rint((places - self.low) / self.cell).astype(np.intp)
         found = np.clip(found, 0, np.array(self.price.shape) - 1)
         return found[..., 0], found[..., 1], found[..., 2]
 
     def connecting_arc_indices(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> list[int] | None:
-        """Return the indices of the arcs of a path that ends where ``landing`` can connect it to the goal.
-
-        None if no path is found.
+        """Return the indices of the arcs of a path to a state that ``landing`` connects to the goal, or None.
 
         Args:
-            place: where the path begins, shape (3,) [m].
-            frame: frame (t, n1, n2) at the beginning, as columns, shape (3, 3).
-            goal: where the path ends.
+            place: first point of the path, shape (3,) [m].
+            frame: frame (t, n1, n2) at the first point, as columns, shape (3, 3).
+            goal: end of the path.
         """
         choices, samples, _ = self.arcs.places.shape
         capacity = MOST_STATES * choices + 1
@@ -186,14 +183,14 @@ class FollowSearch:
         return found[::-1]
 
     def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
-        """Return places along two arcs that connect a state to the goal, shape (m, 3) [m].
+        """Return points along two arcs that connect a state to the goal, shape (m, 3) [m].
 
-        None where the arcs are too long or too tightly bent.
+        None if the goal is too far away, or the arcs are too long or too tightly bent.
 
         Args:
             place: position of the state, shape (3,) [m].
-            frame: frame (t, n1, n2) at that position, as columns, shape (3, 3).
-            goal: where the path ends.
+            frame: frame (t, n1, n2) of the state, as columns, shape (3, 3).
+            goal: end of the path.
         """
         away = float(np.linalg.norm(goal.place - place))
         if away > _LANDING * self.unit:
@@ -214,7 +211,14 @@ class FollowSearch:
 
 
 def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spacing: float) -> FloatArray:
-    """Return places along consecutive arcs, without the starting point, shape (m, 3) [m]."""
+    """Return points along consecutive arcs, without the first point, shape (m, 3) [m].
+
+    Args:
+        frame: frame (t, n1, n2) at the first point, as columns, shape (3, 3).
+        start: the first point, shape (3,) [m].
+        arcs: the arcs.
+        spacing: maximum spacing of the points if an arc has more than two [m].
+    """
     places = []
     for arc in arcs:
         count = max(2, int(np.ceil(arc.length / spacing)))
@@ -235,12 +239,11 @@ class FollowableWays:
     """Finds paths through a grid that the arm can follow.
 
     Attributes:
-        grid: grid of places with clearance for the tip.
-        price: cost per length of a path through each cell, of the shape of the grid; not positive where the cell is
-            blocked.
-        radius: radius of the tightest bend [m].
+        grid: grid of the tip's gaps.
+        price: cost per length of a path through each cell, shape (nx, ny, nz); not positive for blocked cells.
+        radius: minimum bending radius [m].
         unit: length of a nominal link [m].
-        deadline: time limit.
+        deadline: deadline of the search.
     """
 
     grid: TipGrid
@@ -250,12 +253,12 @@ class FollowableWays:
     deadline: Deadline = field(default_factory=Deadline.never)
 
     def between(self, start: WayEnd, goal: WayEnd, most: float) -> FloatArray | None:
-        """Return places along a path that the arm can follow, shape (m, 3) [m]; None if none is found.
+        """Return points along a path that the arm can follow, shape (m, 3) [m]; None if none is found.
 
         Args:
-            start: where the path begins, with the direction that the path has there.
-            goal: where the path ends.
-            most: length of the longest path that is considered [m].
+            start: start of the path, with its direction.
+            goal: end of the path.
+            most: maximum length of the path [m].
         """
         if self.grid.joined(start.place, goal.place) is None:
             return None
@@ -281,7 +284,7 @@ class FollowableWays:
 
 
 def _frame(direction: FloatArray) -> FloatArray:
-    """Return a frame, its axes as columns, whose first axis is a given direction, shape (3, 3)."""
+    """Return a frame, its axes as columns, whose first axis is a given unit vector, shape (3, 3)."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     second = np.cross(direction, helper)
     second /= np.linalg.norm(second)
@@ -289,13 +292,12 @@ def _frame(direction: FloatArray) -> FloatArray:
 
 
 _FINE = 0.02
-"""Spacing of the places at which the track is sampled to find the next joint, in links."""
+"""Spacing of the samples of the track among which the next joint's position is found, in links."""
 _AHEAD = 100
-"""Number of these places that are searched: two links, which suffices because a half circle that a link spans has
-length π / 2."""
+"""Number of these samples that are searched: two links of track, since a half circle that a link spans has length
+π / 2."""
 _BACK = 40
-"""Number of places by which the search begins before the joint's place on a straight track: in bends links skip part of
-the track."""
+"""Number of samples by which the search for a joint begins before the sample one link of track after the last joint."""
 
 
 def slid_along(
@@ -307,16 +309,16 @@ def slid_along(
 ) -> FloatArray:
     """Return the configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
-    A joint near the guide tube may use only a fraction of its largest bend, and turns its link towards the track as far
-    as that permits; joints further out turn the arm back onto the track.
+    A joint near the end of the guide tube may use only a fraction of its largest bend, and turns its link towards the
+    track as far as that permits; joints farther out turn the arm back onto the track.
 
     Args:
-        arm: arm on a feed axis, with all joints on the track where its base is at the first of the feeds.
-        track: track of the tip; it begins at the base for the first of the feeds.
+        arm: arm on a feed axis; with the base at the first feed, all joints are on the track.
+        track: track of the tip, which begins at the base for the first feed.
         feeds: positions of the base, increasing, shape (k,) [m].
-        shares: returns that fraction at each of the feeds, shape (k,), from the joint's arc length beyond the tube,
-            shape (k,) [m]; ``bend_shares`` when None.
-        most: largest bend of a joint [rad]; the joint limit when None.
+        shares: returns the permitted fractions of the largest bend, shape (k,), from a joint's arc lengths beyond the
+            tube's end at all feeds, shape (k,) [m]; None for ``bend_shares``.
+        most: largest bend of a joint [rad]; None for the joint limit.
     """
     shares = partial(bend_shares, arm) if shares is None else shares
     link = arm.link_length
@@ -342,7 +344,7 @@ def slid_along(
 
 
 def _turned(directions: FloatArray, wanted: FloatArray, most: FloatArray) -> FloatArray:
-    """Turn unit directions, shape (k, 3), towards others, shape (k, 3), by at most given angles, shape (k,) [rad]."""
+    """Return unit vectors (k, 3) turned towards others, shape (k, 3), by at most given angles, shape (k,) [rad]."""
     along = np.sum(directions * wanted, axis=1)
     aside = wanted - along[:, None] * directions
     away = np.linalg.norm(aside, axis=1)
@@ -351,17 +353,15 @@ def _turned(directions: FloatArray, wanted: FloatArray, most: FloatArray) -> Flo
 
 
 def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatArray:
-    """Return evenly spaced positions of the base that bring the tip to the end of its track, shape (k,) [m].
-
-    The positions lead from the start of a motion to where the tip is nearest to that end.
+    """Return evenly spaced positions of the base from a start to where the tip is nearest to its track's end, (k,) [m].
 
     Args:
         arm: arm on a feed axis.
         track: track of the tip.
-        start: position of the base at the start [m].
-        step: largest spacing of the positions [m].
+        start: position of the base at the start of the motion [m].
+        step: maximum spacing of the positions [m].
     """
-    # Links cut bends short, so the tip is at the end before the base has advanced by the track's length.
+    # Links are chords of bends, so the tip is at the end before the base has advanced by the track's length.
     farthest = max(min(start + track.length - track.start, arm.base_range[1]), start)
     before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
     feeds = np.concatenate(([start], before))
@@ -371,13 +371,13 @@ def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatA
 
 
 def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatArray, FloatArray]:
-    """Return, for each joint, the index of the nearest place and the direction of the joint's next link.
+    """Return for a joint's positions the index of the nearest track point, shape (k,), and the next link's direction.
 
-    The link points to the place on the track that is a link length away from the joint.
+    The link points to the first track point after the nearest one that is a link length away from the joint.
 
     Args:
-        window: consecutive places of the track, shape (k, m, 3) [m].
-        joints: positions of the joints, shape (k, 3) [m].
+        window: consecutive points of the track for each position, shape (k, m, 3) [m].
+        joints: positions of the joint at k feeds, shape (k, 3) [m].
         link: length of a link [m].
     """
     away = np.linalg.norm(window - joints[:, None], axis=2)
@@ -395,23 +395,23 @@ def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatAr
 
 
 def _prolonged(track: ArmTrack, arcs: FloatArray) -> FloatArray:
-    """Return the places at arc lengths of a track that is prolonged straight beyond its end, shape (m, 3) [m]."""
+    """Return the points at arc lengths (m,) [m] of a track extended straight beyond its end, shape (m, 3) [m]."""
     last = track.points[-1] - track.points[-2]
     last = last / np.linalg.norm(last)
     return np.asarray(track.at(arcs) + np.maximum(arcs - track.length, 0.0)[:, None] * last)
 
 
 STILL = 1e-3
-"""Weight on the squared changes of the curve's bends, relative to errors of the joints' turns. Measured on bent paths
+"""Weight of squared changes of the curve's bends, relative to squared errors of joint angles. Measured on bent paths
 with 8 to 36 links: the squares of these changes are mostly less than a twentieth of those of separate fits of each
-configuration, and joints are reproduced as well, to 0.01 rad."""
+configuration, and joint angles are reproduced as well, to 0.01 rad."""
 
 
 def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray) -> FloatArray:
-    """Return unknowns fitted to the joint turns of a slide of an arm on a feed axis, shape (k, p).
+    """Return unknowns fitted to the joint angles of an arm that slides along a track, shape (k, p).
 
     Args:
-        curve: map that reproduces the first configuration exactly.
+        curve: map from unknowns to configurations, exact for the first configuration.
         start: unknowns of the first configuration, shape (p,).
         configurations: configurations at even steps of the feed, shape (k, c) [rad, m].
     """
@@ -440,18 +440,18 @@ def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray)
 
 
 _PLACED = 2
-"""Number of rounds in which a fit is moved onto the joints' places. Measured on bent paths: a third changes nothing."""
+"""Number of iterations that fit unknowns to joint positions. Measured on bent paths: a third changes nothing."""
 
 
 def placed_slide(curve: CurveMap, unknowns: FloatArray, configurations: FloatArray) -> FloatArray:
-    """Return unknowns of a slide refitted to the positions of the joints, shape (k, p).
+    """Return unknowns of a sliding arm fitted to the positions of the joints, shape (k, p).
 
-    Small errors of many turns add up along the arm, so curves that reproduce all turns well may still miss the end of
-    the track.
+    Small errors of many joint angles add up along the arm, so curves that reproduce all joint angles well may still
+    miss the end of the track.
 
     Args:
-        curve: map of the unknowns.
-        unknowns: unknowns that reproduce the turns, as from ``fitted_slide``, shape (k, p).
+        curve: map from unknowns to configurations.
+        unknowns: unknowns fitted to the joint angles, by ``fitted_slide``, shape (k, p).
         configurations: configurations at even steps of the feed, shape (k, c) [rad, m].
     """
     turns = 2 * curve.arm.links

@@ -1,7 +1,7 @@
 """RRT-Connect: two trees of straight motions that grow towards each other (J. Kuffner and S. LaValle, 2000).
 
-Where edges are rejected by samples, the motion from start to goal is certified when the trees meet, and the part that
-cannot be proved is cut off.
+The edges are checked only at samples. When the trees meet, the motion from start to goal is certified, and nodes beyond
+an edge that cannot be certified are removed.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -15,34 +15,34 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 
 _GOAL_ROUNDS = 10
-"""Rounds between two searches for more poses at the goal. Taste."""
+"""Number of rounds of extensions between two requests for further poses at the goal. Taste."""
 _MOST_GOALS = 40
-"""Number of poses at the goal at which the tree accepts no more. Taste."""
+"""Number of poses at the goal from which on no more are requested. Taste."""
 
 _DOUBLINGS = 16
-"""Bound on the doublings of a batch, never reached."""
+"""Maximum exponent in the doubling of batches; the maximum batch is reached before."""
 _SPACE = 16
-"""Nodes that there is space for, at least, for each target of a batch; a tree takes no more. Taste."""
+"""Minimum number of nodes for which space is reserved, for each target of a batch. Taste."""
 
 FEW_LINKS = 10
-"""Most links of an arm that is planned in all of its bends. Taste: with more, random shapes in the bends crumple,
-and smooth ones are sampled."""
+"""Maximum number of links of an arm that is planned in the space of its bends. Taste: with more, random bends give
+crumpled shapes, so smooth shapes are sampled instead."""
 CONNECT = "RRT-Connect"
-"""Name, among the names of candidates, of motions found by RRT-Connect."""
+"""Candidate name of motions found by RRT-Connect."""
 
 Connection = Callable[[Mapping[str, Any]], NativeCall]
-"""Returns the call that grows two trees, given as the fields of ``Growth`` in rrt_connect.h, by checked motions."""
+"""Returns, from the fields of ``Growth`` in rrt_connect.h, the native call that grows two trees by sampled motions."""
 Unproved = Callable[[FloatArray], IntArray]
-"""Returns the sorted intervals of a motion through points, shape (K, n), that are not certified."""
+"""Returns the sorted indices of the intervals of a motion through points (K, n) that are not certified."""
 
 
 @dataclass
 class PointTree:
-    """Points that are reached from a root by straight motions; several roots are allowed.
+    """Tree, or forest, of points connected by straight motions.
 
     Attributes:
-        points: all nodes, with spare capacity, shape (capacity, n).
-        parents: number of each node's parent, -1 for a root, shape (capacity,).
+        points: the nodes, followed by unused rows, shape (capacity, n).
+        parents: index of each node's parent, -1 for a root, shape (capacity,).
         count: number of nodes.
     """
 
@@ -52,7 +52,7 @@ class PointTree:
 
     @classmethod
     def empty(cls, dimension: int) -> "PointTree":
-        """Return a tree without nodes."""
+        """Return a tree without nodes, for points of the given dimension."""
         return cls(np.zeros((0, dimension)))
 
     def __len__(self) -> int:
@@ -64,11 +64,11 @@ class PointTree:
         return self.points[: self.count]
 
     def add(self, points: FloatArray, parents: IntArray) -> IntArray:
-        """Add nodes, and return their numbers.
+        """Add nodes, and return their indices, shape (m,).
 
         Args:
             points: new nodes, shape (m, n).
-            parents: number of each one's parent or -1, shape (m,).
+            parents: index of each new node's parent, -1 for a root, shape (m,).
         """
         numbers = np.arange(self.count, self.count + len(points))
         self.reserve(len(points))
@@ -83,7 +83,7 @@ class PointTree:
         return {"count": self.count, "capacity": len(self.points), "points": self.points, "parents": self.parents}
 
     def way_to(self, node: int) -> list[int]:
-        """Return the numbers of the nodes from the root to a node."""
+        """Return the indices of the nodes from the root to a node."""
         way = []
         while node >= 0:
             way.append(node)
@@ -91,10 +91,10 @@ class PointTree:
         return way[::-1]
 
     def cut(self, node: int) -> None:
-        """Remove a node and all its descendants; the others are renumbered."""
+        """Remove a node and all its descendants; the indices of other nodes change."""
         gone = np.zeros(self.count + 1, dtype=bool)
         gone[node] = True
-        # A parent stands before its children; the last place stands for the parent of roots, number -1.
+        # Parents precede their children; the last entry is that of the parent of roots, index -1.
         for k in range(node + 1, self.count):
             gone[k] = gone[self.parents[k]]
         kept = np.flatnonzero(~gone[:-1])
@@ -105,7 +105,7 @@ class PointTree:
         self.count = len(kept)
 
     def reserve(self, least: int) -> None:
-        """Make space for at least ``least`` more nodes; the capacity doubles, so that nodes are seldom copied."""
+        """Ensure capacity for at least ``least`` more nodes; it grows by doubling, so that nodes are seldom copied."""
         if self.count + least <= len(self.points):
             return
         capacity = max(256, 2 * (self.count + least))
@@ -118,20 +118,27 @@ class PointTree:
 
 
 class Draws(Protocol):
-    """Samples targets."""
+    """Samples targets of extensions."""
 
     @property
     def batch(self) -> tuple[int, int]:
-        """Least and greatest number of targets sampled at once; the batch doubles from round to round."""
+        """Minimum and maximum number of targets sampled together; the number doubles from round to round."""
         ...
 
     @property
     def longest(self) -> float:
-        """Longest extension, as the norm of the change of a point."""
+        """Maximum length of an extension, as the norm of the difference of points."""
         ...
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Return targets for the extension of a tree, shape (count, n); a few may be poses of the other tree."""
+        """Return targets of a tree's extensions, shape (count, n).
+
+        Args:
+            rng: random generator.
+            count: number of targets.
+            tree: the tree.
+            other: the other tree, whose nodes may be targets.
+        """
         ...
 
 
@@ -140,13 +147,13 @@ class ConnectSearch:
     """State of a search with two trees.
 
     Attributes:
-        connection: makes the call that grows the trees by sampled motions.
+        connection: returns the native call that grows the trees by sampled motions.
         draws: sampler of targets.
-        unproved: certificate of a whole motion, which returns the intervals that are not proved.
-        goals: iterator over batches of poses at the goal, each of shape (m, n); may end.
-        over: returns whether the time limit has passed.
-        rng: source of every random choice.
-        trees: trees from the start, and from poses at the goal.
+        unproved: returns the indices of intervals of a motion that are not certified.
+        goals: iterator over batches of points at the goal, each of shape (m, n); may end.
+        over: returns whether the deadline has passed.
+        rng: random generator.
+        trees: tree from the start, and tree from points at the goal.
         extensions: number of extensions so far.
         rounds: number of rounds of extensions.
         found: points of a certified motion, shape (K, n); None until one is found.
@@ -167,7 +174,7 @@ class ConnectSearch:
         """Extend the trees in turn, and return the points of a certified motion, shape (K, n), or None.
 
         Args:
-            budget: number of further extensions allowed.
+            budget: maximum number of further extensions.
         """
         last = self.extensions + budget
         while self.found is None and self.extensions < last and not self.over():
@@ -180,7 +187,7 @@ class ConnectSearch:
         return self.found
 
     def _new_goals(self) -> None:
-        """Add the next batch of poses at the goal, if any, and try to reach these poses at once."""
+        """Add the next batch of points at the goal, if any, and extend the start's tree towards them."""
         tree = self.trees[1]
         if len(tree) and np.count_nonzero(tree.parents[: len(tree)] < 0) >= _MOST_GOALS:
             return
@@ -192,7 +199,7 @@ class ConnectSearch:
         self._grow(1, self.trees[1].points[:0], first)
 
     def _extend(self, side: int) -> None:
-        """Extend a tree towards random targets, and the other tree towards the new nodes."""
+        """Extend tree ``side`` (0 or 1) towards random targets, and the other tree towards the new nodes."""
         low, high = self.draws.batch
         count = min(high, low << min(self.rounds, _DOUBLINGS))
         tree = self.trees[side]
@@ -200,12 +207,12 @@ class ConnectSearch:
         self.extensions += count
 
     def _grow(self, side: int, targets: FloatArray, fresh: int) -> None:
-        """Connect a tree's nodes from ``fresh`` on, extend it towards targets, and certify the motion where they meet.
+        """Extend a tree towards targets and the other one towards its new nodes; certify the motion if they meet.
 
         Args:
-            side: number of the tree.
+            side: index of the tree, 0 or 1.
             targets: targets, shape (m, n).
-            fresh: number of the first node that the other tree is extended towards.
+            fresh: index of the first node towards which the other tree is extended.
         """
         own, other = self.trees[side], self.trees[1 - side]
         for tree in (own, other):
@@ -238,7 +245,13 @@ class ConnectSearch:
         return {"size": size, "longest": self.draws.longest, "end": np.empty(size)}
 
     def _settle(self, side: int, node: int, meeting: int) -> None:
-        """Certify the motion through a node and a node of the other tree; cut off the part that cannot be proved."""
+        """Certify the motion through the nodes where two trees meet; remove nodes beyond edges that are not certified.
+
+        Args:
+            side: index of the first node's tree, 0 or 1.
+            node: index of the first node.
+            meeting: index of the node of the other tree that is joined to it.
+        """
         way, first, second = self._joined(side, node, meeting)
         failing = self.unproved(way)
         if len(failing) == 0:
@@ -254,7 +267,16 @@ class ConnectSearch:
             self.trees[1].cut(second[int(at_goal[-1]) - between - 1])
 
     def _joined(self, side: int, node: int, meeting: int) -> tuple[FloatArray, list[int], list[int]]:
-        """Return the motion from start to goal, and the numbers of its nodes in either tree."""
+        """Return the motion from start to goal through two nodes.
+
+        Args:
+            side: index of the first node's tree, 0 or 1.
+            node: index of the first node.
+            meeting: index of the node of the other tree.
+
+        Returns:
+            The points, shape (K, n), and the indices of its nodes in the start's and in the goal's tree.
+        """
         ends = (node, meeting) if side == 0 else (meeting, node)
         first = self.trees[0].way_to(int(ends[0]))
         second = self.trees[1].way_to(int(ends[1]))[::-1]
