@@ -130,11 +130,7 @@ def chained_goal_poses(
     limits = np.full(arm.links, _CHAIN_BENDS * arm.joint_limit)
     limits[0] = arm.base_limit
     limits[: arm.clamped_joints] = 0.0
-    first_pair = int(arm.first_self_pairs[0])
-    mounted = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
-    chains = LinkChains(
-        task.tree, task.box, arm.link_length, limits, first_pair, 2.0 * arm.radius, exact=True, mounted=mounted
-    )
+    chains = LinkChains.of(arm, task.tree, task.box, limits, exact=True)
     ends = (WayEnd(arm.base, arm.direction), WayEnd(goal.position, goal.direction))
     found: list[Pose] = []
     for strays in _CHAIN_STRAYS:

@@ -298,8 +298,7 @@ class SpaceTipWays:
         links = max(1, int(self._longest_followed / arm.link_length))
         places = self.out + self.straight + arm.link_length * np.arange(links)
         limits = _BEND_SHARE * arm.joint_limit * bend_shares(arm, np.asarray(places, dtype=np.float64))
-        first_pair = int(arm.first_self_pairs[0])
-        return LinkChains(self.task.tree, self._box, arm.link_length, limits, first_pair, 2.0 * arm.radius, exact=False)
+        return LinkChains.of(arm, self.task.tree, self._box, limits, exact=False)
 
     def _passages(self, cells: int) -> TipGrid:
         """Return the grid of cells through which a tip path may pass, though perhaps not through their centres.
