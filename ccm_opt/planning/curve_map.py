@@ -1,13 +1,14 @@
 """The map from the curvature of a curve to configurations of the arm; the curve is fixed in space while the arm is fed.
 
 The curve's curvature about each of two axes is linear between its values at evenly spaced knots. A joint at arc length
-σ turns by (F(σ + l) − F(σ)) / l − (F(σ) − F(σ − l')) / l', where F is the twice integrated curvature: by as much as
-the mean heading changes from the link before it, of length l', to the one behind it. Where the base is fed, σ is
-counted from the end of the guide tube, so that an arm that is only fed follows its own shape. Joints bend only from a
-little beyond the tube on, so that those inside it stay straight from keyframe to keyframe.
+σ bends by (F(σ + l) − F(σ)) / l − (F(σ) − F(σ − l')) / l', where F is the second integral of the curvature: by the
+change of the curve's mean heading from the link before the joint, of length l', to the link after it. On a feed axis, σ
+is measured from the end of the guide tube, so that an arm that is only fed follows its own shape. Joints inside the
+tube and a little beyond its end are straight.
 
-Unknowns v: where the base is fixed its two turns, then the curvatures about the first and about the second axis, then
-the feed. They are scaled so that each of them turns the joints by about as much.
+Unknowns v: on a fixed base its two rotations, then the curvatures about the first and about the second axis, then the
+feed on a feed axis, then the weights of blends. All but the weights are scaled so that a unit of each has about the
+same effect on the bends.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,17 +26,15 @@ from ccm_opt.robot.biarc import bend_shares, free_before
 
 KNOTS = 11
 SETTLING = 1e-2
-"""Weight on differences of unknowns from knot to knot, just large enough to settle what the joints leave
-undetermined."""
+"""Weight of differences of unknowns from knot to knot in a fit, just large enough to make the solution unique."""
 SMOOTHNESS = 2.0
-"""Weight on those differences where the turns of joints that a smoother curve cannot reproduce are blended in.
-Measured: among bays of a wing box, blades and pipes, motions to such an end are a twentieth shorter than with little
-weight, with wider gaps."""
+"""Weight of these differences in the fit of a pose whose remaining bends are blended in. Measured: among bays of a wing
+box, blades and pipes, motions to such an end are a twentieth shorter than with a small weight, with larger gaps."""
 FEED_A_SPAN = 0.12
-"""Largest feed over a span of a path, over a piece of an edge, and between keyframes of a slide on the tip's path [u].
-Less than half of the length on which joints stay straight beyond the guide tube, so that no joint is bent on a span on
-which the tube holds it. In a piece bends are linear and not those of the curve; measured in pipes, over whole links the
-two part by up to 27 mm on an arm of 1 m."""
+"""Maximum change of feed over a span of a path, over a piece of an edge, and between keyframes of an arm that follows
+its tip, in nominal links. It is less than half of the length beyond the guide tube on which joints are straight, so
+that no joint bends on a span on which it is inside the tube. Within a piece bends are linear and deviate from those of
+the curve; measured in pipes, with pieces of whole links, an arm of 1 m deviates by up to 27 mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +44,12 @@ class CurveMap(CurveUnknowns):
     Attributes:
         spacing: spacing of the knots [m].
         knots: number of knots, for each of the two axes.
-        scale: turn per unit of each unknown except the b blend weights, shape (p − b,).
-        offset: turns of joints that the curve cannot reproduce, at the places ``offset_at``, shape (m, 2) [rad].
-        offset_at: arc lengths of ``offset``, increasing, shape (m,) [m].
-        blends: turns of joints that are added with b further unknowns as weights, each at the places ``offset_at``,
-            shape (b, m, 2) [rad].
+        scale: base rotations [rad], curvatures [1/m] and feed [m] per unit of the unknowns except the b blend weights,
+            shape (p − b,).
+        offset: bends added to those of the curve, at the arc lengths ``offset_at``, shape (m, 2) [rad].
+        offset_at: arc lengths of ``offset`` and ``blends``, increasing, shape (m,) [m].
+        blends: bends that are added with the last b unknowns as weights, at the arc lengths ``offset_at``, shape
+            (b, m, 2) [rad].
     """
 
     spacing: float
@@ -61,10 +61,12 @@ class CurveMap(CurveUnknowns):
 
     @classmethod
     def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
-        """Return the map that reproduces a configuration exactly, and the unknowns of that configuration.
+        """Return a map that reproduces a configuration exactly, and the unknowns of that configuration.
 
-        The joints of a fed arm slide along the curve, which may have more knots than the arm has joints; on a fixed
-        base more knots than joints would be redundant.
+        Args:
+            arm: the arm.
+            q: the configuration, shape (c,) [rad, m].
+            knots: number of knots; on a fixed base at most one less than the number of links, and at least 3.
         """
         if not arm.base_axes:
             knots = max(3, min(knots, arm.links - 1))
@@ -96,11 +98,11 @@ class CurveMap(CurveUnknowns):
         return np.concatenate((turns.reshape(len(v), 2 * self.arm.links), feeds), axis=1)
 
     def pose(self, v: FloatArray) -> Pose:
-        """Return the pose that belongs to unknowns of shape (p,)."""
+        """Return the pose of unknowns of shape (p,)."""
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses that belong to several vectors of unknowns, shape (m, p)."""
+        """Return the poses of several vectors of unknowns, shape (m, p)."""
         if self.affine:
             configurations = self.configurations(unknowns)
             slopes = np.broadcast_to(self.drive_rows, (len(unknowns), *self.drive_rows.shape))
@@ -109,11 +111,11 @@ class CurveMap(CurveUnknowns):
         return tuple(pose_with(self.arm, *each) for each in zip(unknowns, configurations, slopes, strict=True))
 
     def along(self, spline: BSpline) -> BSpline:
-        """Return the path of configurations along a spline in the unknowns.
+        """Return the spline of configurations, clipped to the limits, along a spline in the unknowns.
 
-        Configurations of a fed arm are evaluated at the Greville abscissae of knots. These are so dense that a joint
-        which bends on one span is outside the guide tube on all spans that the same control points influence. A joint
-        that slides between keyframes over a part of the curve that bends more than the joint can is bent to its limit.
+        For a fed arm, its control points are the configurations at the Greville abscissae of refined knots, which are
+        so dense that a joint which bends on one span is outside the guide tube on all spans that the same control
+        points influence.
         """
         limits = (self.arm.lower_limits, self.arm.upper_limits)
         k = spline.k
@@ -168,10 +170,14 @@ class CurveMap(CurveUnknowns):
         return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Return the unknowns where an edge is cut, so that within a piece no joint inside the guide tube bends.
+        """Return the unknowns at which an edge is divided into pieces, including both ends of the edge.
 
-        The pieces are also so short that bends change nearly linearly along each. Both ends of the edge are included;
-        the edge of an arm on a fixed base is not cut.
+        Within a piece no joint inside the guide tube bends, and bends are nearly linear. The edge of an arm on a fixed
+        base is not divided.
+
+        Args:
+            before: unknowns at the first end, shape (p,).
+            after: unknowns at the last end, shape (p,).
         """
         if not self.arm.base_axes:
             return [before, after]
@@ -188,15 +194,15 @@ class CurveMap(CurveUnknowns):
         return places
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """Return a motion, shape (K, p), with all its edges cut into pieces as by ``pieces``, shape (m, p)."""
+        """Return the unknowns (K, p) of a motion with all edges divided by ``pieces``, shape (m, p)."""
         return np.stack([unknowns[0], *(v for edge in pairwise(unknowns) for v in self.pieces(*edge)[1:])])
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
-        """Return the unknowns of the curve that comes nearest to a configuration.
+        """Return the unknowns fitted to a configuration by least squares, with zero blend weights, shape (p,).
 
         Args:
             q: configuration, shape (c,) [rad, m].
-            smoothness: weight on differences of the unknowns from knot to knot, relative to errors of joints' turns.
+            smoothness: weight of differences of unknowns from knot to knot, relative to errors of the bends.
         """
         n = self.arm.links
         feeds = len(self.arm.base_axes)
@@ -226,8 +232,7 @@ class CurveMap(CurveUnknowns):
     def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
         """Return the map with one more blend, and the unknowns of another configuration in the new map.
 
-        With the weight of the new blend at 1, and those of all other blends at 0, the map reproduces that configuration
-        exactly.
+        With a weight of 1 for the new blend and 0 for the others, the map reproduces that configuration exactly.
 
         Args:
             q: the other configuration, shape (c,) [rad, m].
@@ -248,15 +253,15 @@ class CurveMap(CurveUnknowns):
     def with_blends_of(
         self, other: "CurveMap", own: FloatArray, others: FloatArray
     ) -> tuple["CurveMap", FloatArray, FloatArray]:
-        """Return the map with the blends of another map appended, and the unknowns of both maps in the new one.
+        """Return the map with the b' blends of another map appended, and unknowns of both in the new one.
 
         Args:
-            other: map of the same arm with the same knots; both maps have an offset of zero.
+            other: map of the same arm with the same knots; both maps have a zero offset.
             own: unknowns of this map, shape (m, p).
             others: unknowns of the other map, shape (k, p').
 
         Returns:
-            The map, and the unknowns of both, shapes (m, p + b') and (k, p + b').
+            The map, ``own`` in it, shape (m, p + b'), and ``others`` in it, shape (k, p + b').
         """
         grid = np.union1d(self.offset_at, other.offset_at)
         blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 - its own kind
@@ -268,16 +273,16 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _base_turns(self) -> int:
-        """Number of unknowns before those of the curve, which are the two turns of the base; 0 if the base is fed."""
+        """Number of unknowns of the base's rotation, which precede those of the curve: 2 on a fixed base, 0 if fed."""
         return 0 if self.arm.base_axes else 2
 
     @property
     def _bent_by_base(self) -> FloatArray:
-        """Bend of the base joint per unit of each of the base's two unknowns, shape (2,) [rad]; zero if clamped."""
+        """Bends of the base joint per unit of the base's two unknowns, shape (2,) [rad]; zeros if clamped."""
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
-        """Return the unknowns of the pose with a straight curve and everything else unchanged, shape (p,)."""
+        """Return unknowns (p,) with zero curvature and all others unchanged."""
         straight = v.copy()
         turned = self._base_turns
         straight[turned : turned + 2 * self.knots] = 0.0
@@ -285,7 +290,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def feed_column(self) -> int:
-        """Index of the unknown that is the feed of a fed arm's base."""
+        """Index of the unknown of the feed, for an arm on a feed axis."""
         return 2 * self.knots
 
     @property
@@ -298,7 +303,10 @@ class CurveMap(CurveUnknowns):
         return rows
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric of the unknowns that sums squared displacements and turns of the links, shape (p, p)."""
+        """Return the quadratic form that sums squared rotations and weighted displacements of links, shape (p, p).
+
+        The squared displacements, in nominal links, have a weight of 0.01, and a small ridge is added.
+        """
         p = len(pose.v)
         turning = pose.turning.reshape(-1, p)
         moving = pose.moving.reshape(-1, p) / self.nominal_length
@@ -307,30 +315,31 @@ class CurveMap(CurveUnknowns):
 
     @property
     def affine(self) -> bool:
-        """Whether configurations are affine in the unknowns; False for fed arms, whose joints slide along the curve."""
+        """Whether configurations are affine functions of the unknowns: not on a feed axis, where joints slide."""
         return not self.arm.base_axes
 
     @cached_property
     def drive_rows(self) -> FloatArray:
-        """Constant derivatives of the configuration with respect to the unknowns, for an affine map, shape (c, p)."""
+        """Derivatives of the configuration with respect to the unknowns, constant for an affine map, shape (c, p)."""
         return self.slopes(np.zeros(self.dimension))
 
     @property
     def of_shape(self) -> BoolArray:
-        """Mask of the unknowns that shape the curve or move the base, all but the blend weights, shape (p,)."""
+        """Mask of the unknowns of base and curve, that is all but the blend weights, shape (p,)."""
         return np.arange(self.dimension) < len(self.scale)
 
     @property
     def following_rows(self) -> FloatArray:
-        """Matrix ``change_rows`` [1/m] for a fed arm, which lies on the curve; without rows for a fixed base."""
+        """Matrix ``change_rows`` [1/m] for an arm on a feed axis; a matrix without rows for a fixed base."""
         return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property
     def change_rows(self) -> FloatArray:
         """Matrix from changes of the unknowns to changes of the curve [1/m], shape (2 knots + 2 m, p).
 
-        The first rows give the curvatures at the knots, the others the curvatures that blends add at the m places
-        ``offset_at``. Each of the latter is weighted by the part of the knots' spacing that it stands for.
+        The first rows give the curvatures at the knots, the others the curvatures that blends add at the m arc lengths
+        ``offset_at``, weighted by the spacing of the latter relative to that of the knots. Without blends, the latter
+        rows are omitted.
         """
         rows = self.curvature_rows
         if len(self.blends) == 0:
@@ -343,7 +352,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def curvature_differences(self) -> FloatArray:
-        """Matrix from the unknowns to differences of curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
+        """Matrix from the unknowns to curvature differences between adjacent knots, shape (2 knots − 2, p) [1/m]."""
         rows = self.curvature_rows
         return np.concatenate((np.diff(rows[: self.knots], axis=0), np.diff(rows[self.knots :], axis=0)))
 
@@ -353,10 +362,7 @@ class CurveMap(CurveUnknowns):
         return self.places(sum(axis.high for axis in self.arm.base_axes))
 
     def places(self, feed: FloatArray | float) -> FloatArray:
-        """Return the arc lengths of the joints, shape (links,) [m].
-
-        For several feeds of shape (m, 1), the result has one row per feed, shape (m, links).
-        """
+        """Return the arc lengths σ of the joints, shape (links,), or (m, links) for feeds of shape (m, 1) [m]."""
         arm = self.arm
         along = arm.joint_places[:-1]
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)
@@ -373,12 +379,12 @@ class CurveMap(CurveUnknowns):
         return np.asarray(np.broadcast_to(places, (len(feeds), self.arm.links)))
 
     def _turns(self, v: FloatArray, places: FloatArray, shapes: FloatArray) -> FloatArray:
-        """Return the turns of the joints about both axes, shape (m, links, 2) [rad].
+        """Return the bends of the joints about both axes, shape (m, links, 2) [rad].
 
         Args:
             v: unknowns, shape (m, p).
             places: arc lengths of the joints, shape (m, links) [m].
-            shapes: turns per unit of curvature at these places, shape (m, links, knots) [m].
+            shapes: bend of each joint per unit of curvature at each knot, shape (m, links, knots) [m].
         """
         k = self.knots
         turned = self._base_turns
@@ -392,14 +398,24 @@ class CurveMap(CurveUnknowns):
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the turns that offset and blends add to joints at given places, shape (places, 2) [rad]."""
+        """Return the bends that offset and blends add at arc lengths (m,) [m], shape (m, 2) [rad].
+
+        Args:
+            places: the arc lengths.
+            v: unknowns, shape (p,).
+        """
         offsets = self._interpolated(self.offset, places)
         for share, blend in zip(v[len(self.scale) :], self.blends, strict=True):
             offsets = offsets + share * self._interpolated(blend, places)
         return offsets
 
     def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
-        """Return turns interpolated linearly at places, shape (..., 2) [rad]; zero for joints inside the guide tube."""
+        """Return bends interpolated linearly at arc lengths, zero for joints inside the guide tube, (..., 2) [rad].
+
+        Args:
+            values: bends at the arc lengths ``offset_at``, shape (m, 2) [rad].
+            places: arc lengths, shape (...) [m].
+        """
         first = self._first_bent(values)
         turns = np.zeros((*places.shape, 2))
         if not np.isfinite(first):
@@ -415,23 +431,23 @@ class CurveMap(CurveUnknowns):
         return turns
 
     def _first_bent(self, values: FloatArray) -> float:
-        """Return the arc length of the first place whose turn is not zero [m]; infinite where there is none."""
+        """Return the first arc length in ``offset_at`` with a nonzero bend in ``values`` (m, 2) [m], or inf."""
         bent = np.flatnonzero(np.any(values != 0.0, axis=1))
         return float(self.offset_at[bent[0]]) if len(bent) else np.inf
 
     @cached_property
     def straight_before(self) -> float:
-        """Arc length beyond the end of the guide tube within which joints stay straight [m].
+        """Arc length beyond the end of the guide tube up to which joints are straight [m].
 
-        If the start bends a joint closer to the tube than usual, this length is half that joint's distance: the joint
-        has to become straight before it enters the tube, and a smooth path needs some length on which it is straight.
+        If offset or blends bend a joint closer to the tube than the usual value, half the joint's arc length is used:
+        the joint has to become straight before it enters the tube, and a smooth path needs some length for that.
         """
         usual = free_before(self.arm)
         first = min(self._first_bent(values) for values in (self.offset, *self.blends))
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
-        """Return the turn of a joint at each place per unit of curvature at each knot, shape (..., knots) [m]."""
+        """Return the bend of a joint at each arc length [m] per unit of curvature at each knot, (..., knots) [m]."""
         flat = np.ascontiguousarray(places).ravel()
         shapes = np.empty((len(flat), self.knots))
         NativeCall(
@@ -469,10 +485,15 @@ def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pos
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
-    """Return how far the base can move until a joint is just outside the guide tube, where a piece has to end [m].
+    """Return the travel of the base until a joint is just outside the guide tube, where a piece has to end [m].
 
-    Within a piece all coordinates change evenly, so a joint that is inside the tube at one end of the piece must not
-    be bent at the other.
+    Within a piece all coordinates are linear, so a joint that is inside the tube at one end of the piece must not be
+    bent at the other.
+
+    Args:
+        curve: map of a fed arm.
+        feed: feed of the base [m].
+        forward: whether the base advances.
     """
     arm = curve.arm
     straight = curve.straight_before
@@ -485,7 +506,7 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
 
 
 def _through(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
-    """Return the map with the offset that makes the unknowns reproduce a configuration exactly."""
+    """Return the map with the offset with which unknowns (p,) reproduce a configuration (c,) exactly."""
     n = curve.arm.links
     left = (q - curve.configuration(v))[: 2 * n].reshape(n, 2)
     return replace(curve, offset=left, offset_at=curve.places(float(np.sum(q[2 * n :]))))

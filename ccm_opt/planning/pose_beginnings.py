@@ -1,4 +1,4 @@
-"""Initial guesses of the goal-pose NLP: along routes to the goal, at a motion's end, and at sampled poses."""
+"""Initial guesses of the goal-pose NLP: along routes to the goal, at the end of a motion, and sampled poses."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -41,11 +41,11 @@ from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 
 _DIFFERENT = 0.3
-"""Largest turn of a link above which two configurations count as different [rad]. Taste."""
+"""Difference in the heading of a link above which two configurations count as different [rad]. Taste."""
 _BEGINNINGS = 2
-"""Configurations along each route. Taste: one with the surplus length to either side."""
+"""Maximum number of configurations along each route. Taste: one with the surplus length bulging to either side."""
 _BROUGHT_ROUNDS = 20
-"""Rounds of random poses that Newton's method brings onto the goal. Taste: a tenth of a second each."""
+"""Maximum number of rounds of random poses that are moved onto the goal. Taste: a tenth of a second each."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class PoseSearchSettings:
             a second.
         rounds: maximum number of solutions from each initial guess. Measured: among the shared problems, the fork gains
             from ten.
-        draw_share: fraction of the time limit that sampling in space may take where a motion leads to a pose, too.
-            Taste: ducts admit so few poses that sampling finds none in any time; the default amounts to 1.5 s, in which
-            an open scene yields the full number of poses.
-        motion_share: fraction of the time limit for the search for a motion in space, the end of which is another
-            initial guess. Taste.
+        draw_share: fraction of the remaining time that sampling in space may take if a motion was found. Taste: ducts
+            admit so few poses that sampling finds none in any time; the default amounts to 1.5 s, in which an open
+            scene yields the full number of poses.
+        motion_share: fraction of the remaining time that the search for a motion in space may take; its last pose is
+            an initial guess. Taste.
     """
 
     drawn: int = 6
@@ -75,9 +75,9 @@ class PoseBeginning:
     """An initial guess at the goal, nearly free of contact, or the reason why there is none.
 
     Attributes:
-        name: origin of the guess, in words.
-        q: the configuration, shape (c,) [rad, m]; None where there is none.
-        missing: why there is none; None where there is one.
+        name: description of the guess's origin.
+        q: the configuration, shape (c,) [rad, m]; None if there is none.
+        missing: diagnosis of why there is none; None if there is one.
     """
 
     name: str
@@ -86,11 +86,11 @@ class PoseBeginning:
 
 
 def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
-    """Yield the configurations of the curve along every route, shortest first.
+    """Yield configurations of the curve along each route, or the reason why there is none, shortest route first.
 
     Args:
         problem: problem in the plane, with a goal for the tip.
-        ends: its ends, as resolved for planning.
+        ends: its resolved ends.
 
     Raises:
         UnreachableGoal: there is no route that the arm is long enough for.
@@ -111,7 +111,17 @@ def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
 def in_plane(
     problem: Problem, ends: Ends, search: PoseSearchSettings, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> Iterator[PoseBeginning]:
-    """Yield the guesses along routes, and random poses that are brought onto the goal."""
+    """Yield guesses along routes, and sampled poses at the goal, in the plane.
+
+    Args:
+        problem: problem in the plane, with a goal for the tip.
+        ends: its resolved ends.
+        search: settings of the pose search.
+        settings: settings of the planner.
+
+    Raises:
+        UnreachableGoal: there is no route that the arm is long enough for.
+    """
     yield from along_routes(problem, ends)
     members = goal_members(problem.arm, ends.goal, route_room(problem, ends))
     poses = islice(brought_poses(problem, problem.arm, ends, members, settings), search.drawn)
@@ -120,7 +130,12 @@ def in_plane(
 
 
 def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginning]:
-    """Yield the end pose of a motion to the goal, if one is found, and poses sampled at the goal."""
+    """Yield the last pose of a motion to the goal, or the reason why none was found, and sampled poses at the goal.
+
+    Args:
+        task: search task in space with a goal for the tip.
+        search: settings of the pose search.
+    """
     limit = max(task.deadline.left, 0.0)
     try:
         motion = any_motion(task.deadline_within(search.motion_share * limit))
@@ -140,7 +155,7 @@ def any_motion(task: SpaceTask) -> SpaceMotion:
     """Return the first motion found from the start to the goal.
 
     Raises:
-        NoPlanFound: none was found in the time.
+        NoPlanFound: no motion was found before the deadline.
     """
     few = nominal_task(task)
     if few is not None:
@@ -160,17 +175,17 @@ def brought_poses(
     members: tuple[GoalMember, ...],
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> Iterator[FloatArray]:
-    """Yield random poses with the tip on members of the goal, in which sampled checks find no contact.
+    """Yield random poses with the tip on members of the goal for which the sampled check finds no contact.
 
     Args:
-        problem: problem with the walls, and a seed.
+        problem: problem in the plane; gives walls and seed.
         arm: the arm.
-        ends: ends with the goal.
-        members: members of the goal that have a route.
+        ends: resolved ends.
+        members: members of the goal.
         settings: settings of the planner.
 
     Yields:
-        Configurations of shape (c,) [rad], for the members in turn.
+        Configurations, each of shape (c,) [rad], for the members in turn.
     """
     rng = np.random.default_rng(problem.planner.seed)
     space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
@@ -193,10 +208,16 @@ def brought_poses(
 
 
 def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[FloatArray]:
-    """Return the link headings of different configurations of the curve along a route, at least one.
+    """Return different configurations of the curve along a route as link headings, at least one.
+
+    Args:
+        problem: problem in the plane.
+        ends: its resolved ends.
+        room: free space of the arm's axis.
+        route: the route.
 
     Raises:
-        ConfigurationNotFound: even with all of its bend, the curve does not fit through the corridor.
+        ConfigurationNotFound: no curve fits through the corridor, even with the full curvature.
     """
     for share in (CURVATURE_SHARE, FULL_CURVATURE_SHARE):
         task = configuration_task(problem, ends, room, route, share)
@@ -207,7 +228,10 @@ def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[
 
 
 def _configurations(problem: Problem, task: ConfigurationTask) -> tuple[list[FloatArray], list[FailedAttempt]]:
-    """Return the different configurations through one corridor as link headings, and the attempts that failed."""
+    """Return different configurations of the curve through one corridor, as link headings (links,) [rad].
+
+    The failed attempts are returned as well.
+    """
     found: list[FloatArray] = []
     failures: list[FailedAttempt] = []
     if beyond_reach(task) is not None:

@@ -1,6 +1,6 @@
-"""Checks of sampled poses against a raster of blocked places and against the arm itself.
+"""Checks of sampled poses in the plane against a raster of blocked cells and against self-contact.
 
-A pose that passes is not proved to be free; that is left to the certificate.
+A pose that passes is not proved to be free of contact; that is left to the certificate.
 """
 
 from collections.abc import Mapping
@@ -19,35 +19,36 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _STRIDE = 8
-"""Stride of the first pass over poses. Taste: most motions that touch do so over a long stretch."""
+"""Stride of the first pass over the poses of a motion. Taste: most motions with contact have it over many poses."""
 POSE_SPACING = 0.75
-"""Distance that the tip moves between two checked poses, in distances that the axis has to keep. Taste: the
-certificate finds contacts between them."""
+"""Distance that the tip moves between two checked poses, in units of the distance that the arm's axis has to keep from
+walls. Taste: the certificate finds contacts between them."""
 LEAST_SPACING = 0.005
-"""Least value of both spacings, as a share of the arm's length. Taste: for thin arms."""
+"""Minimum of the spacings of poses and of points on links, as a fraction of the arm's length. Taste: for thin arms."""
 
 _CELLS = 2000
-"""Cells of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some
+"""Number of cells of the raster along each side of the square within reach. Taste: 4 million cells are filled in some
 hundredths of a second, and a cell is a thousandth of the reach."""
 
 _POINT_SPACING = 0.7
-"""Distance of the checked places on the links, in distances that the axis has to keep. Derived: between places so
-near a corner can come no nearer than 94 % of that distance."""
+"""Spacing of the checked points on the links, in units of the distance that the arm's axis has to keep from walls.
+Derived: if these points keep that distance, no corner is closer to the axis than 94 % of it."""
 
 _TO_CORNER = float(np.sqrt(0.5))
-"""Distance from the middle of a square of side 1 to its corner."""
+"""Distance from the centre of a unit square to its corners."""
 
 
 @dataclass(frozen=True)
 class BlockedRaster:
-    """Raster of a square; a cell is blocked where all of it is nearer to a wall than the arm's axis may be.
+    """Raster of a square; a cell is blocked if all of it is closer to a wall than the arm's axis may be.
 
-    A free cell proves nothing; a blocked one refutes a pose.
+    A blocked cell refutes a pose; a free one proves nothing.
 
     Attributes:
         corner: lower left corner of the square, shape (2,) [m].
         cell: side of a cell [m].
-        blocked: by row (y) and column (x); a frame of one cell all round represents the outside, all blocked.
+        blocked: mask of blocked cells by row (y) and column (x), with a frame of one blocked cell that represents the
+            outside, shape (cells + 2, cells + 2).
     """
 
     corner: FloatArray
@@ -60,14 +61,14 @@ class BlockedRaster:
 
         Args:
             workspace: workspace with the walls.
-            middle: middle of the square, shape (2,) [m].
-            half: half of its side [m].
-            gap: distance that an axis has to keep from walls [m].
+            middle: centre of the square, shape (2,) [m].
+            half: half of the square's side [m].
+            gap: distance that the arm's axis has to keep from walls [m].
             cells: number of cells along a side.
         """
         cell = 2.0 * half / cells
         corner = middle - half
-        # Where the middle of a cell is blocked by more than its half diagonal, the whole cell is blocked.
+        # A cell is blocked if its centre is too close to a wall by more than half the cell's diagonal.
         sure = gap - _TO_CORNER * cell
         square = shapely.box(*corner, *(corner + 2.0 * half))
         near = [wall for wall in workspace.obstacles if shapely.dwithin(wall.core, square, wall.rounding + gap)]
@@ -81,7 +82,7 @@ class BlockedRaster:
         return cls(corner, cell, blocked)
 
     def at(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> BoolArray:
-        """Return whether places of the square are blocked, given their coordinates x and y, of equal shape [m]."""
+        """Return a mask of blocked points, given their coordinates x and y of equal shape [m]."""
         side = self.blocked.shape[0]
         scale = 1.0 / self.cell
         column = (x * scale + (1.0 - self.corner[0] * scale)).astype(np.int32)
@@ -91,20 +92,26 @@ class BlockedRaster:
 
 
 def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
-    """Return a wall grown by a distance; GEOS inscribes arcs, so that all of the grown area is certainly too near."""
+    """Return a wall's polygon grown by a distance [m]; GEOS approximates arcs from inside, so it is not too large."""
     grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
     return grown
 
 
 def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, cells: int) -> BoolArray:
-    """Return which cells have their middle inside one of the polygons, shape (cells, cells).
+    """Return a mask of the cells with their centre inside a polygon, shape (cells, cells).
 
-    Each edge that crosses a row of middles adds its sign to the row from the crossing on; where polygons overlap, the
-    sum is larger than one.
+    Each edge that crosses a row of centres adds its sign to the cells of the row beyond the crossing; a nonzero sum
+    means inside, and is larger than 1 where polygons overlap.
+
+    Args:
+        shapes: polygons; other geometries are ignored.
+        corner: lower left corner of the raster, shape (2,) [m].
+        cell: side of a cell [m].
+        cells: number of cells along a side.
     """
     change = np.zeros((cells, cells + 1), dtype=np.int32)
     start, end = _edges(shapes)
-    # In units of cells, with the middles of rows and columns at whole numbers.
+    # In units of cells, with the centres of cells at integers.
     start = (start - corner) / cell - 0.5
     end = (end - corner) / cell - 0.5
 
@@ -125,9 +132,12 @@ def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, ce
 
 
 def _edges(shapes: list[shapely.Geometry]) -> tuple[FloatArray, FloatArray]:
-    """Return the ends of all edges of the polygons among shapes, outer rings counter-clockwise and holes clockwise."""
+    """Return the first and last points of all edges of the polygons among geometries, each of shape (e, 2) [m].
+
+    Outer rings run counter-clockwise, holes clockwise.
+    """
     parts = shapely.get_parts(np.array(shapes, dtype=object))
-    # Shapes without area cover no cell for certain.
+    # Geometries without area cover no cell.
     polygons = [part for part in parts if isinstance(part, shapely.Polygon) and not part.is_empty]
     rings = shapely.get_rings(shapely.orient_polygons(np.array(polygons, dtype=object)))
     points, ring = shapely.get_coordinates(rings, return_index=True)
@@ -136,19 +146,19 @@ def _edges(shapes: list[shapely.Geometry]) -> tuple[FloatArray, FloatArray]:
 
 
 _BEYOND_REACH = 1.001
-"""Half of the raster's side in arm lengths, so that rounding takes no place out of the raster."""
+"""Half of the raster's side in arm lengths, above 1 so that rounding errors put no point outside the raster."""
 
 
 @dataclass(frozen=True)
 class SampledCheck:
-    """Checks poses of one arm in one workspace.
+    """Checks poses of one arm on a fixed base in one workspace.
 
     Attributes:
         arm: the arm.
-        raster: raster of places where the arm's axis is too near to a wall.
-        reach: length along each link that leads to each checked place, shape (links, places) [m].
+        raster: raster of cells in which the arm's axis is too close to a wall.
+        reach: length of each link between the base and each checked point, shape (links, points) [m].
         spacing: distance that the tip moves between two checked poses [m].
-        parts: number of parts into which checked places divide a link.
+        parts: number of intervals into which the checked points divide a link.
     """
 
     arm: Arm
@@ -160,7 +170,7 @@ class SampledCheck:
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
         """Return the check of an arm in a workspace."""
-        # What the raster refutes touches with the thinnest link.
+        # A point in a blocked cell implies contact even for the thinnest link.
         gap = float(np.min(arm.radii)) + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
         least = LEAST_SPACING * arm.length
@@ -173,7 +183,7 @@ class SampledCheck:
         return cls(arm, raster, reach, spacing, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
-        """Return which poses, given by link headings (m, links) [rad], certainly touch something, shape (m,)."""
+        """Return a mask (m,) of the poses, given by link headings (m, links) [rad], that certainly have contact."""
         cosines = np.cos(headings).astype(np.float32)
         sines = np.sin(headings).astype(np.float32)
         x = cosines @ self.reach + np.float32(self.arm.base[0])
@@ -221,10 +231,10 @@ class SampledCheck:
         }  # fmt: skip
 
     def connection(self, limits: FloatArray, growth: Mapping[str, Any]) -> NativeCall:
-        """Return the call that grows trees of link headings.
+        """Return the native call that grows trees of link headings.
 
         Args:
-            limits: bounds of the bends, shape (links,) [rad].
+            limits: bounds of the absolute bends, shape (links,) [rad].
             growth: fields of ``Growth`` in rrt_connect.h.
         """
         return NativeCall(
@@ -232,7 +242,7 @@ class SampledCheck:
         )
 
     def _on_itself(self, headings: FloatArray) -> BoolArray:
-        """Return which poses have distant links that meet, shape (m, links) to (m,)."""
+        """Return a mask of the poses, given by link headings (m, links) [rad], with self-contact, shape (m,)."""
         arm = self.arm
         points = arm.joint_positions(headings)
         first, second = arm.self_pairs
@@ -251,7 +261,7 @@ class SampledCheck:
 
 
 def _places(arm: Arm, parts: int) -> FloatArray:
-    """Return the arc lengths of the checked places beyond the mount, ``parts`` to a link, shape (places,) [m]."""
+    """Return the arc lengths of the checked points, the mount's end and beyond, ``parts`` per link, (points,) [m]."""
     steps = np.interp(np.arange(arm.links * parts + 1), parts * np.arange(arm.links + 1), parts * arm.place_shares)
     along = arm.link_length / parts * steps
     link, share = arm.mount_end

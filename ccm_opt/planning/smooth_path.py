@@ -1,4 +1,4 @@
-"""The smooth path along a motion: a spline near its keyframes, or through knots on the limits that have equations."""
+"""The smooth path along a motion: a spline near its keyframes, or one through knots that are moved onto user limits."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -28,22 +28,24 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import clearance_advice
 
 PATH_SAMPLES = 4
-"""Samples of a span between which it is checked whether the guide tube holds a joint that is bent."""
+"""Number of samples of a span of a path between which configurations are checked as linear."""
 _LOOKS = 5
-"""Samples per keyframe of the motion at which the clearance of the path is measured."""
+"""Number of samples per keyframe of the motion at which the clearance of the path is measured."""
 
 _USER_SAMPLES = 32
-"""Samples of a span at which users' constraints are checked, which are not proved in between. Taste."""
+"""Number of samples of a span at which user constraints are checked; they are not proved in between. Taste."""
 _LOST_ROOM = 0.02
-"""Share of the wanted gap by which a path may lack more clearance than its motion does. Taste."""
+"""Largest amount by which a path's shortfall of clearance may exceed that of its motion, as a fraction of the preferred
+gap. Taste."""
 _ROOMY_REFINEMENTS = 2
-"""Number of times that legs of the control polygon are halved to keep clearance; each adds corners to the path."""
+"""Number of refinements of the control polygon in which the preferred clearance is also required; each adds corners to
+the path."""
 _LIMIT_SLACK = 1e-8
 """Largest excess of coordinates over their limits by rounding [rad, m]."""
 
 
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
-"""Type of the map of a motion."""
+"""Type of the map from unknowns to configurations of a motion."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class SmoothPath:
 
     Attributes:
         spline: configurations over the path parameter in [0, 1], values (c,).
-        spare: gap beyond contact that timing may use up [m].
+        spare: certified gap, by which the arm may deviate from the path in timing [m].
     """
 
     spline: BSpline
@@ -63,9 +65,9 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
     """Return the smooth, certified path through joint space along the first motion that has one.
 
     Args:
-        task: the task.
+        task: the search task.
         motions: certified motions, in order of preference.
-        legs: whether the arm will move on straight legs between the keyframes, and not along the path.
+        legs: whether timing will use straight legs between the keyframes instead of the path.
 
     Raises:
         MotionNotFound: no smooth path near a motion can be certified.
@@ -81,7 +83,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 
 def _no_path(task: SearchTask) -> Diagnosis:
-    """Return the diagnosis where a motion was found, but no path along it."""
+    """Return the diagnosis of a task with a motion, but no certified smooth path along it."""
     advice = clearance_advice(task.arm.tip_radius, task.kept - task.arm.tip_radius)
     if not task.constraints:
         return Diagnosis(
@@ -96,15 +98,14 @@ def _no_path(task: SearchTask) -> Diagnosis:
 
 
 def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
-    """Return the certified path through joint space along a motion; None when there is none.
+    """Return the certified path through joint space along a motion; None if there is none.
 
-    A path near the keyframes is short, and smooth by construction, but violates equations, and may violate a user's gap
-    between the keyframes. A path through knots that are moved onto the limits meets these, but leaves no spare gap to
-    timing.
+    A path near the keyframes is short and smooth, but violates equations, and may violate user constraints between the
+    keyframes. A path through knots that are moved onto the limits meets these, but leaves no gap for timing to use.
 
     Args:
-        motion: certified motion; where limits have equations, its keyframes are on them.
-        task: task with the limits that the path has to meet.
+        motion: certified motion; its keyframes meet the equations of the limits.
+        task: task with the limits that the path has to keep.
     """
     limits = task.user_limits
     shaped = any(limit.shapes_path for limit in limits)
@@ -121,10 +122,10 @@ def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath 
 
 # ------------------------------------------------------------ through knots on the limits
 def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """Return the certified path through knots that meet the limits; None where there is none.
+    """Return the certified path through knots that are moved onto the user limits; None if there is none.
 
     Args:
-        motion: motion; the path exists only if its configurations are affine in its unknowns.
+        motion: the motion; for None not to be returned, its configurations have to be affine in its unknowns.
         task: task with the limits.
     """
     if not motion.curve.affine:
@@ -145,28 +146,31 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
 
 
 def _is_safe(spline: BSpline, task: SearchTask) -> bool:
-    """Return whether a path keeps the limits of joints and is certified when linear between its samples."""
+    """Return whether a path keeps the joint limits and is certified as linear between its samples."""
     q = np.asarray(spline(certified_samples(spline)))
     limits = task.arm.bend_limits
     bends = np.abs(q[:, : len(limits)])
-    # The problem gives the ends; a bend there may exceed its limit by rounding.
+    # The problem gives the ends; a bend there may exceed its limit by a rounding error.
     most = np.maximum(limits, np.max(bends[[0, -1]], axis=0)) + _LIMIT_SLACK
     return bool(np.all(bends <= most)) and len(task.certificate.failures(q)) == 0
 
 
 # ------------------------------------------------------------ near the keyframes
 def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """Return a spline near a certified motion, itself certified at samples and linear between them; None without one.
+    """Return a spline near a certified motion, certified as linear between samples; None if there is none.
 
-    The spline is in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
-    cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed arm, which
-    moves far from keyframe to keyframe in narrow places, would lose clearance, so its spline is drawn half-way onto the
-    keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, or keeps
-    less of the preferred clearance than the motion does, the spline is drawn onto the legs, and where that fails too,
-    the certified configurations are the control points.
+    The spline is in the unknowns. With the keyframes as control points, it deviates from them by a sixth of the second
+    differences, which makes motions of arms on fixed bases faster. A fed arm, which moves far from keyframe to keyframe
+    in narrow passages, would lose clearance, so its control points are shifted to halve that deviation. If such a
+    spline is not certified, or lacks more of the preferred clearance than the motion does, the control polygon is
+    refined towards the motion, and if that fails, too, certified configurations are the control points.
+
+    Args:
+        motion: the motion.
+        task: task with the limits that the path has to keep.
     """
     curve = motion.curve
-    # Between the fine samples of a leader's path no clearance is lost that would have to be checked.
+    # A follow-the-leader motion has such close keyframes that its spline loses no notable clearance.
     sought = task.wanted_gap > 0.0 and not motion.follows
     room = _Room.of(task, motion.configurations) if sought else None
     failing = partial(_failing_places, task, room, tube=not curve.affine)
@@ -188,10 +192,10 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
 
 
 def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline | None:
-    """Return a certified path whose control points are certified configurations, without a curve; else None.
+    """Return a certified path with configurations as control points, refined where needed; None if that fails.
 
     Args:
-        keyframes: configurations, shape (K, c) [rad, m].
+        keyframes: configurations of a certified motion, shape (K, c) [rad, m].
         task: task with the certificate.
     """
     failing = partial(_failing_places, task, None, tube=bool(task.arm.base_axes))
@@ -214,16 +218,16 @@ class _Room:
 
     @classmethod
     def of(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
-        """Return the measure of clearance for a motion, given by configurations of shape (K, c)."""
+        """Return the comparison with a motion, given by configurations (K, c) [rad, m]."""
         return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
 
     @property
     def _looks(self) -> FloatArray:
-        """Path parameters at which clearance is measured; a fed arm's path has many more spans than keyframes."""
+        """Path parameters at which clearance is measured, shape (m,)."""
         return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
-        """Return the path parameters where a path lacks notably more of the preferred clearance than its motion."""
+        """Return the path parameters at which a path lacks notably more of the preferred clearance than its motion."""
         lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
         return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
 
@@ -233,7 +237,7 @@ class _Room:
 
 
 def _halfway_onto(keyframes: FloatArray) -> FloatArray:
-    """Return control points whose spline is half as far from keyframes (K, p) as the spline controlled by these."""
+    """Return control points whose spline deviates half as far from keyframes (K, p) as if these controlled it."""
     control = keyframes.copy()
     control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
     return control
@@ -242,14 +246,14 @@ def _halfway_onto(keyframes: FloatArray) -> FloatArray:
 def _failing_places(
     task: SearchTask, room: _Room | None, spline: BSpline, refinement: int, *, tube: bool
 ) -> FloatArray:
-    """Return the path parameters at which a path is refused, shape (m,).
+    """Return path parameters at which a path violates a limit or its certificate, shape (m,).
 
     Args:
-        task: limits that the path has to keep.
-        room: clearance that the path should also keep in its first refinements, or None.
-        spline: the path, linear between samples of every span.
+        task: task with the limits that the path has to keep.
+        room: clearance that is also required in the first refinements, or None.
+        spline: the path, checked as linear between samples of each span.
         refinement: number of refinements so far.
-        tube: whether the path may bend joints that the guide tube holds.
+        tube: whether to check that no joint inside the guide tube bends.
     """
     knots = spline.t[DEGREE:-DEGREE]
     middles = 0.5 * (knots[:-1] + knots[1:])
@@ -270,14 +274,14 @@ def _failing_places(
 
 
 def _bent_inside(arm: Arm, spline: BSpline) -> IntArray:
-    """Return the spans on which a joint may be bent while the guide tube holds it.
+    """Return the indices of the spans on which a joint may bend inside the guide tube.
 
-    A joint bends on the whole of a span when one of the span's four control points bends it; the feed between samples
-    is within half of their difference from them.
+    A joint counts as bent on a whole span if one of the span's four control points bends it; the feed between samples
+    is assumed to be less than at the samples by at most half of their difference.
 
     Args:
-        arm: arm with a feed axis.
-        spline: spline of configurations.
+        arm: arm on a feed axis.
+        spline: cubic spline of configurations.
     """
     control = np.asarray(spline.c)
     spans = len(control) - DEGREE

@@ -1,10 +1,10 @@
-"""Motions under users' terms that depend on the path parameter.
+"""Motions under user terms that depend on the path parameter u.
 
-The path parameter u advances in small steps. At each step the arm is drawn to the reference motion, which was found
-without these limits, while the limits at u are rows of every step; u advances when the limits are met.
+u advances in small increments. At each of them, steps move the arm towards the reference motion, which was found
+without these terms, with the limits at u as constraints; u advances when the limits are met.
 
-The growth of u along a motion is free. Among all monotone schedules, dynamic time warping (Sakoe and Chiba, 1978)
-chooses the schedule that violates the constraints least, and among equal ones the schedule nearest to even growth.
+How u grows along a motion is free. Among all monotone schedules, dynamic time warping (Sakoe and Chiba, 1978) chooses
+the one with the smallest sum of constraint violations and, with a much smaller weight, deviations from even growth.
 """
 
 from dataclasses import dataclass, replace
@@ -26,19 +26,19 @@ from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
 _LEAST_ADVANCE = 1e-4
-"""Step of u below which tracking is given up. Taste."""
+"""Increment of u below which tracking is given up. Taste."""
 _GROWTH = 1.5
-"""Growth of the step of u after each success. Taste."""
+"""Factor by which the increment of u grows after each success. Taste."""
 _ARRIVAL = 0.98
-"""Path parameter where tracking ends and the arm settles on the goal. Taste."""
+"""Path parameter at which tracking ends and the arm is moved onto the goal. Taste."""
 _MEETING_STEPS = 24
-"""Most steps to meet the constraints at a new u. Taste."""
+"""Maximum number of steps to meet the limits at a new u. Taste."""
 _LARGEST_TURN = 0.3
-"""Largest turn towards the reference that a step asks for [rad]. Taste."""
+"""Largest rotation of a link towards the reference in one step [rad]. Taste."""
 _PULL_WEIGHT = 0.1
-"""Weight of the reference, relative to the distance of a nominal link. Taste."""
+"""Weight of rotations towards the reference. Taste."""
 _TIED_WEIGHT = 1e-4
-"""Weight of the reference's unknowns themselves, which fixes those that no turn depends on. Taste."""
+"""Weight of the reference's unknowns, which determines those on which no rotation depends. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Reference:
 
     Attributes:
         u: path parameters of its keyframes, increasing from 0 to 1, shape (K,).
-        unknowns: unknowns at the keyframes, in the curve of the tracking motion, shape (K, p).
+        unknowns: unknowns of the keyframes, in the space of the tracking motion, shape (K, p).
     """
 
     u: FloatArray
@@ -55,13 +55,19 @@ class Reference:
 
     @classmethod
     def of(cls, motion: Motion, space: LinkSpace) -> "Reference":
-        """Return a planar motion as a reference in another space, with u proportional to the turns of its links."""
+        """Return a motion in the plane as a reference in another space, with u proportional to rotations of links."""
         way = arc_lengths(space.arm.poses(motion.configurations))
         u = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
         return cls(u, space.closest(motion.configurations))
 
     def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """Return the terms that draw the links to the reference at u, and whether one step could turn them that far."""
+        """Return the cost terms of a step towards the reference at u, and whether one step may reach the reference.
+
+        Args:
+            space: the space of the unknowns.
+            u: path parameter of the reference.
+            pose: current pose.
+        """
         missing = np.array([np.interp(u, self.u, column) for column in self.unknowns.T]) - pose.v
         rows = turn_rows(space.arm, pose)
         turn = rows @ missing
@@ -77,14 +83,14 @@ class TrackedPoses:
 
     Attributes:
         poses: the poses.
-        u: path parameter of each, increasing from 0 to 1.
+        u: path parameters of the poses, increasing from 0 to 1.
     """
 
     poses: list[Pose]
     u: list[float]
 
     def append(self, poses: list[Pose], u: float) -> None:
-        """Add poses with path parameters that grow evenly up to u."""
+        """Append poses, with path parameters evenly spaced up to u."""
         self.u.extend(np.linspace(self.u[-1], u, len(poses) + 1)[1:].tolist())
         self.poses.extend(poses)
 
@@ -95,19 +101,19 @@ def follow_reference(
     """Return poses that track a reference motion under the stepper's limits, to the motion's end or onto the goal.
 
     Args:
-        stepper: stepper with the limits.
+        stepper: solver of QP steps with the limits.
         reference: motion to track.
         goal: goal at the end of the motion.
-        start: pose where the motion begins.
-        deadline: when to stop.
+        start: start pose.
+        deadline: deadline of the steps.
 
     Raises:
-        Stalled: names the constraint that could not be met, and by how much it was violated.
+        Stalled: a constraint could not be met, or the deadline has passed.
     """
     settings = stepper.settings.tracking
     tracked = TrackedPoses([start], [0.0])
     advance = settings.first_advance
-    # No step skips a place where a limit begins or ends.
+    # No increment skips a u at which a limit begins or ends.
     breaks = sorted({place for limit in stepper.limits for place in limit.breaks})
     while tracked.u[-1] < _ARRIVAL:
         u = min(_ARRIVAL, tracked.u[-1] + advance)
@@ -128,7 +134,14 @@ def follow_reference(
 def _ended(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, pose: Pose, deadline: Deadline
 ) -> list[Pose]:
-    """Return the poses from the last tracked one to the end of the reference, or at least onto the goal.
+    """Return the poses from the last tracked one to the end of the reference or, where that fails, onto the goal.
+
+    Args:
+        stepper: solver of QP steps with the limits.
+        reference: the tracked motion.
+        goal: goal at the end of the motion.
+        pose: the last tracked pose.
+        deadline: deadline of the steps.
 
     Raises:
         Stalled: neither the end of the reference nor the goal is reached.
@@ -148,12 +161,19 @@ def _ended(
 
 
 def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
-    """Return poses towards the reference at u, up to one that meets the stepper's limits; None when there is none."""
+    """Return poses towards the reference at u, up to one that meets the stepper's limits; None if none meets them.
+
+    Args:
+        stepper: solver of QP steps with the limits at u.
+        reference: the tracked motion.
+        u: the new path parameter.
+        pose: current pose.
+    """
     poses = []
     kept = False
     for _ in range(_MEETING_STEPS):
         before = pose
-        # The last stretch of u belongs to settling, so the reference is completed by the arrival.
+        # The last interval of u is for moving onto the goal, so the reference ends where tracking ends.
         terms, near = reference.drawn(stepper.space, u / _ARRIVAL, pose)
         pose = stepper.step(pose, terms)
         if pose is not before:
@@ -166,7 +186,7 @@ def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, p
 
 
 def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) -> str:
-    """Return, in words, which constraint could not be met at u."""
+    """Return a message with the constraint that is violated most in a pose at u."""
     name, miss = max((limit.worst(pose.q) for limit in stepper.limits), key=lambda worst: worst[1])
     if miss == 0.0:
         return f"at u = {u:.3f} the motion that was found cannot be deformed to meet the constraints"
@@ -174,18 +194,24 @@ def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) ->
 
 
 _PRICE = 10000.0
-"""Price of a constraint that is violated by a turn of the whole arm of 1 rad, against uneven growth. Taste."""
+"""Cost of a constraint violation equivalent to a rotation of the whole arm by 1 rad, relative to a deviation from even
+growth by 1. Taste."""
 
 _PLACES = 101
-"""Number of samples of the motion for the schedule. Taste."""
+"""Number of samples of the motion for the schedule, evenly spaced in its length. Taste."""
 _STEPS = 61
-"""Number of samples of the path parameter. Taste."""
+"""Number of evenly spaced samples of the path parameter for the schedule. Taste."""
 _EVEN = 0.02
-"""Least growth of either where the other grows alone, as a share. Taste."""
+"""Minimum growth of u relative to the length, and of the length relative to u, as a fraction of even growth. Taste."""
 
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
-    """Return, for each configuration of a motion, the fraction of the joint path's length before it, shape (K,)."""
+    """Return the fraction of the joint path's weighted length before each configuration of a motion, shape (K,).
+
+    Args:
+        motion: the motion.
+        slowness: weight of each coordinate, shape (c,).
+    """
     arcs = arc_lengths(motion.configurations * slowness)
     return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
 
@@ -195,8 +221,8 @@ def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> Floa
 
     Args:
         motion: motion without path parameters.
-        user: the constraints.
-        slowness: cost of a unit of each coordinate, shape (c,).
+        user: the user's constraints.
+        slowness: weight of each coordinate, shape (c,).
     """
     share = shares_of(motion, slowness)
     s = np.linspace(0.0, 1.0, _PLACES)
@@ -212,17 +238,23 @@ def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> Floa
 
 
 def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
-    """Return the worst row's violation at u in each of N configurations, as a turn of the whole arm, shape (N,)."""
+    """Return the largest constraint violation at u in each of N configurations, as a rotation of the whole arm, (N,).
+
+    Args:
+        user: the user's constraints.
+        q: configurations, shape (N, c) [rad, m].
+        u: path parameter.
+    """
     rows = user.placed(u).rows
     table = rows.table(q, u)
     scale = user.turns(np.asarray(rows.slopes(q[0], u)[1]))
     miss = np.where(rows.equal, np.abs(table), np.maximum(-table, 0.0)) / scale
-    # The table holds NaN where a row does not apply.
+    # NaN means that a row does not apply.
     return np.asarray(np.max(np.nan_to_num(miss, nan=0.0), axis=1, initial=0.0))
 
 
 def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
-    """Return the cells of the cheapest monotone path from the first to the last corner of a table."""
+    """Return row and column indices of the cheapest monotone path from the first to the last cell of a cost table."""
     total = np.full(price.shape, np.inf)
     total[0, 0] = price[0, 0]
     for i in range(price.shape[0]):
@@ -245,14 +277,14 @@ def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
 
 
 def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Return a motion under constraints that depend on u, near a motion found without the constraints.
+    """Return a motion under user terms that depend on u, near a motion found without them.
 
     Args:
-        task: task with the constraints.
+        task: task with the user's terms; the motion is returned unchanged if none of them depends on u.
         motion: certified motion to the task's goal.
 
     Raises:
-        MotionNotFound: names the constraint that could not be met, and by how much it was violated.
+        MotionNotFound: a constraint could not be met.
     """
     if task.user is None or not task.user.terms.parametric:
         return motion
@@ -263,7 +295,7 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
 
 
 def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:
-    """Return a motion with path parameters u, shape (K,), tracked under the constraints.
+    """Return a motion that tracks another one, with path parameters u, shape (K,), under the user's constraints.
 
     Raises:
         MotionNotFound: a constraint could not be met.
