@@ -141,7 +141,7 @@ _END_BLEND = 0.12
 """Arc length over which the guess turns from the base heading to that of the path, and from the path to the tip heading
 [L]. Taste."""
 _LEAST_REGION_SHARE = 0.05
-"""Least length that the guess gives to each region [L]. Taste."""
+"""Minimum length of the guess in each region [L]. Taste."""
 _GUESS_CURVATURE = 0.9
 """Fraction of the curvature limit that the guess may use, so that the NLP starts inside its bounds. Taste."""
 

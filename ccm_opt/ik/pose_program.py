@@ -68,8 +68,8 @@ class HoldingLoads:
     def symbols(self) -> dict[str, ca.SX]:
         """Symbols by name: "moments", shape (1 or 3, n), and "torque shares", shape (k, n).
 
-        Column j of the moments is the moment about the base of the weights of link j, all later links and the payload;
-        torque shares are torques as fractions of their limits.
+        Column j of the moments is the moment about the base of the weights of link j, all later links and the payload.
+        "torque shares" are torques as fractions of their limits.
         """
         links = self.weights.shape[1]
         return {

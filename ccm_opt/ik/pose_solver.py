@@ -21,8 +21,8 @@ from ccm_opt.robot.biarc import bend_shares
 _LIMIT_SHARE = 0.98
 """Fraction of a joint limit that a pose may use (as in the steps of the motion)."""
 _USER_GAP = 0.05
-"""Fraction of the preferred clearance that a pose keeps whatever the user's costs weigh. Measured: with 0, poses in the
-wing box come 0.1 mm nearer than the certificate allows."""
+"""Fraction of the preferred clearance that a pose keeps for any weight of the user's costs. Measured: with 0, poses in
+the wing box have 0.1 mm less clearance than the certificate requires."""
 _SIDES = (("left", "right"), ("down", "up"))
 """Names of the sides to which joints bend, for positive and negative bends."""
 

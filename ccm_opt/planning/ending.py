@@ -8,7 +8,7 @@ In the plane the first optimisation finds the end that costs the motion least; t
 that gaps, bending and torque are weighed against the motion, and little of the motion is left to change.
 
 In space the NLP is solved first. The NLP and the optimisation keep every link in half-spaces that are fixed while they
-are solved. For a link that ends at the goal and lies along a wall, the gap to the plane is that of its tip, which
+are solved. For a link that ends at the goal and is parallel to a wall, the gap to the plane is that of its tip, which
 cannot move: no change of the pose widens the gap as long as the plane does not turn. A QP step uses the nearest point
 of the link instead, which does move away when the link turns about the goal.
 """
@@ -69,7 +69,7 @@ _ENOUGH = 0.9
 """Fraction of the preferred gap at which an end pose is accepted."""
 _CLEARANCE_SHARE = 1.6
 """Gap that the NLP aims for at the end, where possible, as a multiple of the preferred gap. An arm that follows its tip
-lies near its end pose during the whole motion, and deviates from that pose by part of the gap. Measured: with 1.6 fed
+is close to its end pose during the whole motion, and deviates from it by part of the gap. Measured: with 1.6 fed
 arms keep 0.82 to 1.2 of the preferred gap during the whole motion among bays, blades and pipes, with 1 they keep 0.6 to
 1."""
 _OPENED = 0.02

@@ -384,7 +384,7 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
 
 @dataclass(frozen=True, eq=False)
 class NearestOfSamples:
-    """Least gap at each of T samples of a motion, with the two bodies concerned.
+    """Minimum gap at each of T samples of a motion, with the two bodies concerned.
 
     Attributes:
         gap: gap between the nearest surfaces, at most the reach of the measurement, shape (T,) [m].

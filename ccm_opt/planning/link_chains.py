@@ -1,11 +1,11 @@
-"""Chains of links from the place where an arm begins to its goal, grown at random as two trees that meet.
+"""Chains of links from the base of an arm, or from its tip, to a goal, found by two random trees that meet.
 
-A node of a tree is the end of a link with its direction; a new link bends from its predecessor towards a random target
-as far as a joint may, and touches nothing. Of the nodes from which an arc no tighter than the joints allow leads to the
-target, the nearest grows (S. Patil and R. Alterovitz, Interactive motion planning for steerable needles in 3D
-environments with obstacles, 2010). So the search has five dimensions, however many links there are. Where the ends of
-two branches meet, with a gap of less than a link, both together are nearly a pose at the goal, and the way of a tip
-that an arm can follow. The trees are grown by compiled C (link_chains.c).
+A node of a tree is the end of a link with the link's direction. A new link is directed towards a random target as far
+as the joint limit permits, and touches nothing. The tree grows from the nearest of the nodes from which an arc within
+the joint limit leads to the target (S. Patil and R. Alterovitz, Interactive motion planning for steerable needles in 3D
+environments with obstacles, 2010). So the search has five dimensions for any number of links. Two branches that meet
+with a gap of less than a link are together nearly a pose at the goal, or a tip path that an arm can follow. The trees
+are grown in C (link_chains.c).
 """
 
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _TARGETS = 1000
-"""Targets of one growth. Measured among bars: with twice as many half as many chains are found in the same time, with
-twenty times as many hardly any."""
+"""Number of targets in one growth of the trees. Measured among bars: with twice as many, half as many chains are found
+in the same time, with twenty times as many hardly any."""
 _NODES = 4000
-"""Most nodes of a tree. Taste."""
+"""Maximum number of nodes of a tree. Taste."""
 _CHAINS = 64
-"""Most chains of one growth. Taste."""
+"""Maximum number of chains found in one growth. Taste."""
 _ATTRACTED = 0.3
-"""Share of targets that are nodes of the other tree. Taste."""
+"""Fraction of targets that are nodes of the other tree. Taste."""
 _DIRECTIONS = 16
-"""Random directions of the last link where any is acceptable. Taste."""
+"""Number of random directions of the last link if any direction is acceptable. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class LinkChain:
     """A chain of links in two parts, with a gap between them.
 
     Attributes:
-        before: joints from the beginning on, shape (i, 3) [m].
-        behind: joints on to the goal, shape (j, 3) [m].
+        before: positions of the joints from the start to the gap, shape (i, 3) [m].
+        behind: positions of the joints from the gap to the goal, shape (j, 3) [m].
     """
 
     before: FloatArray
@@ -45,31 +45,31 @@ class LinkChain:
 
     @property
     def places(self) -> FloatArray:
-        """Joints of both parts, with the two at the gap as one in the middle, shape (i + j − 1, 3) [m]."""
+        """Positions of the joints of both parts, with the two at the gap replaced by their mean, (i + j − 1, 3) [m]."""
         middle = 0.5 * (self.before[-1] + self.behind[0])
         return np.vstack((self.before[:-1], middle, self.behind[1:]))
 
     @property
     def directions(self) -> FloatArray:
-        """Unit directions of the links, shape (i + j − 2, 3)."""
+        """Unit vectors of the links' directions, shape (i + j − 2, 3)."""
         links = np.vstack((np.diff(self.before, axis=0), np.diff(self.behind, axis=0)))
         return np.asarray(links / np.linalg.norm(links, axis=1)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
 class LinkChains:
-    """Grows chains of links between two places.
+    """Finds chains of links between two positions.
 
     Attributes:
-        tree: tree of the surfaces.
-        box: where targets are, lower and upper corner, shape (2, 3) [m].
+        tree: bounding volume hierarchy of the surfaces.
+        box: lower and upper corner of the box that contains the targets, shape (2, 3) [m].
         length: length of a link [m].
-        limits: largest bend before each link of a whole chain from its beginning on, shape (links,); the last one also
-            holds for the part that grows from the goal [rad].
-        first_pair: links after which two of a chain must keep apart.
-        pair: distance that their axes must keep [m].
-        exact: whether a chain has all of these links, and not fewer.
-        mounted: number of first links that may touch surfaces.
+        limits: largest bend before each link of a chain of maximum length, from its start, shape (links,) [rad]; the
+            last value also applies to the tree from the goal.
+        first_pair: minimum difference of the indices of two links of a chain that are checked for contact.
+        pair: minimum distance of the axes of such links [m].
+        exact: whether a chain must have the maximum number of links.
+        mounted: number of links from the start that may touch surfaces.
     """
 
     tree: SurfaceTree
@@ -83,14 +83,14 @@ class LinkChains:
 
     @classmethod
     def of(cls, arm: Arm, tree: SurfaceTree, box: FloatArray, limits: FloatArray, *, exact: bool) -> "LinkChains":
-        """Return what grows chains of an arm; links that differ count as of the mean length and the largest radius.
+        """Return the search for chains of an arm's links; all links get the mean length and the largest radius.
 
         Args:
             arm: the arm.
-            tree: tree of the surfaces.
-            box: where targets are, lower and upper corner, shape (2, 3) [m].
-            limits: largest bend before each link of a whole chain from its beginning on, shape (links,) [rad].
-            exact: whether a chain has all of these links, and not fewer.
+            tree: bounding volume hierarchy of the surfaces.
+            box: lower and upper corner of the box that contains the targets, shape (2, 3) [m].
+            limits: largest bend before each link of a chain of maximum length, from its start, shape (links,) [rad].
+            exact: whether a chain must have the maximum number of links.
         """
         length = arm.link_length
         mounted = 0 if arm.base_axes else int(np.ceil(arm.mount_length / length - 1e-9))
@@ -102,11 +102,13 @@ class LinkChains:
         """Return the chains of one growth of both trees.
 
         Args:
-            start: where chains begin, and the direction before their first link.
-            goal: where they end, and the direction of their last link.
-            kept: distance that the axes of links keep from surfaces [m].
-            gap: largest gap in a chain [m].
-            strays: preference for nodes after as many links as is asked at random; 0 for the nearest ones.
+            start: first point of chains, and the direction before their first link; without a direction no chain is
+                found.
+            goal: last point of chains, and the direction of their last link.
+            kept: minimum distance of the links' axes from surfaces [m].
+            gap: maximum gap in a chain [m].
+            strays: weight of the difference between a node's number of links and a random target's, relative to the
+                distance from the target, in the choice of the node that grows.
             rng: random generator.
         """
         if start.direction is None:
@@ -118,7 +120,7 @@ class LinkChains:
         ends = np.atleast_2d(ends)
         count = len(ends)
         own = _Tree.of(start.place[None], start.direction[None], np.array([-1]), np.array([0]))
-        # The last link lies along the direction of the goal.
+        # The last link has the direction of the goal.
         places = np.vstack((np.broadcast_to(goal.place, (count, 3)), goal.place - self.length * ends))
         parents = np.concatenate((np.full(count, -1), np.arange(count)))
         other = _Tree.of(places, np.vstack((-ends, -ends)), parents, np.repeat((0, 1), count))
@@ -136,7 +138,12 @@ class LinkChains:
         return [LinkChain(own.branch(i)[::-1], other.branch(j)) for i, j in met[: call.fields.found]]
 
     def _targets(self, rng: np.random.Generator) -> FloatArray:
-        """Return random targets: a place, the share of a chain there, 1 for an arc, a node of the other tree or −1."""
+        """Return random targets, shape (targets, 6).
+
+        The columns are a position [m], the fraction of a chain's links up to there, whether links bend evenly along an
+        arc (1) or as far as possible (0), and a node of the other tree that replaces the position, as a fraction of its
+        number of nodes (−1 for none).
+        """
         uniform = rng.uniform(size=(_TARGETS, 7))
         low, high = self.box
         uniform[:, :3] = low + uniform[:, :3] * (high - low)
@@ -157,7 +164,14 @@ class _Tree:
 
     @classmethod
     def of(cls, places: FloatArray, ahead: FloatArray, parents: IntArray, links: IntArray) -> "_Tree":
-        """Return a tree of m nodes, shapes (m, 3), (m, 3), (m,) and (m,), with memory for more."""
+        """Return a tree of m nodes with memory for more.
+
+        Args:
+            places: ends of the links, shape (m, 3) [m].
+            ahead: unit vectors of the links' directions, shape (m, 3).
+            parents: indices of the parents, −1 for a root, shape (m,).
+            links: numbers of links from the root, shape (m,).
+        """
         tree = cls(
             np.empty((_NODES, 3)), np.empty((_NODES, 3)), np.zeros(_NODES),
             np.empty(_NODES, dtype=np.int64), np.empty(_NODES, dtype=np.int64),
@@ -169,11 +183,11 @@ class _Tree:
         return tree
 
     def for_c(self, first: int, count: int) -> dict[str, object]:
-        """Return the fields of a tree of ``count`` nodes, of which those from ``first`` on may have children."""
+        """Return the tree of ``count`` nodes as fields for link_chains.c; nodes from ``first`` on may have children."""
         return {"first": first, "count": count, "capacity": _NODES, **vars(self)}
 
     def branch(self, node: int) -> FloatArray:
-        """Return the ends of the links from a node back to the root, shape (k, 3) [m]."""
+        """Return the positions of the nodes from a node back to the root, shape (k, 3) [m]."""
         nodes = []
         while node >= 0:
             nodes.append(node)

@@ -287,7 +287,7 @@ class SlidingOut:
 
 
 WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
-"""Function from a tip path, a guide that has ended and the pose reached to the guide that leads on from there."""
+"""Function that returns the next guide, from a tip path, a guide that has ended, and the last pose of that guide."""
 
 
 def slid_out(

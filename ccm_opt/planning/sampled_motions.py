@@ -130,7 +130,7 @@ class SampledMotions:
 def _untouched(shape: npt.ArrayLike, element: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return an array of zeros that takes memory page by page as it is used.
 
-    NumPy asks for huge pages, all of which a grid would soon touch and have cleared, which takes longer than a search.
+    NumPy requests huge pages; a grid would soon touch all of them, and clearing them takes longer than a search.
     """
     size = np.asarray(shape, dtype=np.intp)
     memory = mmap.mmap(-1, int(np.prod(size)) * np.dtype(element).itemsize)

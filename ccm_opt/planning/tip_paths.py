@@ -1,8 +1,8 @@
 """Shortest tip paths in homotopy classes: back along the arm, round the base on one side, and out along a route.
 
 The arm cannot be crossed and its base cannot be moved, so a tip path is characterised by its homotopy class among the
-obstacles *and the base*: the base is a puncture of free space, passed on the left or on the right. A path that is the
-shortest of its class is called taut.
+obstacles *and the base*: the base is a puncture of free space, passed on the left or on the right. ``taut`` in names
+denotes the shortest path of a class.
 """
 
 from dataclasses import dataclass, replace

@@ -59,18 +59,18 @@ bends of a duct pass with less (measured in pipes and slots with 8 and 12 links)
 _BANDS = 6
 """Maximum number of elastic bands made through one grid."""
 _CHAIN_SEED = 1000
-"""First number of the seeds of chains of links, among those of a task."""
+"""Second number of the seeds of chains of links, after the task's seed and before the growth's number."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
-"""Gaps that links of chains keep, as shares of the wanted gap; one is drawn for each growth. Taste."""
+"""Gaps of chains' links, as fractions of the preferred gap; one is sampled for each growth. Taste."""
 _CHAIN_GAP = 0.6
 """Largest gap between the two parts of a chain, in links. Taste."""
 _BEND_SHARE = 0.9
-"""Share of the largest bend that joints of chains use. Taste."""
+"""Largest bend of joints of chains, as a fraction of the permitted bend. Taste."""
 _GROWTHS = (8, 64)
-"""Numbers of growths of chains up to which they are tried first, and later. Taste: one takes a hundredth of a
+"""Numbers of growths of chains in the first attempt and by the end of the second one. Taste: one takes a hundredth of a
 second."""
 _CHAINS = 16
-"""Most elastic bands that are made from chains at once. Taste: one takes a twentieth of a second."""
+"""Maximum number of elastic bands made from chains in one attempt. Taste: one takes a twentieth of a second."""
 _PASSAGE = 0.6
 """Distance above which walls do not make the path from which an elastic band is made more costly, in nominal links."""
 _CLOSED = 1.0
@@ -263,10 +263,10 @@ class SpaceTipWays:
         return way.gap > 0.0 and way.bend < _BENT_OVER and way.length < self._longest_followed
 
     def _chained(self, growths: range) -> Iterator[TipWay]:
-        """Yield elastic bands made from chains of links that random trees find; none where there are via places.
+        """Yield elastic bands made from chains of links; none if there are via points.
 
         Args:
-            growths: numbers of the growths, which seed them.
+            growths: numbers of the growths of random trees, which are part of their seeds.
         """
         band = self._band
         if band is None or self.task.via:

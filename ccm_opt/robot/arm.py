@@ -43,13 +43,13 @@ class Feed:
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """What the links of an arm with unequal links are, as multiples of the arm's own figures.
+    """Lengths, radii and joint limits of an arm with unequal links, as multiples of the arm's values.
 
     Attributes:
-        lengths: length of each link over ``Arm.link_length``, shape (links,), 1 in the mean.
-        radii: radius of each link over ``Arm.radius``, shape (links,), 1 at most.
-        limits: bound on the bends of each joint over ``Arm.joint_limit``, shape (links,), 1 at most; 0 locks a joint.
-            The first joint has ``Arm.base_limit`` as its bound unless it is locked.
+        lengths: length of each link over ``Arm.link_length``, shape (links,), with mean 1.
+        radii: radius of each link over ``Arm.radius``, shape (links,), at most 1.
+        limits: limit of each joint's bends over ``Arm.joint_limit``, shape (links,), at most 1; 0 locks a joint. The
+            first joint has the limit ``Arm.base_limit`` unless it is locked.
     """
 
     lengths: FloatArray
@@ -89,12 +89,12 @@ class Arm:
             plane it follows from the heading if that is given.
         up: z axis of the first joint in space, a unit vector perpendicular to the direction, shape (3,).
         axes: order of the three revolute axes of a ball joint; in space only ``zyx`` keeps the roll at zero.
-        feed: the axis that carries the base along the direction, or None when the base is fixed.
+        feed: the axis that moves the base along the direction, or None if the base is fixed.
         payload: point mass carried at the tip [kg].
         rotor_inertia: inertia of the drives, reflected to the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
         clamped_joints: number of joints, counted from the base, whose bends are limited to zero.
-        proportions: what differs from link to link; None where all links are equal.
+        proportions: lengths, radii and limits that differ between links; None if all links are equal.
     """
 
     links: int
@@ -441,7 +441,7 @@ class Arm:
 
     @property
     def base_range(self) -> tuple[float, float]:
-        """Least and greatest displacement of the base along its heading [m]; both 0 if the base is fixed."""
+        """Minimum and maximum displacement of the base along its heading [m]; both 0 if the base is fixed."""
         return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
 
     @property

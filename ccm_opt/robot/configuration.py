@@ -29,7 +29,7 @@ MOST_TURN = 0.05
 """Largest turn of a curve in space in one integration step [rad]; the error of the sixth-order step is then below
 1e-12."""
 LEAST_STEPS = 40
-"""Least number of steps per segment in space, so that the curvature changes little within one step."""
+"""Minimum number of steps per segment in space, so that the curvature changes little within one step."""
 _PROBES = 5
 """Number of arc lengths per interval at which the curvature is sampled to choose the step size."""
 

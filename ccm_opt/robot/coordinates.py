@@ -8,8 +8,8 @@ that sums over them are zero and loops over them do nothing.
 Plans use a fraction σ of the limits on velocities, accelerations, jerks and efforts, to leave a reserve for the
 controller. Part of an effort does not depend on timing: the effort that holds the arm still under gravity. Let h be
 that part as a fraction of the limit. A planned effort may then take max(σ, h + ½ σ (1 − h)) of the limit: normally σ,
-but where gravity leaves little or nothing of σ for moving, h and half of the usual fraction σ of the rest. So an arm
-that can be held still can be moved, whatever σ is; σ = 1 means the full limits.
+but where gravity leaves little or nothing of σ for moving, h and half of the usual fraction σ of the rest. So for any σ
+an arm that can be held still can be moved; σ = 1 means the full limits.
 """
 
 from dataclasses import dataclass

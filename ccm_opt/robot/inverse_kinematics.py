@@ -13,7 +13,7 @@ to about this accuracy. Taste."""
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
-    """Return the revolute angles that place the balls and the tip at given positions, with θ3 = 0.
+    """Return the revolute angles with which ball joints and tip have given positions, with θ3 = 0.
 
     In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for both ``zyx`` and
     ``zyz``. Of the two solutions the one with θ1 within ±90° is returned. In the plane this is the paper's own formula,

@@ -7,7 +7,7 @@ DEFAULT_LINK_MASS = 0.1
 THIN_ROD_RADIUS = 0.01
 """Radius, in link lengths, of the cylinders that give the links of a zero-radius arm their inertia."""
 SPACE_ROD_RADIUS = 0.05
-"""Least radius, in link lengths, of the cylinders that give links in space their inertia. Bends of other joints act on
+"""Minimum radius, in link lengths, of cylinders that give links in space their inertia. Bends of other joints act on
 the roll of such a link, and a drive holds it; with less inertia about the link's axis the simulated drive overshoots
 within one time step of a millisecond."""
 

@@ -243,7 +243,7 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
     Types of one sign are circular arcs: the angle a between chord and ends solves sin(a)/a = chord/L, and the curvature
     is ±2a/L. Types with an inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes
     the angle a with its ends (Chirikjian and Burdick): curvature ±(2πa/L) sin 2πs. The straight type has zero
-    curvature, whatever the length. Prescribed end headings are left to the optimisation (hill climbing or NLP).
+    curvature for any length. Prescribed end headings are left to the optimisation (hill climbing or NLP).
 
     Args:
         kind: the type.

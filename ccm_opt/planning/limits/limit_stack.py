@@ -48,8 +48,8 @@ _SPARE_FEED = 0.004
 _SPARE_SHARE = 0.01
 """Fraction of the feed range left unused at either end, where less than ``_SPARE_FEED``."""
 _KNOT_BEND = 1.1
-"""Bound on the bend that the curvature at a knot gives a fed arm, as a multiple of the joint limit. Above 1 because a
-joint takes the mean of the curvature about its place, which is less."""
+"""Bound on the bend of a fed arm's joint that corresponds to the curvature at a knot, as a multiple of the joint limit.
+Above 1 because the bend depends on the mean curvature near the joint, which is less than the maximum."""
 _FEED = 0.3
 """Maximum travel of the base in a step, in nominal links."""
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 _PATH_SHARE = 0.2
 """Fraction of the allowed violation by which the smooth path may violate a constraint between its knots. Taste."""
 _PULL_WEIGHT = 30.0
-"""Weight on restoring gaps that are inside their margin, relative to a nominal link's distance. Taste, as for
-contacts."""
+"""Weight of terms that restore gaps smaller than their margin, relative to a displacement of a nominal link. Taste; the
+weight for contacts is the same."""
 _URGENCY = 10.0
 """Scale of the rows of violated gaps, relative to those of gaps inside their margin. Taste."""
 _RANK = 1e-09
@@ -52,7 +52,7 @@ with 2 a path at the edge of a camera's view was refused, with 4 it was accepted
 _MARGIN = 2e-3
 """Margin of a gap, as the turn of the whole arm that closes the gap [rad]. Taste: a tenth of a degree."""
 _KEEP_SHARE = 0.4
-"""Fraction of the margin that every accepted pose keeps. Taste, as for contacts."""
+"""Fraction of the margin that every accepted pose keeps. Taste; the fraction for contacts is the same."""
 _MET_AT_GOAL = 1e-8
 """Largest violation of constraints at the goal and at keyframes, in the user's unit. Derived: two orders below what the
 verifier allows."""

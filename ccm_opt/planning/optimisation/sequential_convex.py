@@ -70,9 +70,9 @@ _YIELDING_SHARE = 0.4
 """Factor by which a keyframe next to an uncertified interval reduces its part of a step, each time. Taste."""
 _STEEPEST = 10.0
 """Largest gradient of the user's costs, relative to that of the objective, for which the prices of slack are tuned.
-Measured: with a ratio of 8 motions gain what the user asks for, with one of 800 no step is accepted."""
+Measured: with a ratio of 8 the user's costs decrease as intended, with one of 800 no step is accepted."""
 _RAISED_DAMPING = 0.05
-"""Least damping from which growth after a refused or shortened step starts. Taste."""
+"""Minimum damping after a rejected or shortened step, before it is increased. Taste."""
 _GOOD_SHRINKAGE = 3.0
 """Divisor by which the damping is reduced after a good optimisation step. Taste."""
 _LEAST_DAMPING = 1e-4
