@@ -61,8 +61,8 @@ _BAND_SPACING = 1.0 / 3.0
 """Distance between the points of a band, in link lengths. Taste."""
 _LEAST_BAND_SPACING = 1.0 / 90.0
 """Minimum distance between the points of a band, as a fraction of the arm's length, for arms of many links. Measured on
-clutter at 48 links: points nearer together turn sharply one by one where corners push them, and the cost of a step is
-cubic in their number."""
+clutter at 48 links: with a smaller spacing, single points turn sharply at corners of walls, and the cost of a step is
+cubic in the number of points."""
 _BAND_EVENNESS = 1.0 / 16.0
 """Length over which a band's change of curvature weighs as much as its curvature, as a fraction of the arm's length.
 Taste."""

@@ -98,7 +98,7 @@ class MotionTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Distance that walls must keep from the axis of the last link, which leads the way [m]."""
+        """Required distance of walls from the axis of the last link: radius plus clearance [m]."""
         return self.arm.tip_radius + self.workspace.clearance
 
     @property

@@ -90,7 +90,7 @@ class SpaceTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Required distance of surfaces from the axis of the last link, which leads: radius plus clearance [m]."""
+        """Required distance of surfaces from the axis of the last link: radius plus clearance [m]."""
         return self.arm.tip_radius + self.clearance
 
     @property

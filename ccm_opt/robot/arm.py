@@ -230,7 +230,7 @@ class Arm:
 
     @property
     def tip_radius(self) -> float:
-        """Radius of the last link [m], which leads the way."""
+        """Radius of the last link [m]."""
         return float(self.radii[-1])
 
     @cached_property
@@ -514,15 +514,15 @@ class Arm:
 
     @property
     def first_self_pairs(self) -> IntArray:
-        """The first link beyond each one that must not touch it, shape (links,); ``links`` where there is none."""
+        """Index of the first later link that must not touch each link, shape (links,); ``links`` if there is none."""
         return self.first_distant if self.self_collision else np.full(self.links, self.links)
 
     @cached_property
     def first_distant(self) -> IntArray:
-        """The first link beyond each one that is far enough from it along the arm to touch it, shape (links,).
+        """Index of the first later link that is distant enough along the arm to touch each link, shape (links,).
 
-        Links i < j count as neighbours around a bend unless at least two links and a length of π r lie between them,
-        where r is the greatest radius from link i on; ``links`` where there is no such link.
+        Links i < j count as neighbours around a bend unless at least two links and a length of π r are between them,
+        where r is the maximum radius from link i on. If there is no such link, the value is ``links``.
         """
         reach = np.pi * np.maximum.accumulate(self.radii[::-1])[::-1] / self.link_length - 1e-9
         ends = self.place_shares[1:]

@@ -50,8 +50,8 @@ Taste: with three times as much, joints cannot give way to the goal."""
 _PLACES = 61
 """Number of points on the middle line of a gate at which the width is measured. Taste."""
 _NARROWEST = 1e-3
-"""Relative excess over the least distance to walls up to which a point still counts as narrowest. Taste: a hundredth of
-a gate's width; lines before a rounded wall, where there is clearance to the side, would exclude motions that exist."""
+"""Relative excess over the minimum distance to walls up to which a point still counts as narrowest. Taste; with lines
+before a rounded wall, where there is clearance to the side, feasible motions would be excluded."""
 _SHORT = 0.15
 """Length of the narrowest section, as a multiple of the gate's half-width, below which it gets one line instead of one
 at either end. Taste."""

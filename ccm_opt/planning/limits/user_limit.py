@@ -76,7 +76,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     Attributes:
         terms: compiled constraints and costs.
         u: path parameter at which the constraints are evaluated.
-        at_goal: whether the constraints at the goal are used instead of those on the way.
+        at_goal: whether the constraints at the goal are used instead of those during the motion.
         lead: amount of the path parameter by which intervals of constraints are widened at most, so that a path that is
             smoothed at keyframes satisfies constraints over their whole intervals; intervals that are separated by a
             short gap stay separate.
