@@ -65,7 +65,7 @@ def boxes(corners: list[tuple[list[float], list[float]]]) -> TriangleSoup:
 
 def task_of(
     arm: Arm,
-    soup: TriangleSoup,
+    triangle_soup: TriangleSoup,
     goal: GoalPose | None,
     *,
     goal_pose: FloatArray | None = None,
@@ -78,7 +78,7 @@ def task_of(
     slowness = np.append(np.ones(2 * arm.links), np.full(len(arm.base_axes), 10.0))
     return SpaceTask(
         arm=arm,
-        tree=SurfaceTree.of(soup),
+        tree=SurfaceTree.from_triangles(triangle_soup),
         start=np.zeros(width) if start is None else start,
         goal=goal or GoalPose(np.zeros(3)),
         goal_pose=goal_pose,
@@ -87,19 +87,19 @@ def task_of(
         clearance=0.0,
         wanted_gap=0.25 * arm.radius,
         box=tip_box(arm, None),
-        scene=soup.triangles.reshape(-1, 3),
-        names=soup.names,
+        scene=triangle_soup.triangles.reshape(-1, 3),
+        names=triangle_soup.names,
         slowness=slowness,
         deadline=Deadline.after(seconds),
     )
 
 
-def least_gaps(arm: Arm, soup: TriangleSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
+def least_gaps(arm: Arm, triangle_soup: TriangleSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
     """Return the minimum clearances from obstacles and between links at samples of a piecewise-linear motion [m].
 
     Args:
         arm: the arm.
-        soup: surfaces of the obstacles.
+        triangle_soup: surfaces of the obstacles.
         keyframes: vertices of the motion, shape (K, c) [rad, m].
         samples: number of samples per piece.
     """
@@ -111,7 +111,7 @@ def least_gaps(arm: Arm, soup: TriangleSoup, keyframes: FloatArray, samples: int
     hidden = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
     begins = points[:, :-1] + hidden[:, None] * (points[:, 1:] - points[:, :-1])
     segments = np.stack((begins, points[:, 1:]), axis=2)[:, hidden < 1.0].reshape(-1, 2, 3)
-    walls = SurfaceTree.of(soup).distances(segments, 2.0 * arm.length)
+    walls = SurfaceTree.from_triangles(triangle_soup).distances(segments, 2.0 * arm.length)
     i, j = arm.self_pairs
     apart = segment_distances(
         points[:, i].reshape(-1, 3),

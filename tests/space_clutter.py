@@ -49,7 +49,7 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
         workspace = Workspace(
             bounds=None, obstacles=tuple(_obstacle(random, number) for number in range(bodies)), clearance=0.002
         )
-        tree = SurfaceTree.of(workspace.soup)
+        tree = SurfaceTree.from_triangles(workspace.triangle_soup)
         low, high = limits_at(arm, arm.base_range[1])
         q = np.clip(curve @ random.normal(0.0, 0.3, curve.shape[1]), 0.9 * low, 0.9 * high)
         problem = problem_at(arm, workspace, q)

@@ -73,7 +73,7 @@ def true_plan() -> SpacePlan:
     )
     last = trajectory.positions[-1:]
     tip = chain_points(arm, trajectory.positions)[:, -1]
-    goal = TipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
+    goal = TipGoal(tip[-1], LinkFrames.from_configurations(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
     workspace = Workspace(bounds=np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), obstacles=bodies(), clearance=0.005)
     start = JointPose.from_configuration(trajectory.positions[0], arm.coordinates)
     problem = Problem("true", workspace, arm, limits, start, goal, tolerances=Tolerances(1e-3, 0.01))

@@ -315,7 +315,7 @@ def _problem(site: Site, links: int, name: str) -> Problem:
         arm = replace(arm, base=np.array([-outside, 0.0, 0.0]), feed=Feed(0.0, TRAVEL, outside))
         limits = replace(limits, feed_velocity=0.1, feed_acceleration=0.5)
     workspace = Workspace(bounds=None, obstacles=tuple(Obstacle(*item) for item in site.bodies.items()))
-    tree = SurfaceTree.of(workspace.soup)
+    tree = SurfaceTree.from_triangles(workspace.triangle_soup)
     ends = [laid_along(arm, route, end) for route, end in site.routes]
     if len(ends) == 1:
         ends = [np.zeros_like(ends[0]), *ends]

@@ -6,7 +6,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.scene.surfaces import TriangleSoup
 
 
-def soup(triangles: FloatArray, rounding: FloatArray, owner: IntArray) -> TriangleSoup:
+def triangle_soup(triangles: FloatArray, rounding: FloatArray, owner: IntArray) -> TriangleSoup:
     """Return triangles of several bodies, from vertices (m, 3, 3) [m], rounding (m,) [m] and indices of bodies (m,)."""
     return TriangleSoup(triangles, rounding, owner, tuple(f"body {k}" for k in range(int(owner.max(initial=-1)) + 1)))
 
@@ -21,7 +21,7 @@ def random_triangles(rng: np.random.Generator, count: int) -> TriangleSoup:
     corners[kind == 2, 2] = corners[kind == 2].mean(axis=1)  # about a third of the way along, and then off it a little
     corners[kind == 3, 2] = corners[kind == 3, :2].mean(axis=1) + 1e-9 * rng.normal(size=(np.sum(kind == 3), 3))
     rounding = np.where(rng.random(count) < 0.3, rng.exponential(0.05, count), 0.0)
-    return soup(corners, rounding, rng.integers(0, 4, count))
+    return triangle_soup(corners, rounding, rng.integers(0, 4, count))
 
 
 def random_segments(rng: np.random.Generator, count: int) -> FloatArray:

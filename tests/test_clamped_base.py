@@ -47,7 +47,7 @@ def test_an_arm_on_a_wall_bends_beyond_its_mount(links: int, radius: float, turn
     """Its first joints, any turn of which would press the mount into the wall, stay as they are."""
     problem = standing(links, radius, turned=turned)
     solution = ccm_opt.solve(problem)
-    count = clamped_joints(problem, SurfaceTree.of(problem.workspace.soup))
+    count = clamped_joints(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
     assert count >= 1
     assert np.abs(solution.trajectory.positions[:, : 2 * count]).max() < 1e-9
 
@@ -55,9 +55,9 @@ def test_an_arm_on_a_wall_bends_beyond_its_mount(links: int, radius: float, turn
 def test_only_what_stands_flush_is_clamped() -> None:
     """A base that is farther from the slab, has a longer mount or looks aside turns as it may."""
     for problem in (standing(8, above=0.002), standing(8, mount_length=0.06)):
-        assert clamped_joints(problem, SurfaceTree.of(problem.workspace.soup)) == 0
+        assert clamped_joints(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup)) == 0
     aside = standing(8, base={"position": (0.0, 0.0, 0.02), "direction": (0, 1, 0)})
-    assert clamped_joints(aside, SurfaceTree.of(aside.workspace.soup)) == 0
+    assert clamped_joints(aside, SurfaceTree.from_triangles(aside.workspace.triangle_soup)) == 0
 
 
 def test_the_least_mount_that_frees_the_base_is_told() -> None:
@@ -72,7 +72,7 @@ def test_the_least_mount_that_frees_the_base_is_told() -> None:
 def test_the_clamped_arm_is_the_same_elsewhere() -> None:
     """What belongs to the mount, and bends no more, is all that is changed."""
     problem = standing(8)
-    arm = with_clamped_base(problem, SurfaceTree.of(problem.workspace.soup)).arm
+    arm = with_clamped_base(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup)).arm
     assert arm.mount_length == pytest.approx(problem.arm.link_length)
     assert arm.bend_limits[:2] == pytest.approx(0.0)
     assert arm.bend_limits[2:] == pytest.approx(problem.arm.bend_limits[2:])

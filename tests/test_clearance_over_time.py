@@ -109,7 +109,7 @@ def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: f
     def gaps(positions: FloatArray) -> FloatArray:
         points = arm.joint_positions_at(positions)
         _, exposed = arm.exposed_links(points)
-        walls = slow_gaps(exposed.reshape(-1, 2, 3), problem.workspace.soup, 9.0)
+        walls = slow_gaps(exposed.reshape(-1, 2, 3), problem.workspace.triangle_soup, 9.0)
         i, j = arm.self_pairs
         itself = segment_distances(*(points[:, k].reshape(-1, 3) for k in (i, i + 1, j, j + 1))).reshape(
             len(points), -1

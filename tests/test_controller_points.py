@@ -137,7 +137,7 @@ def test_curves_and_their_bounds_are_the_controllers(seed: int, quintic: bool) -
         | ({"accelerations": message.accelerations[k]} if message.accelerations is not None else {})
         for k in range(6)
     ]
-    steps = _Steps.of(message)
+    steps = _Steps.from_message(message)
     bounds = [steps.greatest(order) for order in range(3)]
     for k in rng.integers(0, len(steps.segments), 12):
         now = message.time[steps.segments[k]] + steps.since[k] + rng.uniform() * steps.length[k]
@@ -161,7 +161,7 @@ def test_what_efforts_do_between_looks_is_within_the_bound(seed: int, quintic: b
     time = np.array([0.0, 0.1])
     states = [size * rng.standard_normal((2, columns)) for size in (0.5, 2.0, 5.0)]
     message = Message(time, states[0], states[1], states[2] if quintic else None, arm.coordinates)
-    steps = _Steps.of(message)
+    steps = _Steps.from_message(message)
     bow = _effort_bow(problem, steps)
     for k in rng.integers(0, len(bow), 5):
         at = steps.since[k] + steps.length[k] * np.array([0.0, 0.5, 1.0])

@@ -18,7 +18,9 @@ from tests.test_slid_along import LENGTH, fed_arm
 UNIT = LENGTH / NOMINAL_LINKS
 KEPT = 0.01
 WANTED = 0.01
-PLATES = SurfaceTree.of(boxes([([0.2, -0.5, -0.5], [0.22, 0.03, 0.5]), ([0.45, 0.03, -0.5], [0.47, 0.5, 0.5])]))
+PLATES = SurfaceTree.from_triangles(
+    boxes([([0.2, -0.5, -0.5], [0.22, 0.03, 0.5]), ([0.45, 0.03, -0.5], [0.47, 0.5, 0.5])])
+)
 
 
 def band_of(arm: Arm) -> ElasticBand:
@@ -67,7 +69,7 @@ def test_a_band_that_cannot_be_followed_says_where() -> None:
     """Between plates nearer to each other than the arm can bend, it is the bend there."""
     arm = fed_arm(8)
     walls = boxes([([0.2, -0.5, -0.5], [0.22, 0.2, 0.5]), ([0.27, -0.2, -0.5], [0.29, 0.5, 0.5])])
-    band = ElasticBand(arm, SurfaceTree.of(walls), UNIT, KEPT, WANTED)
+    band = ElasticBand(arm, SurfaceTree.from_triangles(walls), UNIT, KEPT, WANTED)
     out = arm.link_length
     behind = np.array([[out - k * band.piece, 0.0, 0.0] for k in range(band.pieces, 0, -1)])
     corners = np.array(

@@ -46,7 +46,7 @@ def wall_with_a_gap() -> list[tuple[list[float], list[float]]]:
 
 def ways(soup_boxes: list[tuple[list[float], list[float]]]) -> tuple[SurfaceTree, FollowableWays]:
     """What finds ways among boxes."""
-    tree = SurfaceTree.of(boxes(soup_boxes))
+    tree = SurfaceTree.from_triangles(boxes(soup_boxes))
     grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 150_000, KEPT, 2.0 * UNIT)
     return tree, FollowableWays(grid, grid.prices(1.0), RADIUS, UNIT)
 
@@ -86,7 +86,9 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     """What is searched among random boxes, a goal, and a place with a frame from which there is a way to it."""
     random = np.random.default_rng(seed)
     corners = random.uniform(-0.4, 0.4, (5, 3))
-    tree = SurfaceTree.of(boxes([(list(corner), list(corner + random.uniform(0.02, 0.3, 3))) for corner in corners]))
+    tree = SurfaceTree.from_triangles(
+        boxes([(list(corner), list(corner + random.uniform(0.02, 0.3, 3))) for corner in corners])
+    )
     grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 20_000, KEPT, 2.0 * UNIT)
 
     def somewhere(cells: npt.NDArray[np.bool_]) -> FloatArray:
@@ -133,7 +135,7 @@ def test_no_way_turns_round_where_there_is_no_room_to() -> None:
 
 def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
     """Cells with room on both sides of a sheet of metal are no neighbours, however coarse the grid."""
-    tree = SurfaceTree.of(boxes([([0.0, -0.5, -0.5], [0.0005, 0.5, 0.5])]))
+    tree = SurfaceTree.from_triangles(boxes([([0.0, -0.5, -0.5], [0.0005, 0.5, 0.5])]))
     grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 700, 0.01, 0.2)
     assert grid.cell > 0.08
     assert grid.cheapest_way(np.array([-0.3, 0.0, 0.0]), np.array([0.3, 0.0, 0.0]), 3.0) is None
@@ -142,7 +144,7 @@ def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
 
 def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
     """Searched from the goal to all cells, or from one cell to the goal: the same cost."""
-    tree = SurfaceTree.of(boxes(wall_with_a_gap()))
+    tree = SurfaceTree.from_triangles(boxes(wall_with_a_gap()))
     grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 20_000, KEPT, 0.1)
     price = grid.prices(3.0)
     goal = np.array([0.6, 0.1, 0.1])
@@ -161,7 +163,7 @@ def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
 @pytest.mark.parametrize("kept", [0.0, KEPT, 0.05])
 def test_distances_known_farther_make_the_same_grid(kept: float) -> None:
     """What is known for the widest margin serves the narrower ones."""
-    tree = SurfaceTree.of(boxes(wall_with_a_gap()))
+    tree = SurfaceTree.from_triangles(boxes(wall_with_a_gap()))
     box = (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]))
     shared = TipGrid.of(GridDistances.over(tree, box, 8000, 0.2), kept, 0.1)
     own = tip_grid(tree, box, 8000, kept, 0.1)
@@ -174,7 +176,7 @@ def test_distances_known_farther_make_the_same_grid(kept: float) -> None:
 def test_a_grid_for_ways_of_some_length_has_all_cells_that_they_pass(seed: int) -> None:
     """Where no such way passes there is no room; everywhere else the grid is as it is without."""
     random = np.random.default_rng(seed)
-    tree = SurfaceTree.of(boxes(wall_with_a_gap()))
+    tree = SurfaceTree.from_triangles(boxes(wall_with_a_gap()))
     low, high = np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])
     whole = tip_grid(tree, (low, high), 8000, KEPT, 0.1)
     start, goal = random.uniform(low, high, (2, 3))
@@ -213,12 +215,12 @@ def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
 def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None:
     """One of each family, judged by dense samples from its start to its goal."""
     problem = site_problem(family, 42, 24, family)
-    soup = problem.workspace.soup
-    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    triangle_soup = problem.workspace.triangle_soup
+    task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
     motion = find_by_ways(task)
     q = motion.configurations
     assert q[0] == pytest.approx(task.start, abs=1e-9)
-    walls, pairs = least_gaps(task.arm, soup, q, 10)
+    walls, pairs = least_gaps(task.arm, triangle_soup, q, 10)
     assert walls > 0.0
     assert pairs > 0.0
     if task.goal is not None:
@@ -229,10 +231,10 @@ def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None
 def test_few_long_links_go_through_tight_bends(family: str) -> None:
     """Links that are as long as the bends: each goes where the chords have room, close to the way of the tip."""
     problem = site_problem(family, 700, 12, family)
-    soup = problem.workspace.soup
-    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    triangle_soup = problem.workspace.triangle_soup
+    task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
     q = find_by_ways(task).configurations
-    assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
+    assert min(least_gaps(task.arm, triangle_soup, q, 10)) > 0.0
     assert task.goal is not None
     assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
 
@@ -240,13 +242,13 @@ def test_few_long_links_go_through_tight_bends(family: str) -> None:
 def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
     """In bends as tight as its joints allow an arm of 16 links gets stuck between ribs; in wide ones it passes them."""
     problem = disturbed_job(62000, "wing-box", 16, SPACE_PROBLEMS, "long links")
-    soup = problem.workspace.soup
-    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    triangle_soup = problem.workspace.triangle_soup
+    task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
     radii = {radius for radius, _ in bend_allowances(task.arm, task.unit)}
     through_joints = 0.5 * task.arm.link_length / np.sin(0.5 * task.arm.joint_limit)
     assert max(radii) > 1.5 * through_joints
     motion = find_by_ways(task)
-    assert min(least_gaps(task.arm, soup, motion.configurations, 10)) > 0.0
+    assert min(least_gaps(task.arm, triangle_soup, motion.configurations, 10)) > 0.0
 
 
 @pytest.mark.parametrize("family", ["pipe-two-bends", "tank", "tee"])
@@ -259,7 +261,12 @@ def test_ways_out_of_a_guide_tube_begin_where_a_joint_can_bend(family: str) -> N
     feed = Feed(arm.feed.low, arm.feed.high + back, arm.hole + back)
     problem = replace(problem, arm=replace(arm, base=arm.base - back * arm.direction, feed=feed))
     arm = problem.arm
-    task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.after(60.0), SpaceMotionSettings())
+    task = space_task(
+        problem,
+        SurfaceTree.from_triangles(problem.workspace.triangle_soup),
+        Deadline.after(60.0),
+        SpaceMotionSettings(),
+    )
     ways = list(islice(SpaceRun.from_task(task).ways().first(), 4))
     assert len(ways) > 1
     for way in ways:
@@ -295,13 +302,13 @@ def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
 def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
     """From the depth of a branch until it is all in its guide tube, or stands where it can begin anew."""
     problem = site_problem("other-branch", seed, 24, "branch")
-    soup = problem.workspace.soup
-    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    triangle_soup = problem.workspace.triangle_soup
+    task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
     curve, start = CurveMap.through(task.arm, task.start)
     poses = withdrawn(task.stepper(curve, 0.0), start, task.deadline)
     q = np.stack([pose.q for pose in poses])
     assert q[0] == pytest.approx(task.start, abs=1e-9)
-    assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
+    assert min(least_gaps(task.arm, triangle_soup, q, 10)) > 0.0
     assert q[-1, -1] < task.arm.base_range[0] + 2.0 * task.unit
 
 
@@ -309,8 +316,13 @@ def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
 def test_a_pose_of_all_joints_is_reached_exactly_behind_a_bend(seed: int) -> None:
     """Though unknowns that hardly turn a joint are never quite those of the pose."""
     problem = site_problem("tee-pose", seed, 24, "tee")
-    task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.after(60.0), SpaceMotionSettings())
+    task = space_task(
+        problem,
+        SurfaceTree.from_triangles(problem.workspace.triangle_soup),
+        Deadline.after(60.0),
+        SpaceMotionSettings(),
+    )
     q = find_by_ways(task).configurations
     assert task.goal_pose is not None
     assert q[-1] == pytest.approx(task.goal_pose, abs=1e-9)
-    assert min(least_gaps(task.arm, problem.workspace.soup, q, 10)) > 0.0
+    assert min(least_gaps(task.arm, problem.workspace.triangle_soup, q, 10)) > 0.0

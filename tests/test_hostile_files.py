@@ -59,10 +59,10 @@ def test_engines_begin_with_files_that_are_read(tmp_path: Path, suffix: str) -> 
         path = tmp_path / f"seed{suffix}"
         path.write_bytes(content)
         with contextlib.suppress(ProblemError):
-            count += len(read_mesh_file(path).faces if suffix in MESH_READERS else drawn_in(path))
+            count += len(read_mesh_file(path).faces if suffix in MESH_READERS else shrunk_portals(path))
     assert count > 0
 
 
-def drawn_in(path: Path) -> tuple[Obstacle, ...]:
+def shrunk_portals(path: Path) -> tuple[Obstacle, ...]:
     """The obstacles of a drawing."""
     return import_scene(path, ImportOptions()).obstacles

@@ -23,7 +23,7 @@ from ccm_opt.scene.bodies import (
     SphereBody,
     box_corners,
 )
-from ccm_opt.scene.distances.enclosures import deepest_enclosure, opening_width
+from ccm_opt.scene.distances.enclosures import deepest_enclosure, widest_opening
 from ccm_opt.scene.distances.insides import depth_inside, distance_from_triangles, encloses
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.body_sides import depth_enclosed
@@ -255,7 +255,7 @@ def test_an_arm_may_enter_what_has_an_opening_as_wide(sides: int, radius: float,
     """What fits into the end of a duct is not refused inside it, and what is thicker than its outer circle is."""
     body = duct(sides, radius, turn)
     inscribed = radius * np.cos(np.pi / sides)
-    assert 2.0 * inscribed * (1.0 - 1e-9) <= opening_width(body) <= 2.0 * radius * (1.0 + 1e-9)
+    assert 2.0 * inscribed * (1.0 - 1e-9) <= widest_opening(body) <= 2.0 * radius * (1.0 + 1e-9)
     workspace = Workspace(obstacles=(Obstacle("duct", body),))
     middle = np.zeros((1, 3))
     assert deepest_enclosure(workspace, middle, entering=0.99 * inscribed) is None
@@ -267,7 +267,7 @@ def test_an_arm_may_enter_what_has_an_opening_as_wide(sides: int, radius: float,
 def test_a_closed_mesh_has_no_opening() -> None:
     """Nothing enters a box, however thin it is."""
     body = MeshBody(box_corners(-np.ones(3), np.ones(3)), BOX_FACES)
-    assert opening_width(body) == 0.0
+    assert widest_opening(body) == 0.0
     assert deepest_enclosure(Workspace(obstacles=(Obstacle("box", body),)), np.zeros((1, 3)), entering=0.0) is not None
 
 

@@ -27,7 +27,7 @@ def chains_of(links: int, *, exact: bool) -> LinkChains:
     """Chains of joints that bend less near the beginning."""
     limits = BEND * np.clip(np.arange(links) / 2.0, 0.0, 1.0)
     box = np.array([[-0.1, -0.4, -0.4], [0.8, 0.4, 0.4]])
-    return LinkChains(SurfaceTree.of(boxes(BOXES)), box, LINK, limits, FIRST_PAIR, PAIR, exact)
+    return LinkChains(SurfaceTree.from_triangles(boxes(BOXES)), box, LINK, limits, FIRST_PAIR, PAIR, exact)
 
 
 def box_gaps(places: FloatArray) -> float:

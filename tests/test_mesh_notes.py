@@ -61,7 +61,7 @@ def in_millimetres(folder: Path, name: str, content: bytes, extra: str = "") -> 
     data = problem_data(problem, [name])
     again = problem_from_mapping(data, folder=folder)
     assert again.dimension == 3
-    assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, rtol=1e-12)
+    assert np.allclose(again.workspace.triangle_soup.triangles, problem.workspace.triangle_soup.triangles, rtol=1e-12)
     return list(mesh_lines("part", body, problem))[1:], np.ptp(body.vertices, axis=0)
 
 
@@ -125,4 +125,4 @@ def test_problems_in_space_are_copied_with_their_meshes(tmp_path: Path) -> None:
     assert problem.dimension == 3
     original = ccm_opt.load_problem(shared_folder() / "space" / "wing-box.toml")
     assert original.dimension == 3
-    assert np.array_equal(problem.workspace.soup.triangles, original.workspace.soup.triangles)
+    assert np.array_equal(problem.workspace.triangle_soup.triangles, original.workspace.triangle_soup.triangles)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, allowed_contact
+from ccm_opt.scene.certificate import Certificate, MotionParts, PairProofs, allowed_contact
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.oracles.pair_proofs import InterpretedProofs
@@ -289,7 +289,7 @@ def test_compiled_proofs_are_those_of_numpy(seed: int, links: int, turn: float) 
     least = arm.radius + 1e-4 * np.arange(links)
     compiled = PairProofs(arm.first_distant, least)
     start = arm.bends(np.array([random_headings(rng, arm, 6.0) for _ in range(3)]))
-    motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
+    motion = MotionParts(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
     interpreted = InterpretedProofs(arm.first_distant, least)
     expected, touching = interpreted.unproved(motion, None)
     found, touched = compiled.unproved(motion, None)
@@ -308,7 +308,7 @@ def test_compiled_proofs_find_any_number_of_pairs() -> None:
     least = np.full(arm.links, arm.length)
     compiled = PairProofs(arm.first_distant, least)
     start = arm.bends(np.array([random_headings(np.random.default_rng(1), arm, 6.0)] * 3))
-    motion = Stretches(arm, start, start + 0.1 * np.eye(1, 60), np.arange(3))
+    motion = MotionParts(arm, start, start + 0.1 * np.eye(1, 60), np.arange(3))
     expected, _ = InterpretedProofs(arm.first_distant, least).unproved(motion, None)
     found, _ = compiled.unproved(motion, None)
     assert len(expected[0]) > 4000

@@ -36,7 +36,7 @@ from tests.dynamics_arms import swan_neck
 from tests.oracles.space_certificate import bows
 from tests.scenes import ROOM, make_arm, mixed_walls
 from tests.snakes_in_space import snake
-from tests.surface_scenes import random_segments, random_triangles, soup
+from tests.surface_scenes import random_segments, random_triangles, triangle_soup
 
 LINKS = 5
 EXTREMES = (0.0, -0.0, 1.0, -0.3, 5e-324, 1e-310, 1e15, 1e39, -1e39, 1e154, 1e308, -1e308, np.inf, -np.inf, np.nan)
@@ -62,11 +62,11 @@ def test_surfaces(vertices: FloatArray, rounding: float, segments: FloatArray, r
     with suppress(ProblemError):
         MeshBody.of_arrays(vertices, faces)
     triangles = vertices[faces]
-    scenes = [soup(triangles, np.full(len(faces), rounding), np.zeros(len(faces), dtype=np.intp))]
+    scenes = [triangle_soup(triangles, np.full(len(faces), rounding), np.zeros(len(faces), dtype=np.intp))]
     scenes.append(random_triangles(np.random.default_rng(1), 30))
     for scene in scenes:
         with suppress(ProblemError):
-            tree = SurfaceTree.of(scene)
+            tree = SurfaceTree.from_triangles(scene)
             assert np.all(np.isfinite(scene.triangles))
             assert np.all(np.isfinite(scene.rounding))
             tree.distances(segments, reach, 1e-3)
@@ -82,12 +82,12 @@ def test_places_beyond_are_refused_in_words(far: float) -> None:
         MeshBody.of_arrays([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, far, 0.0]], [[0, 1, 2]])
     scene = random_triangles(np.random.default_rng(2), 9)
     with pytest.raises(ProblemError, match="the scene reaches to"):
-        SurfaceTree.of(replace(scene, triangles=scene.triangles + far))
+        SurfaceTree.from_triangles(replace(scene, triangles=scene.triangles + far))
 
 
 def links_finder(arm: Arm) -> SurfaceFinder:
     """Finds the links of an arm that are near each other."""
-    return SurfaceFinder(arm, SurfaceTree.of(TriangleSoup.joined([])), (), 0.0, 0.01, 0.1)
+    return SurfaceFinder(arm, SurfaceTree.from_triangles(TriangleSoup.joined([])), (), 0.0, 0.01, 0.1)
 
 
 @attack
@@ -103,7 +103,7 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
     nearest_links(arm, np.stack((chain.points, chain.points)), np.inf)
     for points in (np.outer(np.arange(LINKS + 1), q[:3]), np.resize(other, (LINKS + 1, 3))):
         finder.near_links(points, 0.3)
-    certificate = SpaceCertificate(arm, SurfaceTree.of(random_triangles(np.random.default_rng(3), 20)))
+    certificate = SpaceCertificate(arm, SurfaceTree.from_triangles(random_triangles(np.random.default_rng(3), 20)))
     safe = certificate.safe(q, other, min(depth, 12))
     assert not safe or np.all(np.isfinite(q) & np.isfinite(other))
 
@@ -111,7 +111,7 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
 def test_arrays_of_another_shape_are_refused() -> None:
     """What C would read beyond is told with the shape that it must have."""
     arm = snake(LINKS)
-    tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
+    tree = SurfaceTree.from_triangles(random_triangles(np.random.default_rng(3), 20))
     refused = (
         lambda: arm.joint_positions_at(np.zeros(2 * LINKS - 1)),
         lambda: arm.link_rotations(np.zeros((3, 2))),
@@ -206,7 +206,7 @@ def test_nothing_is_asked_of_nothing() -> None:
     """Empty arrays are answered by empty ones."""
     arm = snake(LINKS)
     assert arm.joint_positions_at(np.zeros((0, 2 * LINKS))).shape == (0, LINKS + 1, 3)
-    tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
+    tree = SurfaceTree.from_triangles(random_triangles(np.random.default_rng(3), 20))
     assert len(tree.distances(np.zeros((0, 2, 3)), 1.0)) == 0
     assert len(tree.planes(np.zeros((0, 2, 3)), 1.0).gap) == 0
     assert len(nearest_links(arm, np.zeros((0, LINKS + 1, 3)), 1.0).gap) == 0

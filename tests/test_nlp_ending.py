@@ -29,7 +29,7 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     """It is at the goal, has no less room than the search's or nearly all that is wanted, and is reached safely."""
     problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
     assert problem.dimension == 3
-    tree = SurfaceTree.of(problem.workspace.soup)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
     found = find_by_ways(task)
     ending = ended_by_nlp(problem, task, found)
@@ -66,7 +66,7 @@ def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
         JointPose.from_configuration(np.zeros(8), arm.coordinates),
         TipGoal(np.array([0.25, 0.05, 0.2]), None),
     )
-    gap = GoalPoses(problem, SurfaceTree.of(problem.workspace.soup)).gap
+    gap = GoalPoses(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup)).gap
     path = MotionPlanner().plan(problem)
     room = [gap(q) for q in path.spline(np.linspace(0.0, 1.0, 200))]
     assert min(room) >= 0.9 * problem.wanted_gap
@@ -78,7 +78,7 @@ def test_a_goal_of_the_whole_arm_is_left_alone() -> None:
     """There is nothing to choose."""
     problem = ccm_opt.load_problem(PROBLEMS / "blade-row.toml")
     assert problem.dimension == 3
-    tree = SurfaceTree.of(problem.workspace.soup)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
     found = find_by_ways(task)
     whole = replace(task, goal_pose=found.configurations[-1])

@@ -43,5 +43,5 @@ def test_ompl_plans_in_space() -> None:
     problem = space_clutter(0, 5, 12, "clutter")
     path = OmplPlanner().plan(problem)
     assert np.allclose(path.keyframes[0], problem.start.configuration(problem.arm))
-    certificate = SpaceCertificate(problem.arm, SurfaceTree.of(problem.workspace.soup))
+    certificate = SpaceCertificate(problem.arm, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
     assert len(certificate.failures(np.asarray(path.spline(np.linspace(0.0, 1.0, 2000))))) == 0

@@ -105,7 +105,7 @@ def test_a_turned_scene_gives_the_turned_pose() -> None:
     for one, obstacles in ((arm, plain), (turned_arm, balls)):
         workspace = Workspace(bounds=None, obstacles=obstacles, clearance=0.002)
         problem = problem_at(one, workspace, scene.seed)
-        answers.append(GoalPoses(problem, SurfaceTree.of(workspace.soup)).best(scene.seed))
+        answers.append(GoalPoses(problem, SurfaceTree.from_triangles(workspace.triangle_soup)).best(scene.seed))
     first, second = answers
     assert first is not None
     assert second is not None
@@ -121,7 +121,7 @@ def test_a_pose_in_a_plane_stays_in_it() -> None:
     middle = arm.joint_positions_at(q)[6]
     ball = SphereBody(middle + np.array([-0.05, 0.05, 0.0]), 0.05)
     workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", ball),))
-    found = GoalPoses(problem_at(arm, workspace, q), SurfaceTree.of(workspace.soup)).best(q)
+    found = GoalPoses(problem_at(arm, workspace, q), SurfaceTree.from_triangles(workspace.triangle_soup)).best(q)
     assert found is not None
     np.testing.assert_allclose(found.q[1::2], 0.0, atol=1e-6)
     assert np.ptp(found.q[0::2]) > 0.01
@@ -135,7 +135,7 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
     q[6:24:2] = 0.08
     beside = arm.joint_positions_at(q)[8] + np.array([0.0, -0.033, 0.0])
     workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", SphereBody(beside, 0.02)),))
-    tree = SurfaceTree.of(workspace.soup)
+    tree = SurfaceTree.from_triangles(workspace.triangle_soup)
     problem = problem_at(arm, workspace, q)
     found = GoalPoses(problem, tree).best(q)
     assert found is not None
@@ -150,7 +150,7 @@ def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
     """A coil whose turns nearly touch gets room between them."""
     arm = space_arm(24, 1.0 / 24.0, 0.012, joint_limit=1.0)
     workspace = Workspace(bounds=None)
-    tree = SurfaceTree.of(workspace.soup)
+    tree = SurfaceTree.from_triangles(workspace.triangle_soup)
     for turning in np.linspace(0.0, 0.3, 601):
         azimuth = turning * np.arange(24)
         q = 2.0 * np.pi / 14.0 * np.column_stack((np.cos(azimuth), -np.sin(azimuth))).ravel()

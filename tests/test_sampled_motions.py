@@ -42,7 +42,7 @@ def test_motions_are_free_as_far_as_samples_say(seed: int) -> None:
     """Up to the share no link is deeper in anything than half its radius; beyond it something is touched."""
     problem = scene(seed)
     arm = problem.arm
-    tree = SurfaceTree.of(problem.workspace.soup)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     motions = SampledMotions(arm, tree, 0.0, problem.workspace.extent)
     rng = np.random.default_rng(seed)
     start, end = rng.uniform(-0.6, 0.6, (2, 6, 2 * arm.links))
@@ -77,7 +77,7 @@ def test_a_bend_beyond_its_limit_ends_a_motion() -> None:
     """The end of a motion keeps the limits of all joints, or nothing of the motion counts."""
     problem = replace(scene(0), workspace=replace(scene(0).workspace, obstacles=()))
     arm = problem.arm
-    motions = SampledMotions(arm, SurfaceTree.of(problem.workspace.soup), 0.0, np.zeros((0, 3)))
+    motions = SampledMotions(arm, SurfaceTree.from_triangles(problem.workspace.triangle_soup), 0.0, np.zeros((0, 3)))
     end = np.zeros((1, 2 * arm.links))
     end[0, 5] = 1.1 * arm.joint_limit
     assert motions.free_shares(np.zeros_like(end), end) == pytest.approx(0.0)
@@ -90,7 +90,7 @@ def test_trees_grow_from_their_nearest_nodes_until_they_meet(seed: int) -> None:
     """Where nothing is in the way, an extension hangs on the nearest node, no longer than asked, and the trees meet."""
     problem = replace(scene(0), workspace=replace(scene(0).workspace, obstacles=()))
     arm = replace(problem.arm, self_collision=False)
-    motions = SampledMotions(arm, SurfaceTree.of(problem.workspace.soup), 0.0, np.zeros((0, 3)))
+    motions = SampledMotions(arm, SurfaceTree.from_triangles(problem.workspace.triangle_soup), 0.0, np.zeros((0, 3)))
     size = 2 * arm.links
     rng = np.random.default_rng(seed)
     own, other = PointTree.empty(size), PointTree.empty(size)

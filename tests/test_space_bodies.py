@@ -67,10 +67,10 @@ def test_soup_of_a_scene() -> None:
         Obstacle("block", BoxBody(np.zeros(3), np.ones(3))),
     )
     workspace = Workspace(bounds=bounds, obstacles=bodies)
-    soup = workspace.soup
-    assert soup.names == ("ball", "bar", "block", "room")
-    assert soup.owner.tolist() == [0, 1] + [2] * 12 + [3] * 12
-    assert soup.rounding.tolist() == [0.5, 0.25] + [0.0] * 24
-    assert volume(soup.triangles[soup.owner == 3]) == pytest.approx(8.0)
+    triangle_soup = workspace.triangle_soup
+    assert triangle_soup.names == ("ball", "bar", "block", "room")
+    assert triangle_soup.owner.tolist() == [0, 1] + [2] * 12 + [3] * 12
+    assert triangle_soup.rounding.tolist() == [0.5, 0.25] + [0.0] * 24
+    assert volume(triangle_soup.triangles[triangle_soup.owner == 3]) == pytest.approx(8.0)
     assert np.allclose(workspace.extent, [[-1.0] * 3, [1.25] * 3])
-    assert len(Workspace(bounds=None).soup) == 0
+    assert len(Workspace(bounds=None).triangle_soup) == 0

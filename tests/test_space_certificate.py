@@ -46,7 +46,7 @@ def test_c_and_numpy_agree_on_bounds_and_pairs(seed: int, links: int) -> None:
     rng = np.random.default_rng(seed)
     arm = snake(links)
     q = rng.normal(size=2 * links) * 0.6
-    compiled = SurfaceFinder(arm, SurfaceTree.of(balls(np.zeros((0, 3)), 0.0)), (), 0.0, 0.01, 0.0)
+    compiled = SurfaceFinder(arm, SurfaceTree.from_triangles(balls(np.zeros((0, 3)), 0.0)), (), 0.0, 0.01, 0.0)
     turns = rng.normal(size=2 * links) * 0.2
     rotations = arm.link_rotations(q)
     assert bows(arm, rotations, turns) == pytest.approx(bows_by_numpy(arm, rotations, turns), abs=1e-12)
@@ -93,21 +93,21 @@ def test_what_is_certified_touches_nothing(seed: int, folded: bool) -> None:
     """And what has room is certified."""
     rng = np.random.default_rng(seed)
     arm = snake(int(rng.integers(4, 16)))
-    soup = (
+    triangle_soup = (
         balls(rng.uniform(-1.0, 1.0, size=(8, 3)), 0.08)
         if rng.random() < 0.5
         else boxes([(list(c - 0.1), list(c + 0.1)) for c in rng.uniform(-1.0, 1.0, size=(4, 3))])
     )
     bend = 0.6 if folded else 0.25
     keyframes = rng.normal(size=(2, 2 * arm.links)) * bend
-    certificate = SpaceCertificate(arm, SurfaceTree.of(soup))
-    wall, pair = least_gaps(arm, soup, keyframes, samples=200)
+    certificate = SpaceCertificate(arm, SurfaceTree.from_triangles(triangle_soup))
+    wall, pair = least_gaps(arm, triangle_soup, keyframes, samples=200)
     if certificate.safe(keyframes[0], keyframes[1]):
         assert wall >= -1e-9
         assert pair >= -1e-9
     else:
         # Nothing is refused that has room: the halvings are many. The tip is nowhere between two of so many samples.
-        assert min(least_gaps(arm, soup, keyframes, samples=6000)) < 2e-3
+        assert min(least_gaps(arm, triangle_soup, keyframes, samples=6000)) < 2e-3
 
 
 @given(seeds, st.floats(0.0, 0.9), st.integers(0, 12))
@@ -117,10 +117,10 @@ def test_c_and_numpy_prove_the_same_intervals(seed: int, slack: float, depth: in
     rng = np.random.default_rng(seed)
     feed = Feed(-0.4, 0.2, 0.0) if rng.random() < 0.5 else None
     arm = snake(int(rng.integers(4, 16)), feed=feed)
-    soup = balls(rng.uniform(-1.0, 1.0, size=(8 if rng.random() < 0.8 else 0, 3)), 0.08)
+    triangle_soup = balls(rng.uniform(-1.0, 1.0, size=(8 if rng.random() < 0.8 else 0, 3)), 0.08)
     keyframes = rng.normal(size=(2, len(arm.coordinates))) * rng.choice([0.1, 0.4])
     numbers = SpaceCertificateSettings(slack=slack)
-    tree = SurfaceTree.of(soup)
+    tree = SurfaceTree.from_triangles(triangle_soup)
     compiled = SpaceCertificate(arm, tree, 0.01, 0.002, numbers)
     interpreted = SpaceCertificateByNumpy(arm, tree, 0.01, 0.002)
     assert compiled.safe(*keyframes, depth) == interpreted.safe(*keyframes, depth)
@@ -135,7 +135,7 @@ def test_intervals_one_after_the_other_are_proved_as_each_alone(seed: int, slack
     """What is kept of the end of one interval for the next, of another length or in another order, changes nothing."""
     rng = np.random.default_rng(seed)
     arm = snake(int(rng.integers(4, 12)))
-    tree = SurfaceTree.of(balls(rng.uniform(-1.0, 1.0, size=(8, 3)), 0.08))
+    tree = SurfaceTree.from_triangles(balls(rng.uniform(-1.0, 1.0, size=(8, 3)), 0.08))
     numbers = SpaceCertificateSettings(slack=slack)
     certificate = SpaceCertificate(arm, tree, 0.01, 0.002, numbers)
     steps = rng.normal(size=(8, 2 * arm.links)) * 0.02 * rng.choice([0.1, 1.0, 5.0], size=(8, 1))
@@ -150,7 +150,7 @@ def test_intervals_one_after_the_other_are_proved_as_each_alone(seed: int, slack
 def test_what_is_no_number_is_not_proved() -> None:
     """Not even where there is nothing to touch."""
     arm = snake(4)
-    certificate = SpaceCertificate(arm, SurfaceTree.of(TriangleSoup.joined([])))
+    certificate = SpaceCertificate(arm, SurfaceTree.from_triangles(TriangleSoup.joined([])))
     assert certificate.safe(np.zeros(8), np.zeros(8))
     assert not certificate.safe(np.zeros(8), np.full(8, np.nan))
 
@@ -159,9 +159,9 @@ def test_the_part_of_a_link_beyond_the_mount_counts() -> None:
     """Only what lies in the mount may touch."""
     arm = snake(4)
     # The mount covers 15 mm of the first link; a ball beside its middle is beyond.
-    soup = balls(np.array([[0.12, 0.0, 0.02]]), 0.01)
-    certificate = SpaceCertificate(arm, SurfaceTree.of(soup))
+    triangle_soup = balls(np.array([[0.12, 0.0, 0.02]]), 0.01)
+    certificate = SpaceCertificate(arm, SurfaceTree.from_triangles(triangle_soup))
     still = np.zeros(8)
     assert not certificate.safe(still, still)
     beside_the_mount = balls(np.array([[-0.012, 0.0, 0.0]]), 0.01)
-    assert SpaceCertificate(arm, SurfaceTree.of(beside_the_mount)).safe(still, still)
+    assert SpaceCertificate(arm, SurfaceTree.from_triangles(beside_the_mount)).safe(still, still)

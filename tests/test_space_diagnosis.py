@@ -168,7 +168,7 @@ def test_caps_are_as_far_as_the_arm_when_nothing_bends_it_back() -> None:
 def test_split_cubes_touch_as_before(seed: int) -> None:
     """However cubes are split, they fill the same box, and the pairs that are kept are those that touch."""
     rng = np.random.default_rng(seed)
-    tree = SurfaceTree.of(Workspace(bounds=ROOM).soup)
+    tree = SurfaceTree.from_triangles(Workspace(bounds=ROOM).triangle_soup)
     cells = CellTree.over(tree, ROOM, 30, 1.0)
     volume = float(np.sum(cells.sides**3))
     for _ in range(3):

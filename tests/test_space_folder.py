@@ -97,8 +97,8 @@ def test_a_folder_is_read_back_as_it_was(folder: Path) -> None:
     asked = solved().problem
     assert np.array_equal(plan.trajectory.positions, solved().trajectory.positions)
     assert np.allclose(plan.trajectory.velocities, solved().trajectory.velocities, atol=0.0)
-    ours = plan.problem.workspace.soup
-    theirs = asked.workspace.soup
+    ours = plan.problem.workspace.triangle_soup
+    theirs = asked.workspace.triangle_soup
     assert ours.names == theirs.names
     assert np.allclose(np.sort(ours.triangles.ravel()), np.sort(theirs.triangles.ravel()), atol=1e-7)
     assert np.allclose(plan.problem.arm.up, asked.arm.up, atol=1e-15)

@@ -51,14 +51,18 @@ def assert_sound(found: StaticPose) -> None:
     points = chain_points(arm, q)[0]
     assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
     if goal.direction is not None:
-        assert LinkFrames.of(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)
+        assert LinkFrames.from_configurations(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)
     lower, upper = limits_at(arm, found.feed)
     assert np.all(found.configuration >= lower - 1e-9)
     assert np.all(found.configuration <= upper + 1e-9)
     first, share = arm.mount_end
     segments = np.stack((points[:-1], points[1:]), axis=1)[first:]
     segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
-    gaps = slow_gaps(segments, problem.workspace.soup, 0.3 * arm.length) - arm.radius - problem.workspace.clearance
+    gaps = (
+        slow_gaps(segments, problem.workspace.triangle_soup, 0.3 * arm.length)
+        - arm.radius
+        - problem.workspace.clearance
+    )
     assert gaps.min() >= found.pose.gap - 1e-6 * arm.length
 
 

@@ -39,7 +39,7 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
     arm = turned_arm(random, links, feed=FEED_OF_TESTS, payload=0.3, masses=masses, **drives, **inertia)
     states = random.normal(0.0, 0.7, (3, 5, 2 * links + 1))
     np.testing.assert_allclose(chain_points(arm, states[0]), arm.joint_positions_at(states[0]), atol=1e-13)
-    along = LinkFrames.of(arm, states[0]).along
+    along = LinkFrames.from_configurations(arm, states[0]).along
     np.testing.assert_allclose(along, arm.link_rotations(states[0])[..., 0], atol=1e-13)
     gravity = random.normal(0.0, 9.0, 3)
     torques, force = drive_efforts(arm, gravity, *states)
@@ -141,7 +141,7 @@ def test_clearance_is_that_of_dense_samples(seed: int, samples: int, bend: float
     check = check_walls(motion, workspace, SETTINGS)
     points = dense_poses(motion, 0.0, samples - 1.0, 1500)
     segments = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
-    tree = SurfaceTree.of(workspace.soup)
+    tree = SurfaceTree.from_triangles(workspace.triangle_soup)
     dense = float(np.min(tree.distances(segments, 10.0))) - motion.arm.radius
     if check.passed:
         assert dense >= workspace.clearance - SETTINGS.contact_tolerance

@@ -103,7 +103,7 @@ def test_every_pose_of_a_cell_is_sound() -> None:
         assert points[-1] == pytest.approx([axes[0][i], axes[1][j], axes[2][k]], abs=1e-6)
         assert np.all(np.abs(pose.q) <= arm.bend_limits + 1e-9)
         segments = np.stack((points[:-1], points[1:]), axis=1)[1:]
-        assert slow_gaps(segments, problem.workspace.soup, 0.5).min() >= arm.radius
+        assert slow_gaps(segments, problem.workspace.triangle_soup, 0.5).min() >= arm.radius
 
 
 def test_most_of_what_is_near_is_reached() -> None:

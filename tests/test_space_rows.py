@@ -21,10 +21,10 @@ def random_sweep(seed: int) -> tuple[Sweep, SpaceTask]:
     """A motion of three intervals past a few balls, fed or not, and its task."""
     rng = np.random.default_rng(seed)
     arm = snake(8, feed=Feed(-0.5, 0.0, 0.0) if rng.random() < 0.5 else None)
-    soup = balls(rng.uniform(-0.2, 0.8, size=(6, 3)) + np.array([0.3, 0.0, 0.0]), 0.1)
+    triangle_soup = balls(rng.uniform(-0.2, 0.8, size=(6, 3)) + np.array([0.3, 0.0, 0.0]), 0.1)
     start = np.zeros(len(arm.coordinates))
     start[2 * arm.links :] = -0.4
-    task = task_of(arm, soup, GoalPose(np.array([0.5, 0.3, 0.3])), start=start)
+    task = task_of(arm, triangle_soup, GoalPose(np.array([0.5, 0.3, 0.3])), start=start)
     curve, v = CurveMap.through(arm, start)
     steps = np.cumsum(0.1 * rng.normal(size=(4, len(v))), axis=0)
     return Sweep(curve, v + steps), task

@@ -33,14 +33,14 @@ GOAL = GoalPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
 BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
 
 
-def judged(task: SpaceTask, soup: TriangleSoup, motion: SpaceMotion) -> None:
+def judged(task: SpaceTask, triangle_soup: TriangleSoup, motion: SpaceMotion) -> None:
     """A motion begins at the start, keeps limits and touches nothing, between its keyframes too."""
     arm = task.arm
     q = motion.configurations
     assert q[0] == pytest.approx(task.start, abs=1e-9)
     assert np.all(q >= arm.lower_limits - 1e-8)
     assert np.all(q <= arm.upper_limits + 1e-8)
-    walls, pairs = least_gaps(arm, soup, q)
+    walls, pairs = least_gaps(arm, triangle_soup, q)
     assert walls > 0.0
     assert pairs > 0.0
 
@@ -124,14 +124,14 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
         ([0.25, 0.06, -0.06], [0.27, 0.6, 0.06]),
         ([0.25, -0.6, -0.06], [0.27, -0.06, 0.06]),
     ]
-    soup = boxes(wall)
+    triangle_soup = boxes(wall)
     arm = snake(20, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
     goal = GoalPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
     start = np.append(np.zeros(40), -0.8)
-    task = task_of(arm, soup, goal, start=start)
+    task = task_of(arm, triangle_soup, goal, start=start)
     found = find_by_ways(task)
     for motion in (found, optimise(found, task)):
-        judged(task, soup, motion)
+        judged(task, triangle_soup, motion)
         ends_at(task, motion, goal)
         q = motion.configurations
         share = np.linspace(0.0, 1.0, 20)[:, None]
@@ -220,15 +220,15 @@ def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:
     unknowns[:, 1] = 0.8 * np.concatenate((np.zeros(5), np.linspace(0.2, 0.8, 4)))
     configurations = curve.configurations(unknowns)
     inside = arm.joint_positions_at(curve.configuration(0.7 * unknowns[3] + 0.3 * unknowns[5]))[-1]
-    soup = balls(inside[None], 0.02)
-    kept, _ = least_gaps(arm, soup, configurations)
+    triangle_soup = balls(inside[None], 0.02)
+    kept, _ = least_gaps(arm, triangle_soup, configurations)
     assert kept > 0.0
 
     def kept_on_path(wanted: float) -> float:
-        task = replace(task_of(arm, soup, None, goal_pose=configurations[-1]), wanted_gap=wanted)
+        task = replace(task_of(arm, triangle_soup, None, goal_pose=configurations[-1]), wanted_gap=wanted)
         path = smooth_path(SpaceMotion(curve, unknowns, configurations, ""), task)
         assert path is not None
-        return least_gaps(arm, soup, np.asarray(path.spline(np.linspace(0.0, 1.0, 400))))[0]
+        return least_gaps(arm, triangle_soup, np.asarray(path.spline(np.linspace(0.0, 1.0, 400))))[0]
 
     assert kept_on_path(0.0) < kept - 0.0005
     assert kept_on_path(2.0 * kept) > kept - 0.0001
@@ -246,8 +246,8 @@ def test_the_tip_passes_the_places_on_the_way() -> None:
 def test_why_nothing_is_found_names_the_wall() -> None:
     """A goal in a closed box is not reached, and the box is named."""
     # The goal is in a closed box.
-    soup = boxes([([0.4, 0.2, 0.15], [0.7, 0.5, 0.45])])
-    task = task_of(snake(12), soup, GoalPose(GOAL.position), seconds=3.0)
+    triangle_soup = boxes([([0.4, 0.2, 0.15], [0.7, 0.5, 0.45])])
+    task = task_of(snake(12), triangle_soup, GoalPose(GOAL.position), seconds=3.0)
     with pytest.raises(NoPlanFound, match="box 1"):
         find_by_ways(task)
 
@@ -286,8 +286,8 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
 @pytest.mark.planning
 def test_ways_through_the_grid_are_cheapest() -> None:
     """As cheap as by Dijkstra; where corners are cut the way stays clear."""
-    soup = boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])])
-    tree = SurfaceTree.of(soup)
+    triangle_soup = boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])])
+    tree = SurfaceTree.from_triangles(triangle_soup)
     grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1)
     start = np.array([-0.4, -0.3, 0.0])
     goal = np.array([0.4, -0.3, 0.0])
@@ -315,7 +315,7 @@ def test_ways_through_the_grid_are_cheapest() -> None:
 
 def test_no_way_is_found_after_the_deadline() -> None:
     """Cells that were not looked at in time have no room; a search that the time ends says that there is no way."""
-    tree = SurfaceTree.of(boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])]))
+    tree = SurfaceTree.from_triangles(boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])]))
     ends = (np.array([-0.4, -0.3, 0.0]), np.array([0.4, -0.3, 0.0]))
     late = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1, deadline=Deadline.after(-1.0))
     assert np.all(late.gaps < 0.0)

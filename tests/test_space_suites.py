@@ -44,7 +44,7 @@ def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
     one, again, *others = map(made, cases)
     assert one.name == f"{suite.partition(':')[2] or suite}-7"
     assert np.array_equal(one.start.configuration(one.arm), again.start.configuration(again.arm))
-    assert np.array_equal(one.workspace.soup.triangles, again.workspace.soup.triangles)
+    assert np.array_equal(one.workspace.triangle_soup.triangles, again.workspace.triangle_soup.triangles)
     # Of fewer links, an arm is as long as in the suite whose arm has its own number.
     whole = suite.split("-8-", maxsplit=1)[0]
     length = (one if whole == suite else made(suite_cases(whole, 1, 7)[0])).arm.length
@@ -53,7 +53,7 @@ def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
         if goal.direction is not None:
             assert np.linalg.norm(goal.direction) == pytest.approx(1.0)
         points = problem.arm.joint_positions_at(problem.start.configuration(problem.arm))
-        tree = SurfaceTree.of(problem.workspace.soup)
+        tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
         axes = np.stack((points[1:-1], points[2:]), axis=1)
         assert tree.distances(axes, 1.0).min() > problem.arm.radius
         tip = np.stack((goal.position, goal.position))[None]
@@ -89,9 +89,11 @@ def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path
     for case, file in zip(cases, write_problems(cases, tmp_path), strict=True):
         problem, again = made(case), load_problem(file)
         assert again.dimension == 3
-        assert again.workspace.soup.names == problem.workspace.soup.names
-        assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, atol=1e-12)
-        assert np.allclose(again.workspace.soup.rounding, problem.workspace.soup.rounding, atol=1e-15)
+        assert again.workspace.triangle_soup.names == problem.workspace.triangle_soup.names
+        assert np.allclose(
+            again.workspace.triangle_soup.triangles, problem.workspace.triangle_soup.triangles, atol=1e-12
+        )
+        assert np.allclose(again.workspace.triangle_soup.rounding, problem.workspace.triangle_soup.rounding, atol=1e-15)
         assert np.allclose(again.start.configuration(again.arm), problem.start.configuration(problem.arm), atol=1e-12)
         assert np.allclose(again.arm.masses, problem.arm.masses)
         assert np.allclose(again.arm.base_rotation, problem.arm.base_rotation, atol=1e-15)

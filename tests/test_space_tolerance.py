@@ -60,7 +60,7 @@ def gap_of(points: FloatArray) -> float:
     first, share = arm.mount_end
     segments = np.stack((points[:, :-1], points[:, 1:]), axis=2)[:, first:]
     segments[:, 0, 0] += share * (segments[:, 0, 1] - segments[:, 0, 0])
-    walls = slow_gaps(segments.reshape(-1, 2, 3), problem.workspace.soup, 0.2)
+    walls = slow_gaps(segments.reshape(-1, 2, 3), problem.workspace.triangle_soup, 0.2)
     return float(walls.min()) - arm.radius - problem.workspace.clearance
 
 

@@ -28,7 +28,7 @@ def test_least_gaps_and_the_first_contact_are_those_of_all_samples(seed: int) ->
     angles = revolute_angles(arm, q)
     seen = seen_of(problem, trajectory, SimulatedMotion(angles, np.zeros_like(angles), 0.0, saturated=False))
     assert seen is not None
-    at_each = [least_gaps(arm, problem.workspace.soup, pose[None].repeat(2, axis=0), 1) for pose in q]
+    at_each = [least_gaps(arm, problem.workspace.triangle_soup, pose[None].repeat(2, axis=0), 1) for pose in q]
     walls, itself = np.min(at_each, axis=0)
     touching = np.flatnonzero(np.min(at_each, axis=1) <= 0.0)
     assert (seen.touch is None) == (len(touching) == 0)

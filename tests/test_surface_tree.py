@@ -14,7 +14,7 @@ from ccm_opt.scene.surfaces import TriangleSoup
 from .oracles.numpy_surfaces import NumpySearch
 from .oracles.segment_triangle import nearest_pairs
 from .oracles.surface_boxes import boxes_by_numpy, longest_edge_first
-from .surface_scenes import random_segments, random_triangles, slow_gaps, soup
+from .surface_scenes import random_segments, random_triangles, slow_gaps, triangle_soup
 
 seeds = st.integers(0, 2**32 - 1)
 reaches = st.sampled_from((0.03, 0.3, 10.0))
@@ -23,7 +23,7 @@ reaches = st.sampled_from((0.03, 0.3, 10.0))
 def trees(scene: TriangleSoup, leaf: int = 4) -> list[SurfaceTree]:
     """The scene's trees by each way of building and searching."""
     built = [
-        SurfaceBoxes.of(scene.triangles, scene.rounding, leaf),
+        SurfaceBoxes.from_triangles(scene.triangles, scene.rounding, leaf),
         boxes_by_numpy(scene.triangles, scene.rounding, leaf),
     ]
     searches = ((boxes, search(boxes)) for boxes in built for search in (SurfaceSearch, NumpySearch))
@@ -116,7 +116,7 @@ def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> 
         for segment, owner, gap in zip(segments, found.owner, found.gap, strict=True):
             if owner >= 0:
                 own = scene.owner == owner
-                alone = soup(scene.triangles[own], scene.rounding[own], scene.owner[own])
+                alone = triangle_soup(scene.triangles[own], scene.rounding[own], scene.owner[own])
                 boxes = boxes_by_numpy(alone.triangles, alone.rounding, 4)
                 assert NumpySearch(boxes).distances(segment[None], reach, 0.0)[0] == pytest.approx(gap, abs=1e-8)
 
@@ -159,7 +159,7 @@ def test_what_planes_leave_is_free(seed: int, count: int, behind: float) -> None
 def points_of(points: FloatArray, rounding: float) -> TriangleSoup:
     """Balls of one radius about points, shape (p, 3)."""
     corners = np.repeat(points[:, None], 3, axis=1)
-    return soup(corners, np.full(len(points), rounding), np.zeros(len(points), dtype=np.intp))
+    return triangle_soup(corners, np.full(len(points), rounding), np.zeros(len(points), dtype=np.intp))
 
 
 @settings(max_examples=60)
@@ -229,7 +229,7 @@ def test_a_finely_meshed_wall_is_one_plane() -> None:
     lower = np.stack([np.stack((x + a * cell, y + b * cell, 0.0 * x), axis=1) for a, b in ((0, 0), (1, 0), (1, 1))], 1)
     upper = np.stack([np.stack((x + a * cell, y + b * cell, 0.0 * x), axis=1) for a, b in ((0, 0), (1, 1), (0, 1))], 1)
     triangles = np.concatenate((lower, upper))
-    scene = soup(triangles, np.zeros(len(triangles)), np.zeros(len(triangles), dtype=np.intp))
+    scene = triangle_soup(triangles, np.zeros(len(triangles)), np.zeros(len(triangles), dtype=np.intp))
     for tree in trees(scene):
         segment = np.array([[[-0.1, 0.033, 0.2], [0.15, 0.04, 0.21]]])
         rows = replace(tree, settings=replace(DEFAULT_DISTANCES, slack=0.0)).planes(segment, 0.5)
@@ -243,7 +243,7 @@ def test_a_finely_meshed_wall_is_one_plane() -> None:
 
 def test_without_triangles_nothing_is_near() -> None:
     """A scene without surfaces has all distances at the reach, no witness and no planes."""
-    tree = SurfaceTree.of(soup(np.zeros((0, 3, 3)), np.zeros(0), np.zeros(0, dtype=np.intp)))
+    tree = SurfaceTree.from_triangles(triangle_soup(np.zeros((0, 3, 3)), np.zeros(0), np.zeros(0, dtype=np.intp)))
     segments = random_segments(np.random.default_rng(0), 3)
     np.testing.assert_array_equal(tree.distances(segments, 0.5), [0.5] * 3)
     assert np.all(tree.nearest(segments, 0.5).owner == -1)
@@ -271,7 +271,7 @@ def test_many_degenerate_triangles_are_no_trouble(kind: str) -> None:
     if kind == "one place":
         ends[:] = ends[0, 0]
     corners = ends[:, [0, 0, 0] if kind == "points" else [0, 1, 1]]
-    scene = soup(corners, np.zeros(5000), np.zeros(5000, dtype=np.intp))
+    scene = triangle_soup(corners, np.zeros(5000), np.zeros(5000, dtype=np.intp))
     segments = random_segments(rng, 5)
     expected = trees(scene, 5000)[-1].distances(segments, 10.0)
     for tree in trees(scene):
@@ -284,7 +284,7 @@ def test_boxes_hold_their_triangles(seed: int, count: int) -> None:
     """Every triangle stands in one leaf, the boxes above it hold it, and it keeps its corners."""
     scene = random_triangles(np.random.default_rng(seed), count)
     for boxes in (
-        SurfaceBoxes.of(scene.triangles, scene.rounding, 4),
+        SurfaceBoxes.from_triangles(scene.triangles, scene.rounding, 4),
         boxes_by_numpy(scene.triangles, scene.rounding, 4),
     ):
         assert sorted(faces_below(boxes, 0)) == list(range(count))
@@ -309,8 +309,8 @@ def test_clusters_of_many_triangles_make_a_tree(kind: str) -> None:
         corners[:] = corners[:, :1]
     if kind == "one place":
         corners[5:] = corners[5]
-    scene = soup(corners, rng.uniform(0.0, 0.01, count), np.zeros(count, dtype=np.intp))
-    boxes = SurfaceBoxes.of(scene.triangles, scene.rounding, 8)
+    scene = triangle_soup(corners, rng.uniform(0.0, 0.01, count), np.zeros(count, dtype=np.intp))
+    boxes = SurfaceBoxes.from_triangles(scene.triangles, scene.rounding, 8)
     nodes = boxes.nodes
     leaves = nodes[nodes["count"] > 0]
     order = np.argsort(leaves["first"])
@@ -362,7 +362,7 @@ def test_coal_measures_the_same() -> None:
     for triangle in corners:
         mesh.addTriangle(*triangle)
     mesh.endModel()
-    tree = SurfaceTree.of(soup(corners, np.zeros(300), np.zeros(300, dtype=np.intp)))
+    tree = SurfaceTree.from_triangles(triangle_soup(corners, np.zeros(300), np.zeros(300, dtype=np.intp)))
     segments = random_segments(rng, 100)
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     compared = 0

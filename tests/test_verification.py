@@ -575,7 +575,7 @@ def test_boxes_of_boxes_contain_all_edges(seed: int, vertices: int) -> None:
     ring = rng.uniform(0.5, 1.0) * np.column_stack((np.cos(angles), np.sin(angles)))
     shapes = (shapely.LineString(ring), shapely.Point(2.0, 0.0), shapely.box(3.0, 3.0, 4.0, 4.0))
     obstacles = tuple(Obstacle(f"wall {k}", PlaneShape(shape, 0.01 * k)) for k, shape in enumerate(shapes))
-    surfaces = CheckedSurfaces.of(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles))
+    surfaces = CheckedSurfaces.from_workspace(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles))
     node = np.zeros(1, dtype=np.intp)
     while not np.all(surfaces.is_single(node)):
         place, child = surfaces.children(node)
@@ -595,7 +595,7 @@ def test_what_no_coordinate_of_walls_exceeds_has_their_scale(seed: int, power: i
     for scale in (1.0, 2.0**power):
         scaled = [shapely.affinity.scale(each.core, scale, scale, origin=(0.0, 0.0)) for each in obstacles]
         room = shapely.box(-scale, -scale, scale, scale)
-        surfaces = CheckedSurfaces.of(
+        surfaces = CheckedSurfaces.from_workspace(
             Workspace(room, tuple(Obstacle(f"wall {k}", PlaneShape(core)) for k, core in enumerate(scaled)))
         )
         coordinates = np.concatenate([shapely.get_coordinates(each) for each in (room, *scaled)])

@@ -70,10 +70,10 @@ def test_where_no_way_leads_past_a_place_it_is_a_goal_of_its_own(monkeypatch: py
     """The sampler and poses by inverse kinematics lead from place to place too."""
     monkeypatch.setattr(way_strategies.SpaceRun, "follow_ways", lambda *_, **__: None)
     arm = snake(12)
-    soup = boxes([([0.4, -0.6, 0.5], [0.8, 0.6, 0.6])])
-    task = task_of(arm, soup, GOAL, via=(ASIDE,))
+    triangle_soup = boxes([([0.4, -0.6, 0.5], [0.8, 0.6, 0.6])])
+    task = task_of(arm, triangle_soup, GOAL, via=(ASIDE,))
     motion = find_by_ways(task)
     assert motion.candidate == "from place to place"
     tips = arm.joint_positions_at(motion.configurations)[:, -1]
     assert first_violation(tips, ASIDE[None], task.via_reach) is None
-    assert min(least_gaps(arm, soup, motion.configurations)) > 0.0
+    assert min(least_gaps(arm, triangle_soup, motion.configurations)) > 0.0

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.certificate import Stretches, WallProofs
+from ccm_opt.scene.certificate import MotionParts, WallProofs
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .oracles.wall_proofs import InterpretedWallProofs
@@ -65,7 +65,7 @@ def test_compiled_proofs_are_those_of_shapely(seed: int, links: int, radius: flo
     arm = make_arm(links, radius, mount_length=mount / links)
     workspace = walls_of_all_kinds(seed)
     start = arm.bends(np.array([random_headings(rng, arm, 5.0) for _ in range(3)]))
-    motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
+    motion = MotionParts(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
     proofs = asked_of(arm, workspace)
     found, touched = proofs.unproved(motion, None)
 
@@ -88,7 +88,7 @@ def test_the_hull_of_a_proved_link_is_apart(seed: int, links: int, turn: float) 
     arm = make_arm(links, 0.005)
     workspace = walls_of_all_kinds(seed)
     start = arm.bends(random_headings(rng, arm, 5.0)[None])
-    motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(1))
+    motion = MotionParts(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(1))
     question = asked_of(arm, workspace)
     left = pairs(question.unproved(motion, None)[0])
     for link in range(links):
@@ -106,7 +106,7 @@ def test_a_court_is_free_and_its_block_is_not(*, inside: bool) -> None:
     arm = replace(make_arm(12, 0.01), base=np.array([6.0 if inside else 0.0, 0.3]))
     still = np.zeros((1, 12))
     left, touched = asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,))).unproved(
-        Stretches(arm, still, still + 0.01 * np.eye(1, 12), np.arange(1)), None
+        MotionParts(arm, still, still + 0.01 * np.eye(1, 12), np.arange(1)), None
     )
     assert len(left[0]) == (12 if inside else 0)
     assert len(touched) == len(left[0])
@@ -122,5 +122,5 @@ def test_what_is_no_number_is_not_proved() -> None:
     start = np.zeros((1, 6))
     end = start.copy()
     end[0, 2] = np.nan
-    left, _ = asked_of(arm, Workspace(ROOM)).unproved(Stretches(arm, start, end, np.arange(1)), None)
+    left, _ = asked_of(arm, Workspace(ROOM)).unproved(MotionParts(arm, start, end, np.arange(1)), None)
     assert {2, 3, 4, 5} <= set(left[1].tolist())

@@ -20,10 +20,10 @@ from tests.witness_scenes import witness_scene
 WALL = boxes([([1.3, -0.01, -1.0], [2.5, 0.01, 1.0])])
 
 
-def back_and_onward(soup: TriangleSoup) -> tuple[SpaceTask, CurveMap, FloatArray, FloatArray]:
+def back_and_onward(triangle_soup: TriangleSoup) -> tuple[SpaceTask, CurveMap, FloatArray, FloatArray]:
     """A fed arm on one side of what may be a wall along its axis, drawn back, and fed in on the other side."""
     arm = snake(12, feed=Feed(0.0, 0.9, 0.9))
-    task = task_of(arm, soup, GoalPose(np.array([1.4, -0.2, 0.0]), None))
+    task = task_of(arm, triangle_soup, GoalPose(np.array([1.4, -0.2, 0.0]), None))
     curve, home = CurveMap.through(arm, np.zeros(25))
     shapes = np.zeros((2, len(home)))
     shapes[0, : curve.knots] = 1.2 / curve.scale[: curve.knots]
@@ -35,9 +35,9 @@ def back_and_onward(soup: TriangleSoup) -> tuple[SpaceTask, CurveMap, FloatArray
 
 
 @pytest.mark.parametrize("soup", [TriangleSoup.joined([]), WALL], ids=["open", "wall"])
-def test_an_arm_goes_back_no_farther_than_it_must(soup: TriangleSoup) -> None:
+def test_an_arm_goes_back_no_farther_than_it_must(triangle_soup: TriangleSoup) -> None:
     """Nowhere in the open, but to the edge of a wall between the two shapes; all of it is certified."""
-    task, curve, back, onward = back_and_onward(soup)
+    task, curve, back, onward = back_and_onward(triangle_soup)
     stepper = task.stepper(curve, 0.0)
     feed = curve.feed_column
     whole = turned_over(stepper, back, onward, wholly=True)
@@ -49,7 +49,7 @@ def test_an_arm_goes_back_no_farther_than_it_must(soup: TriangleSoup) -> None:
         np.testing.assert_array_equal(unknowns[[0, -1]], np.stack((back[0], onward[-1])))
     least = over[:, feed].min() * curve.scale[feed]
     assert whole[:, feed].min() == back[:, feed].min()
-    assert least == pytest.approx(0.7) if len(soup) == 0 else 0.2 < least < 0.5
+    assert least == pytest.approx(0.7) if len(triangle_soup) == 0 else 0.2 < least < 0.5
 
 
 @pytest.mark.planning
@@ -57,9 +57,9 @@ def test_an_arm_goes_back_no_farther_than_it_must(soup: TriangleSoup) -> None:
 def test_a_task_that_begins_deep_in_a_hole_is_solved(links: int, seed: int) -> None:
     """From one hole into another, where bends may be such that the arm is not simply drawn back."""
     problem = witness_scene("reversed", seed, links).problem
-    soup = problem.workspace.soup
-    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    triangle_soup = problem.workspace.triangle_soup
+    task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
     motion = find_by_ways(task)
     assert motion.candidate.startswith("back, then")
     assert motion.configurations[0] == pytest.approx(task.start, abs=1e-9)
-    assert min(least_gaps(task.arm, soup, motion.configurations, 10)) > 0.0
+    assert min(least_gaps(task.arm, triangle_soup, motion.configurations, 10)) > 0.0

@@ -36,7 +36,12 @@ def test_the_witness_solves_the_problem_that_is_written(tmp_path: Path, family: 
         assert np.linalg.norm(tip - goal.tip(problem.arm)) < problem.tolerances.position
     refuse_ends(
         problem,
-        space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.after(60.0), SpaceMotionSettings()),
+        space_task(
+            problem,
+            SurfaceTree.from_triangles(problem.workspace.triangle_soup),
+            Deadline.after(60.0),
+            SpaceMotionSettings(),
+        ),
     )
 
 

@@ -124,7 +124,7 @@ class Swept:
 
     def gap(self, body: Body) -> float:
         """Return the distance between the surfaces of the swept arm and a body, at most about ``LOOK`` [m]."""
-        tree = SurfaceTree.of(TriangleSoup.joined([("", body.triangles, body.rounding)]))
+        tree = SurfaceTree.from_triangles(TriangleSoup.joined([("", body.triangles, body.rounding)]))
         return float(tree.distances(self.axes, LOOK).min()) - self.arm.radius
 
     def opening(self, middle: FloatArray, normal: FloatArray, room: float) -> tuple[FloatArray, float]:

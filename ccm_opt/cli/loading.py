@@ -20,7 +20,7 @@ from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.io.rules import odd_mesh_size
 from ccm_opt.problem import ImportedDrawing, Limits, Problem
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.scene.distances.enclosures import open_words
+from ccm_opt.scene.distances.enclosures import open_edge_words
 from ccm_opt.scene.surfaces import box_about
 
 _MOST_LEFT_OUT = 10
@@ -163,7 +163,7 @@ def _inside(body: MeshBody, unit: LengthUnit) -> str:
     if body.closed:
         return "closed"
     with words_in(unit):
-        return f"not closed: it {open_words(body)}; the arm may enter through openings wider than its diameter"
+        return f"not closed: it {open_edge_words(body)}; the arm may enter through openings wider than its diameter"
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:

@@ -114,13 +114,13 @@ class Arguments:
     """Collector of defects among the arguments of a call, which are then reported all at once.
 
     Attributes:
-        of: text for the object that the call creates.
+        subject: text for the object that the call creates.
         unit: unit of the lengths among the arguments: "m", "mm" or "in".
         metres: metres per unit.
         wrong: defects found so far, one line each.
     """
 
-    of: str
+    subject: str
     unit: object = "m"
     metres: float = field(init=False, default=1.0)
     wrong: list[str] = field(init=False, default_factory=list)
@@ -198,7 +198,7 @@ class Arguments:
             ProblemError: a defect was recorded; the message has one line per defect.
         """
         if self.wrong:
-            raise ProblemError(f"{self.of} cannot be made:\n" + "\n".join(f"  {line}" for line in self.wrong))
+            raise ProblemError(f"{self.subject} cannot be made:\n" + "\n".join(f"  {line}" for line in self.wrong))
 
     def _refused(self, name: str, expected: str, value: object) -> None:
         self.wrong.append(f"{name}: expected {expected}, got {in_words(value)}")

@@ -209,7 +209,7 @@ class AxisWays(Ways):
         workspace = self.problem.workspace.without(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
-        search = self._search_in(workspace, SurfaceTree.of(workspace.soup))
+        search = self._search_in(workspace, SurfaceTree.from_triangles(workspace.triangle_soup))
         answer = search.answer(self.room, self.arm.length)
         # An obstacle counts as opening a path only if there was time to find out.
         return None if answer == "closed" or self.until.passed() else search

@@ -178,7 +178,7 @@ class SurfaceGaps:
     tree: SurfaceTree = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "tree", SurfaceTree.of(self.workspace.soup))
+        object.__setattr__(self, "tree", SurfaceTree.from_triangles(self.workspace.triangle_soup))
 
     @cached_property
     def stands_out(self) -> float:
@@ -219,7 +219,7 @@ class SurfaceGaps:
 def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> ObstacleGap:
     """Return the gaps of segments to one obstacle, which are negative depths inside the obstacle."""
     body = obstacle.body
-    tree = SurfaceTree.of(TriangleSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
+    tree = SurfaceTree.from_triangles(TriangleSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
     near = tree.nearest(segments, reach)
     gaps = near.gap.copy()
     places = near.point.copy()

@@ -157,7 +157,7 @@ def _in_plane(problem: Problem, terms: UserTerms | None, settings: Settings, _: 
 
 
 def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, deadline: Deadline) -> _Question:
-    tree = SurfaceTree.of(problem.workspace.soup)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     task = space_task(problem, tree, deadline, settings.space)
     if task.goal_pose is None:
         refuse_goal(problem, task, task.goal)

@@ -209,7 +209,7 @@ class LivePlan:
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
         shift = self._vector(by, "a displacement, {} in metres")
         changed = replace(self.problem, workspace=workspace.with_moved(name, shift), source="")
-        SurfaceTree.of(changed.workspace.soup)  # raises before anything is changed
+        SurfaceTree.from_triangles(changed.workspace.triangle_soup)  # raises before anything is changed
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:

@@ -265,10 +265,10 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
     away = np.linalg.norm(flat - arm.base - along[:, None] * arm.direction, axis=1)
     closed = away > arm.length
     kept = arm.radius + problem.workspace.clearance
-    if kept > 0.0 and len(problem.workspace.soup):
+    if kept > 0.0 and len(problem.workspace.triangle_soup):
         # If the mount reaches to the tip, the tip may touch the surface that the arm is mounted on.
         points = np.repeat(in_space(flat)[:, None], 2, axis=1)
-        tree = SurfaceTree.of(problem.workspace.soup)
+        tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
         closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
     for some in _parts(np.flatnonzero(~closed)):
         closed[some[enclosed(problem.workspace, flat[some], arm.radius)]] = True

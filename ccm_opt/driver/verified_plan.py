@@ -199,7 +199,7 @@ def _timed(
     if retimer is not None:
         return retimer.retime(problem, leg.path)
     failures: list[str] = []
-    sampling = replace(settings.timing.sampling, hair=0.5 * problem.contact_tolerance)
+    sampling = replace(settings.timing.sampling, min_chord_deviation=0.5 * problem.contact_tolerance)
     # A generator: the later timings are computed only if the earlier ones fail.
     for trajectory in retiming.timings(
         leg.path,

@@ -146,7 +146,7 @@ class CurveFrames(ABC):
     @cached_property
     def joints(self) -> JointsAmongPieces:
         """Evaluation of the curve of any direction at the joints and the tip."""
-        return JointsAmongPieces.of(self.parts[0], self.joint_arcs)
+        return JointsAmongPieces.from_curve(self.parts[0], self.joint_arcs)
 
     @cached_property
     def bends(self) -> ca.SX:

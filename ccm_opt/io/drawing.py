@@ -486,18 +486,18 @@ def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, obje
     core = obstacle.core
     own: dict[str, object] = {}
     if isinstance(core, shapely.LineString):
-        own["wall"] = WallTable.of(None, points=_points(core), thickness=2.0 * obstacle.rounding)
+        own["wall"] = WallTable.from_object(None, points=_points(core), thickness=2.0 * obstacle.rounding)
     elif isinstance(core, shapely.Polygon) and obstacle.rounding == 0.0:
         own = {"polygon": _points(core.exterior)[:-1], "holes": [_points(ring)[:-1] for ring in core.interiors] or None}
     elif isinstance(core, shapely.Point) and obstacle.rounding > 0.0:
-        own["circle"] = CircleTable.of(None, center=_points(core)[0], radius=obstacle.rounding)
+        own["circle"] = CircleTable.from_object(None, center=_points(core)[0], radius=obstacle.rounding)
     else:  # a rounded polygon has no table of its own, and a point without rounding is no obstacle
         raise ProblemError(
             f"obstacle '{obstacle.name}', a {type(core).__name__} with rounding {obstacle.rounding:g} m, "
             "cannot be written to a problem file; expected a polygon without rounding, a point with "
             "rounding, or a line"
         )
-    return ObstacleTable.of(obstacle, **own).written(unit)
+    return ObstacleTable.from_object(obstacle, **own).written(unit)
 
 
 def _points(geometry: shapely.Geometry) -> list[list[float]]:

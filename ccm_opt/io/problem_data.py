@@ -97,7 +97,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
         files = stored_mesh_paths(problem) if mesh_files is None else mesh_files
         listed = zip(problem.workspace.obstacles, files, strict=True)
         obstacles = [_body(each.name, each.body, file, unit) for each, file in listed]
-        workspace: Table = SpaceWorkspaceTable.of(problem.workspace).written(unit) | {"obstacles": obstacles}
+        workspace: Table = SpaceWorkspaceTable.from_object(problem.workspace).written(unit) | {"obstacles": obstacles}
     else:
         workspace = workspace_table(problem.workspace, unit)
     check_curves(problem)
@@ -114,10 +114,10 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
         "limits": limits_table(problem.limits, unit),
         "start": written(problem.start),
         "goal": [*stops, goal] if stops else goal,
-        "planner": PlannerTable.of(problem.planner).written(unit),
+        "planner": PlannerTable.from_object(problem.planner).written(unit),
         "simulation": simulation_table(problem.simulation, unit),
-        "tolerance": ToleranceTable.of(problem).written(unit),
-        "verification": VerificationTable.of(problem.verification).written(unit),
+        "tolerance": ToleranceTable.from_object(problem).written(unit),
+        "verification": VerificationTable.from_object(problem.verification).written(unit),
     }
 
 
@@ -148,20 +148,20 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
             "the workspace's boundary has holes, which a problem file cannot represent; make them obstacles"
         )
     boundary = shapely.get_coordinates(workspace.boundary.exterior)[:-1]
-    table = WorkspaceTable.of(workspace, boundary=boundary).written(unit)
+    table = WorkspaceTable.from_object(workspace, boundary=boundary).written(unit)
     return table | {"obstacles": [obstacle_table(obstacle, unit) for obstacle in workspace.obstacles]}
 
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     """Return an arm as the table ``[arm]`` of a problem file, with lengths in ``unit``."""
     own: dict[str, object] = {
-        "inertia": InertiaTable.of(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
-        "feed": next((FeedTable.of(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
+        "inertia": InertiaTable.from_object(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
+        "feed": next((FeedTable.from_object(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
     }
     own |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
-        return SpaceArmTable.of(arm, base=BaseTable.of(arm, position=arm.base), **own).written(unit)
-    return ArmTable.of(arm, **own).written(unit)
+        return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **own).written(unit)
+    return ArmTable.from_object(arm, **own).written(unit)
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
@@ -171,8 +171,8 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
         for point in limits.points
     ]
     tip = {f"tip_{key}": bound for at, given in bounds if at is None for key, bound in given.items()}
-    points = [PointLimitTable.of(None, at=at, **given) for at, given in bounds if at is not None]
-    return LimitsTable.of(limits, **tip, points=points or None).written(unit)
+    points = [PointLimitTable.from_object(None, at=at, **given) for at, given in bounds if at is not None]
+    return LimitsTable.from_object(limits, **tip, points=points or None).written(unit)
 
 
 def goal_table(
@@ -198,13 +198,13 @@ def goal_table(
         else:
             own |= {"heading_deg": pose.curve.base_heading, "segments": pose.curve.segments}
     table = SpaceGoalTable if in_space else GoalTable
-    return table.of(goal, **own).written(unit)
+    return table.from_object(goal, **own).written(unit)
 
 
 def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:
     """Return simulation options as the table ``[simulation]`` of a problem file, with lengths in ``unit``."""
-    gains = GainsTable.of(None, proportional=options.proportional_gain, derivative=options.derivative_gain)
-    return SimulationTable.of(options, gains=gains if gains.model_fields_set else None).written(unit)
+    gains = GainsTable.from_object(None, proportional=options.proportional_gain, derivative=options.derivative_gain)
+    return SimulationTable.from_object(options, gains=gains if gains.model_fields_set else None).written(unit)
 
 
 def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
@@ -228,9 +228,9 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
         own = {"box": [body.low, body.high]}
     if body.kind == "box" or (body.kind == "mesh" and body.content):
         where = body.placement
-        pose = PlacementTable.of(None, position=where.position, quaternion=where.quaternion)
+        pose = PlacementTable.from_object(None, position=where.position, quaternion=where.quaternion)
         own["pose"] = None if where.is_identity else pose
-    return SpaceObstacleTable.of(None, name=name, **own).written(unit)
+    return SpaceObstacleTable.from_object(None, name=name, **own).written(unit)
 
 
 def stored_mesh_paths(problem: Problem) -> list[str]:

@@ -48,8 +48,8 @@ _WRITERS: Mapping[type, Callable[[Any, LengthUnit], Table]] = {
     Arm: arm_table,
     Limits: limits_table,
     SimulationOptions: simulation_table,
-    PlannerOptions: lambda options, unit: PlannerTable.of(options).written(unit),
-    VerificationOptions: lambda options, unit: VerificationTable.of(options).written(unit),
+    PlannerOptions: lambda options, unit: PlannerTable.from_object(options).written(unit),
+    VerificationOptions: lambda options, unit: VerificationTable.from_object(options).written(unit),
 }
 """Converters of objects to tables of a problem file, by type. Objects of other types fail the checks for files."""
 

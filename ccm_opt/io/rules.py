@@ -17,7 +17,7 @@ from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.scene.distances.enclosures import ways_out
+from ccm_opt.scene.distances.enclosures import enclosure_advice
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.surfaces import box_about
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
@@ -364,7 +364,7 @@ def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None)
         drawing: report on the drawing whose shapes are the last obstacles of the workspace; None without a drawing.
     """
     if workspace.dimension == 3:
-        return " or ".join(ways_out(workspace, workspace.obstacles[number].name, "it"))
+        return " or ".join(enclosure_advice(workspace, workspace.obstacles[number].name, "it"))
     if drawing is None or number < len(workspace.obstacles) - drawing.obstacles:
         return "move the base out"
     return (

@@ -250,16 +250,16 @@ class Table(BaseModel):
     )
 
     @classmethod
-    def of(cls, part: object, **own: object) -> Self:
+    def from_object(cls, part: object, **given: object) -> Self:
         """Return a table filled from an object, whose attributes are named like the keys without the suffix ``_deg``.
 
         Args:
-            part: the object; None where all values come from ``own``.
-            own: values of keys that are not attributes of the object; None omits a key.
+            part: the object; None where all values come from ``given``.
+            given: values of keys that are not attributes of the object; None omits a key.
         """
         nested = table_models(cls)
-        said = {name: getattr(part, name.removesuffix("_deg"), None) for name in cls.model_fields} | own
-        values: dict[str, Any] = {name: _plain(value, nested.get(name)) for name, value in said.items()}
+        attributes = {name: getattr(part, name.removesuffix("_deg"), None) for name in cls.model_fields} | given
+        values: dict[str, Any] = {name: _plain(value, nested.get(name)) for name, value in attributes.items()}
         return cls.model_construct(**{name: value for name, value in values.items() if value is not None})
 
     def written(self, unit: LengthUnit) -> dict[str, Any]:
@@ -284,7 +284,7 @@ def _plain(value: object, table: type[BaseModel] | None) -> object:
     if isinstance(value, (list, tuple)):
         return [_plain(each, table) for each in value]
     if table is not None and issubclass(table, Table) and value is not None and not isinstance(value, Table):
-        return table.of(value)
+        return table.from_object(value)
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 

@@ -15,7 +15,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import clearance_advice, refuse_bad_pose
 from ccm_opt.scene.contact_finder import WALL, WallFinder, describe_clearance, nearest_links
-from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
+from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, enclosure_advice
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 if TYPE_CHECKING:
@@ -283,7 +283,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     if found is not None:
         reason = f"the goal is {_depth_words(found)}"
         ways = (
-            ways_out(problem.workspace, found.name, "the goal")
+            enclosure_advice(problem.workspace, found.name, "the goal")
             if found.name
             else ("move the goal inside workspace.bounds",)
         )
@@ -345,7 +345,7 @@ def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
     point = "the tip" if number == task.arm.links else f"joint {number + 1}"
     point = "the end of the mount" if found.number == len(joints) - first else point
     deep = f"{point} is {_depth_words(found)}"
-    ways = ways_out(problem.workspace, found.name, "the arm")[1:] if found.name else ()
+    ways = enclosure_advice(problem.workspace, found.name, "the arm")[1:] if found.name else ()
     return "; ".join((*([contact] if contact else []), deep, *ways))
 
 
@@ -426,10 +426,10 @@ class GapsAtSamples:
             own_reach: distance up to which gaps between links are resolved; that for walls if None [m].
         """
         arm = problem.arm
-        soup = problem.workspace.soup
+        triangle_soup = problem.workspace.triangle_soup
         far = arm.link_length if reach is None else reach
-        walls = _walls(problem, SurfaceTree.of(soup), points, far)
-        return cls(walls, _itself(problem, points, far if own_reach is None else own_reach), soup.names, far)
+        walls = _walls(problem, SurfaceTree.from_triangles(triangle_soup), points, far)
+        return cls(walls, _itself(problem, points, far if own_reach is None else own_reach), triangle_soup.names, far)
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
@@ -455,7 +455,7 @@ def _walls(problem: Problem, tree: SurfaceTree, points: FloatArray, reach: float
     arm = problem.arm
     link, exposed = arm.exposed_links(points)
     count = len(points)
-    if link == arm.links or len(problem.workspace.soup) == 0:
+    if link == arm.links or len(problem.workspace.triangle_soup) == 0:
         return _nothing(count, reach)
     found = tree.nearest(in_space(exposed.reshape(-1, 2, arm.dimension)), reach + arm.radius, exposed.shape[1])
     gap = found.gap.reshape(count, -1) - arm.radii[link:]

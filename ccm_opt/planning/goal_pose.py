@@ -35,7 +35,7 @@ def poses_at_goal(
         terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
     """
-    tree = SurfaceTree.of(problem.workspace.soup)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     aim = TipGoal(ends.goal.position, ends.goal.direction)
     return GoalPoses(problem, tree, near, terms, settings, aim=aim, room=ends.goal.room, clamped=ends.clamped)
 

@@ -205,7 +205,7 @@ class MotionPlanner:
             return units.path_in_metres(path, problem.arm)
         deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
         with self.stages("free space"):
-            tree = SurfaceTree.of(problem.workspace.soup)
+            tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
             problem = with_clamped_base(problem, tree)
             task = space_task(problem, tree, deadline, self.space, self.terms)
             refuse_ends(problem, task)

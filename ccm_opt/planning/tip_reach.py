@@ -293,7 +293,9 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
     """Return the processor of cells for an arm among surfaces in space."""
-    task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.never(), SpaceMotionSettings())
+    task = space_task(
+        problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup), Deadline.never(), SpaceMotionSettings()
+    )
     curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve)
     seen = replace(task, wanted_gap=settings.seen * task.arm.length)

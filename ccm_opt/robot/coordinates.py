@@ -199,7 +199,7 @@ class Limits:
 
     def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":
         """Return the limits of an arm's coordinates, one entry per coordinate: those of the drives that move them."""
-        return self.of_drives(coordinates).of(coordinates.drive_numbers)
+        return self.of_drives(coordinates).select(coordinates.drive_numbers)
 
 
 def planned_share(holding: FloatArray, share: float) -> FloatArray:
@@ -239,6 +239,6 @@ class DriveLimits:
         """Return drive limits with velocities, accelerations and jerks scaled by a factor, and unchanged efforts."""
         return DriveLimits(share * self.velocity, share * self.acceleration, share * self.jerk, self.effort)
 
-    def of(self, drives: IntArray) -> "DriveLimits":
+    def select(self, drives: IntArray) -> "DriveLimits":
         """Return the limits of the drives with given indices, shape (k,), in that order."""
         return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])

@@ -78,13 +78,13 @@ class RigidPlacement:
         """Whether the placement neither rotates nor translates bodies."""
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
 
-    def placed(self, by: "RigidPlacement") -> "RigidPlacement":
+    def placed(self, outer: "RigidPlacement") -> "RigidPlacement":
         """Return this placement followed by another placement."""
-        return RigidPlacement(by.points(self.position), by.rotation @ self.rotation)
+        return RigidPlacement(outer.points(self.position), outer.rotation @ self.rotation)
 
-    def points(self, own: FloatArray) -> FloatArray:
+    def points(self, local: FloatArray) -> FloatArray:
         """Return points (..., 3), given in the frame of the body, in the frame of the room [m]."""
-        return np.asarray(own @ self.rotation.T + self.position)
+        return np.asarray(local @ self.rotation.T + self.position)
 
 
 def _about(axis: int, angle: float) -> FloatArray:
@@ -219,7 +219,7 @@ class _Solid:
         corners = self.triangles.reshape(-1, 3)
         return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
 
-    def placed(self, by: RigidPlacement) -> Self:
+    def placed(self, placement: RigidPlacement) -> Self:
         """Return the body moved by a rigid motion."""
         raise NotImplementedError
 
@@ -230,9 +230,9 @@ class _Solid:
         """
         return loose_triangles(self.triangles)
 
-    def moved(self, by: FloatArray) -> Self:
+    def moved(self, offset: FloatArray) -> Self:
         """Return the body translated by a displacement, shape (3,) [m]."""
-        return self.placed(RigidPlacement(by))
+        return self.placed(RigidPlacement(offset))
 
 
 @dataclass(frozen=True)
@@ -256,9 +256,9 @@ class BoxBody(_Solid):
         """Corners of the box in the frame of the room, shape (8, 3) [m]."""
         return self.placement.points(box_corners(self.low, self.high))
 
-    def placed(self, by: RigidPlacement) -> "BoxBody":
+    def placed(self, placement: RigidPlacement) -> "BoxBody":
         """Return the box moved by a rigid motion."""
-        return replace(self, placement=self.placement.placed(by))
+        return replace(self, placement=self.placement.placed(placement))
 
     @property
     def triangles(self) -> FloatArray:
@@ -293,9 +293,9 @@ class SphereBody(_Solid):
         corners, faces = capsule_surface(0.0, self.radius, sides)
         return corners + self.center, faces
 
-    def placed(self, by: RigidPlacement) -> "SphereBody":
+    def placed(self, placement: RigidPlacement) -> "SphereBody":
         """Return the ball moved by a rigid motion."""
-        return replace(self, center=by.points(self.center))
+        return replace(self, center=placement.points(self.center))
 
     @property
     def triangles(self) -> FloatArray:
@@ -333,9 +333,9 @@ class CapsuleBody(_Solid):
         corners, faces = capsule_surface(float(np.linalg.norm(axis)), self.radius, sides)
         return corners @ rotation_to_axis(axis).T + self.start, faces
 
-    def placed(self, by: RigidPlacement) -> "CapsuleBody":
+    def placed(self, placement: RigidPlacement) -> "CapsuleBody":
         """Return the capsule moved by a rigid motion."""
-        return replace(self, start=by.points(self.start), end=by.points(self.end))
+        return replace(self, start=placement.points(self.start), end=placement.points(self.end))
 
     @property
     def triangles(self) -> FloatArray:
@@ -366,9 +366,9 @@ class CylinderBody(_Solid):
         """Largest distance by which the prism protrudes from the cylinder [m]."""
         return self.radius * self.settings.cylinder_error
 
-    def placed(self, by: RigidPlacement) -> "CylinderBody":
+    def placed(self, placement: RigidPlacement) -> "CylinderBody":
         """Return the cylinder moved by a rigid motion."""
-        return replace(self, start=by.points(self.start), end=by.points(self.end))
+        return replace(self, start=placement.points(self.start), end=placement.points(self.end))
 
     @property
     def triangles(self) -> FloatArray:
@@ -463,9 +463,9 @@ class MeshBody(_Solid):
         """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the mesh."""
         return self.vertices, self.faces
 
-    def placed(self, by: RigidPlacement) -> "MeshBody":
+    def placed(self, placement: RigidPlacement) -> "MeshBody":
         """Return the mesh moved by a rigid motion."""
-        return replace(self, vertices=by.points(self.vertices), placement=self.placement.placed(by))
+        return replace(self, vertices=placement.points(self.vertices), placement=self.placement.placed(placement))
 
     @cached_property
     def triangles(self) -> FloatArray:

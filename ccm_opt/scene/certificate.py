@@ -28,7 +28,7 @@ from ccm_opt.scene.workspace import Workspace
 
 
 @dataclass(frozen=True)
-class Stretches:
+class MotionParts:
     """Parts of a motion under test, with joint positions and bounds on their deviation from chords.
 
     The coordinates change linearly over each part.
@@ -48,7 +48,7 @@ class Stretches:
     def __post_init__(self) -> None:
         c = len(self.arm.coordinates)
         if self.start.shape[1:] != (c,) or self.end.shape != self.start.shape:
-            raise ValueError(f"stretches have the shapes {self.start.shape} and {self.end.shape}; expected (m, {c})")
+            raise ValueError(f"motion parts have the shapes {self.start.shape} and {self.end.shape}; expected (m, {c})")
 
     @cached_property
     def a(self) -> FloatArray:
@@ -66,7 +66,7 @@ class Stretches:
         return self.arm.joint_positions_at(0.5 * (self.start + self.end))
 
     @cached_property
-    def sag(self) -> FloatArray:
+    def chord_deviation(self) -> FloatArray:
         """Bounds on the deviation of the distal joint of each link from its chord, shape (m, links) [m]."""
         # The base moves straight, so only turning links contribute to the chord deviation.
         turned = np.cumsum((self.end - self.start)[:, : self.arm.links], axis=1)
@@ -78,7 +78,7 @@ class Stretches:
 
         Each bound is half the longest chord plus the largest chord deviation.
         """
-        return np.asarray(0.5 * np.linalg.norm(self.b - self.a, axis=2).max(axis=1) + self.sag[:, -1])
+        return np.asarray(0.5 * np.linalg.norm(self.b - self.a, axis=2).max(axis=1) + self.chord_deviation[:, -1])
 
 
 Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]
@@ -97,19 +97,19 @@ class PairProofs:
     first_apart: IntArray
     least: FloatArray
 
-    def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+    def unproved(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
         """Return the pairs of links not proved apart, and the motion parts in which such a pair touches half-way.
 
         Args:
-            stretches: parts of a motion.
+            parts: parts of a motion.
             pairs: pairs to test; None for all links far apart along the arm that come near each other.
         """
-        arm = stretches.arm
+        arm = parts.arm
         call = NativeCall(
             "pair_proofs",
-            stretches=len(stretches.owner), links=arm.links, first_apart=self.first_apart,
-            longest=float(np.max(arm.lengths)), least=self.least, start=stretches.a, end=stretches.b,
-            middle=stretches.middle, sag=stretches.sag, moved=stretches.moved,
+            stretches=len(parts.owner), links=arm.links, first_apart=self.first_apart,
+            longest=float(np.max(arm.lengths)), least=self.least, start=parts.a, end=parts.b,
+            middle=parts.middle, sag=parts.chord_deviation, moved=parts.moved,
             asked=-1 if pairs is None else len(pairs[0]),
             **dict(zip(("asked_stretch", "asked_first", "asked_second"), pairs or (), strict=False)),
         )  # fmt: skip
@@ -117,8 +117,8 @@ class PairProofs:
         found, touching = _called(call, capacity)
         if call.fields.count > capacity:
             found, touching = _called(call, call.fields.count)
-        span, i, j = found[:, : call.fields.count]
-        return (span, i, j), span[touching[: call.fields.count]]
+        part, i, j = found[:, : call.fields.count]
+        return (part, i, j), part[touching[: call.fields.count]]
 
 
 def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
@@ -149,29 +149,29 @@ class WallProofs:
     least: FloatArray
     mount: tuple[int, float]
 
-    def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
+    def unproved(self, parts: MotionParts, links: Links | None) -> tuple[Links, IntArray]:
         """Return the links not proved clear of walls, and the motion parts in which such a link touches one half-way.
 
         Args:
-            stretches: parts of a motion.
+            parts: parts of a motion.
             links: links to test; None for all links beyond the mount, part by part.
         """
         mount, share = self.mount
-        of_arm = stretches.arm.links
-        most = len(stretches.owner) * max(0, of_arm - mount) if links is None else len(links[0])
+        of_arm = parts.arm.links
+        most = len(parts.owner) * max(0, of_arm - mount) if links is None else len(links[0])
         found = np.empty((2, most), dtype=np.int64)
         touching = np.empty(most, dtype=np.bool_)
         call = NativeCall(
             "wall_proofs",
-            stretches=len(stretches.owner), links=of_arm, mount_link=mount, mount_share=share,
-            start=stretches.a, end=stretches.b, middle=stretches.middle, sag=stretches.sag,
+            stretches=len(parts.owner), links=of_arm, mount_link=mount, mount_share=share,
+            start=parts.a, end=parts.b, middle=parts.middle, sag=parts.chord_deviation,
             asked=-1 if links is None else len(links[0]),
             stretch=found[0], link=found[1], touching=touching,
             **self._walls, **dict(zip(("asked_stretch", "asked_link"), links or (), strict=False)),
         )  # fmt: skip
         call()
-        span, link = found[:, : call.fields.count]
-        return (span, link), span[touching[: call.fields.count]]
+        part, link = found[:, : call.fields.count]
+        return (part, link), part[touching[: call.fields.count]]
 
     @cached_property
     def _walls(self) -> dict[str, Any]:
@@ -252,27 +252,29 @@ class Certificate:
             Sorted indices k of intervals from keyframe k to k + 1; empty if the motion is free of collisions.
         """
         depth = self.settings.depth if depth is None else depth
-        spans = Stretches(self.arm, q[:-1], q[1:], np.arange(len(q) - 1))
+        parts = MotionParts(self.arm, q[:-1], q[1:], np.arange(len(q) - 1))
 
         links: Links | None = None
         pairs: Pairs | None = None
         failed: list[IntArray] = []
         for level in range(depth + 1):
-            links, touching_links = self._wall_proofs.unproved(spans, links)
-            pairs, touching_pairs = self._unproved_pairs(spans, pairs)
+            links, touching_links = self._wall_proofs.unproved(parts, links)
+            pairs, touching_pairs = self._unproved_pairs(parts, pairs)
             # Tests with contact half-way have failed; tests that are merely unproved fail after the last bisection.
             last = level == depth
             bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
-            failed.append(np.unique(spans.owner[bad.astype(int)]))
+            failed.append(np.unique(parts.owner[bad.astype(int)]))
             if last or (len(links[0]) == 0 and len(pairs[0]) == 0):
                 break
-            spans, links, pairs = self._halved(spans, links, pairs, failed[-1])
+            parts, links, pairs = self._halved(parts, links, pairs, failed[-1])
         return np.unique(np.concatenate(failed))
 
-    def _halved(self, spans: Stretches, links: Links, pairs: Pairs, failed: IntArray) -> tuple[Stretches, Links, Pairs]:
+    def _halved(
+        self, parts: MotionParts, links: Links, pairs: Pairs, failed: IntArray
+    ) -> tuple[MotionParts, Links, Pairs]:
         """Return both halves of every motion part with an unproved test, and the tests to repeat on these halves."""
         # An interval that has failed needs no further tests: the caller only learns that it failed.
-        alive = ~np.isin(spans.owner, failed)
+        alive = ~np.isin(parts.owner, failed)
         keep_link = alive[links[0]]
         keep_pair = alive[pairs[0]]
         links = (links[0][keep_link], links[1][keep_link])
@@ -280,11 +282,11 @@ class Certificate:
 
         # Only motion parts with open tests are halved; ``place`` maps a test to its part.
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
-        start = spans.start[kept]
-        end = spans.end[kept]
+        start = parts.start[kept]
+        end = parts.end[kept]
         middle = 0.5 * (start + end)
-        halves = Stretches(
-            self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
+        halves = MotionParts(
+            self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(parts.owner[kept], 2)
         )
 
         # First halves come first, second halves len(kept) later; every open test is repeated on both.
@@ -294,12 +296,12 @@ class Certificate:
         twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), np.tile(pairs[1], 2), np.tile(pairs[2], 2))
         return halves, twice_links, twice_pairs
 
-    def _unproved_pairs(self, spans: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+    def _unproved_pairs(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
         """Return the given pairs of links, or all by default, not proved apart, and the motion parts with contact."""
         if not self.arm.self_collision:
             none = np.zeros(0, dtype=np.intp)
             return (none, none, none), none
-        return self._pair_proofs.unproved(spans, pairs)
+        return self._pair_proofs.unproved(parts, pairs)
 
     @cached_property
     def _rounding(self) -> float:

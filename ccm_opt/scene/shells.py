@@ -141,8 +141,8 @@ def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
     """Return the half-edges of triangles selected by a mask; degenerate triangles have none."""
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     numbers = np.flatnonzero(chosen & proper)
-    some = faces[numbers].astype(np.int64)
-    return _HalfEdges(some.ravel(), np.roll(some, -1, axis=1).ravel(), np.repeat(numbers, 3))
+    corners = faces[numbers].astype(np.int64)
+    return _HalfEdges(corners.ravel(), np.roll(corners, -1, axis=1).ravel(), np.repeat(numbers, 3))
 
 
 def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
@@ -273,13 +273,13 @@ def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
     counts = np.diff(np.append(begins, len(order)))
     crowded = np.repeat(counts > 2, counts)
     if crowded.any():
-        order[crowded] = _paired_up(edges, order[crowded], counts[counts > 2], order[~crowded])
+        order[crowded] = _pair_half_edges(edges, order[crowded], counts[counts > 2], order[~crowded])
     alone = (begins + counts - 1)[counts % 2 == 1]
     paired = order[np.delete(np.arange(len(order)), alone)] if len(alone) else order
     return paired[::2], paired[1::2], order[alone]
 
 
-def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntArray) -> IntArray:
+def _pair_half_edges(edges: _HalfEdges, numbers: IntArray, counts: IntArray, others: IntArray) -> IntArray:
     """Return the half-edges of edges with more than two triangles, partners side by side, any odd one last at its edge.
 
     Half-edges of one patch, whose triangles are connected over edges with two triangles, belong to one body and are
@@ -287,25 +287,25 @@ def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntA
 
     Args:
         edges: all half-edges.
-        some: indices of the half-edges to order, edge by edge.
+        numbers: indices of the half-edges to order, edge by edge.
         counts: number of half-edges of each of these edges.
         others: indices of the half-edges of all other edges, edge by edge.
     """
     edge = np.repeat(np.arange(len(counts)), counts)
     two = others[np.isin(others, edges.unpaired(), invert=True)]
-    patch = _components(edges.face[two[::2]], edges.face[two[1::2]], int(edges.face.max()) + 1)[edges.face[some]]
+    patch = _components(edges.face[two[::2]], edges.face[two[1::2]], int(edges.face.max()) + 1)[edges.face[numbers]]
     patch[_last_odd_half_edges(edge, patch)] = len(edges.face)
     _, group = np.unique(edge * (len(edges.face) + 1) + patch, return_inverse=True)
     # The first forward one pairs with the first backward one, unless orientations are inconsistent.
-    back = edges.start[some] > edges.end[some]
+    back = edges.start[numbers] > edges.end[numbers]
     size = np.bincount(group)
     balanced = (2 * np.bincount(group, back) == size)[group]
-    by_way = np.lexsort((edges.face[some], back & balanced, group))
-    place = np.arange(len(some)) - (np.cumsum(size) - size)[group[by_way]]
+    by_way = np.lexsort((edges.face[numbers], back & balanced, group))
+    place = np.arange(len(numbers)) - (np.cumsum(size) - size)[group[by_way]]
     half = (size // 2)[group[by_way]]
     slot = np.where(balanced[by_way], np.where(place < half, 2 * place, 2 * (place - half) + 1), place)
-    paired_up = np.empty_like(some)
-    paired_up[np.arange(len(some)) - place + slot] = some[by_way]
+    paired_up = np.empty_like(numbers)
+    paired_up[np.arange(len(numbers)) - place + slot] = numbers[by_way]
     return paired_up
 
 

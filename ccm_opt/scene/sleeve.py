@@ -215,13 +215,13 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
         The vertices of the path, including start and goal, shape (k, 2) [m].
     """
     funnel = _Funnel((float(start[0]), float(start[1])))
-    for left, right in drawn_in(portals, shrink).tolist() if len(portals) else ():
+    for left, right in shrunk_portals(portals, shrink).tolist() if len(portals) else ():
         funnel.narrow_left(tuple(left))
         funnel.narrow_right(tuple(right))
     return np.array(funnel.close((float(goal[0]), float(goal[1]))))
 
 
-def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
+def shrunk_portals(portals: FloatArray, shrink: float) -> FloatArray:
     """Return portals (n, 2, 2) with both ends moved inwards by ``shrink`` [m].
 
     Ends move by at most 0.45 of the portal's width, so that they never meet.

@@ -103,7 +103,7 @@ class Walls:
     rounding: FloatArray
 
     @classmethod
-    def of(cls, walls: "Sequence[Obstacle]") -> "Walls":
+    def from_obstacles(cls, walls: "Sequence[Obstacle]") -> "Walls":
         """Extract the edges and vertices of walls, which may be polygons with all their rings, lines, or points."""
         cores: Any = np.array([wall.core for wall in walls])
         lines, owner = _lines_and_points(cores)
@@ -169,7 +169,7 @@ class WallSegments:
     solids: IntArray
 
     @classmethod
-    def of(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
+    def from_obstacles(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
         """Build the segments of walls, given both as obstacles and as arrays of edges and vertices."""
         # A round obstacle is an inflated point: it has no edge, and becomes a segment of zero length.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)

@@ -31,7 +31,7 @@ class Shape(Protocol):
         """Centre of the shape, shape (d,) [m]."""
         ...
 
-    def moved(self, by: FloatArray) -> "Shape":
+    def moved(self, offset: FloatArray) -> "Shape":
         """Return the shape translated by a displacement, shape (d,) [m]."""
         ...
 
@@ -53,9 +53,9 @@ class PlaneShape:
         """Centroid of the core, shape (2,) [m]."""
         return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
 
-    def moved(self, by: FloatArray) -> "PlaneShape":
+    def moved(self, offset: FloatArray) -> "PlaneShape":
         """Return the shape translated by a displacement, shape (2,) [m]."""
-        return replace(self, core=shapely.transform(self.core, lambda points: points + by))
+        return replace(self, core=shapely.transform(self.core, lambda points: points + offset))
 
 
 @dataclass(frozen=True)
@@ -154,9 +154,11 @@ class Workspace:
         """Return the centre of the first obstacle with a given name, shape (d,) [m]."""
         return next(obstacle.shape.middle for obstacle in self.obstacles if obstacle.name == name)
 
-    def with_moved(self, name: str, by: FloatArray) -> "Workspace":
+    def with_moved(self, name: str, offset: FloatArray) -> "Workspace":
         """Return the workspace with all obstacles of a given name translated by a displacement, shape (d,) [m]."""
-        moved = [replace(each, shape=each.shape.moved(by)) if each.name == name else each for each in self.obstacles]
+        moved = [
+            replace(each, shape=each.shape.moved(offset)) if each.name == name else each for each in self.obstacles
+        ]
         return replace(self, obstacles=tuple(moved))
 
     def without(self, name: str) -> "Workspace":
@@ -164,7 +166,7 @@ class Workspace:
         return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
 
     @cached_property
-    def soup(self) -> TriangleSoup:
+    def triangle_soup(self) -> TriangleSoup:
         """Triangles of all obstacles in order, then of the sides of the room; planar walls as flat triangles."""
         if self.dimension == 2:
             edges = self.wall_segments
@@ -177,7 +179,7 @@ class Workspace:
     @cached_property
     def extent(self) -> FloatArray:
         """Lower and upper corner of the box around everything in space, shape (2, 3) [m]; zeros if empty."""
-        if len(self.soup) == 0:
+        if len(self.triangle_soup) == 0:
             return np.zeros((2, 3))
         bodies = [each.body for each in self.obstacles if len(each.body.triangles)]
         grown = [box_about(body.triangles) + body.rounding * np.array([[-1.0], [1.0]]) for body in bodies]
@@ -193,12 +195,12 @@ class Workspace:
     @cached_property
     def flat_walls(self) -> Walls:
         """Edges and vertices of all walls in the plane as arrays, in the order of ``walls``."""
-        return Walls.of(self.walls)
+        return Walls.from_obstacles(self.walls)
 
     @cached_property
     def wall_segments(self) -> WallSegments:
         """All walls in the plane as one list of inflated segments."""
-        return WallSegments.of(self.walls, self.flat_walls)
+        return WallSegments.from_obstacles(self.walls, self.flat_walls)
 
     @cached_property
     def _cores(self) -> npt.NDArray[np.object_]:

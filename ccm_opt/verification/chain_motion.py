@@ -48,7 +48,7 @@ class LinkFrames:
     across: FloatArray
 
     @classmethod
-    def of(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
+    def from_configurations(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
         """Compute the link frames of configurations, shape (T, c)."""
         if arm.dimension == 2:
             return cls._in_plane(arm, positions)
@@ -86,7 +86,7 @@ class LinkFrames:
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
     if arm.dimension == 3:
-        return LinkFrames.of(arm, positions).along
+        return LinkFrames.from_configurations(arm, positions).along
     turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
     cosine, sine = np.cos(turned), np.sin(turned)
     x, y = arm.direction
@@ -315,7 +315,7 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
         np.cumsum(arm.lengths * turned**2, axis=1, out=second_derivatives[:, 1:])
         return second_derivatives
     bends = bend_pairs(arm, steps)
-    frames = LinkFrames.of(arm, middle)
+    frames = LinkFrames.from_configurations(arm, middle)
     turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
     rates = lengths_of(np.cumsum(turns, axis=1))
     each = np.hypot(bends[..., 0], bends[..., 1])

@@ -118,7 +118,7 @@ class _Steps:
     length: FloatArray
 
     @classmethod
-    def of(cls, message: Message) -> "_Steps":
+    def from_message(cls, message: Message) -> "_Steps":
         long = np.diff(message.time)
         pieces = np.ceil(long / max(LONGEST_STEP, float(message.time[-1]) / MOST_STEPS)).astype(np.intp)
         segments = np.repeat(np.arange(len(long)), pieces)
@@ -177,7 +177,7 @@ def check_message_limits(
     Returns:
         A check whose worst value is the greatest fraction of any limit that the motion uses.
     """
-    steps = _Steps.of(message)
+    steps = _Steps.from_message(message)
     found = _rate_shares(problem, steps) + _effort_shares(problem, steps)
     dense = steps.trajectory(stops)
     states = (dense.positions, dense.velocities, dense.accelerations)

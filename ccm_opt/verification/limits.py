@@ -182,8 +182,8 @@ def check_points(
         return []
     checks: list[Check] = []
     time = trajectory.time
-    frames = LinkFrames.of(arm, trajectory.positions)
-    rates = LinkRates.of(arm, frames, trajectory.velocities, trajectory.accelerations)
+    frames = LinkFrames.from_configurations(arm, trajectory.positions)
+    rates = LinkRates.from_frames(arm, frames, trajectory.velocities, trajectory.accelerations)
     for limit in limits.points:
         motion = _PointMotion(arm, limit, trajectory, frames, rates)
         if np.isfinite(limit.velocity):

@@ -34,7 +34,9 @@ class LinkRates:
     middles: FloatArray
 
     @classmethod
-    def of(cls, arm: Arm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray) -> "LinkRates":
+    def from_frames(
+        cls, arm: Arm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray
+    ) -> "LinkRates":
         """Compute the link rates from link frames and from rates and accelerations of the coordinates, each (T, c)."""
         first, second = bend_pairs(arm, velocities).transpose(2, 0, 1)[..., None]
         first_gain, second_gain = bend_pairs(arm, accelerations).transpose(2, 0, 1)[..., None]
@@ -81,8 +83,8 @@ def _efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the torques and base forces of ``drive_efforts`` for one batch of samples."""
-    frames = LinkFrames.of(arm, positions)
-    rates = LinkRates.of(arm, frames, velocities, accelerations)
+    frames = LinkFrames.from_configurations(arm, positions)
+    rates = LinkRates.from_frames(arm, frames, velocities, accelerations)
     needed = arm.masses[:, None] * (rates.middles - gravity)
     at_tip = arm.payload * (rates.ends[:, -1:] - gravity)
     # The force of all links beyond link i acts at its full length, the force of link i itself at half its length.

@@ -239,7 +239,7 @@ class SampleMeans:
 
     @cached_property
     def _frames(self) -> LinkFrames:
-        return LinkFrames.of(self.problem.arm, self.motion.positions)
+        return LinkFrames.from_configurations(self.problem.arm, self.motion.positions)
 
     @property
     def _hat(self) -> HatMeans:

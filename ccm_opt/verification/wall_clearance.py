@@ -61,12 +61,12 @@ class CheckedSurfaces:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, workspace: Workspace) -> "CheckedSurfaces":
+    def from_workspace(cls, workspace: Workspace) -> "CheckedSurfaces":
         """Build the tree of all obstacles of a workspace, with parts of similar size and position in common boxes."""
         if workspace.dimension == 2:
             return cls._over(*edges_of(workspace))
-        soup = workspace.soup
-        return cls._over(soup.triangles, soup.rounding, soup.owner, soup.names)
+        triangle_soup = workspace.triangle_soup
+        return cls._over(triangle_soup.triangles, triangle_soup.rounding, triangle_soup.owner, triangle_soup.names)
 
     @classmethod
     def _over(
@@ -242,7 +242,7 @@ def nearest_wall(
     exposed[:first] = 1.0
     if np.all(exposed == 1.0) or is_empty(workspace):
         return None
-    surfaces = CheckedSurfaces.of(workspace)
+    surfaces = CheckedSurfaces.from_workspace(workspace)
     least = least_allowed_gap(workspace.clearance, float(np.min(motion.arm.radii)), settings)
     verdict = WallProof(motion, surfaces, exposed).prove(least, settings)
     return verdict, surfaces.name_of(verdict.nearest.other)
@@ -265,7 +265,7 @@ def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
 
 def is_empty(workspace: Workspace) -> bool:
     """Return whether a workspace contains nothing that an arm could touch."""
-    return workspace.dimension == 3 and len(workspace.soup) == 0
+    return workspace.dimension == 3 and len(workspace.triangle_soup) == 0
 
 
 def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:

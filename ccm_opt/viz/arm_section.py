@@ -63,7 +63,7 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
     up = _carried_up(along, arm.up)[link]
     left = np.cross(up, along[link])
     rays = np.stack((up, left, -up, -left), axis=1)
-    tree = SurfaceTree.of(problem.workspace.soup)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     free = free_lengths(tree, np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
     nearest = tree.distances(np.stack((origins, origins), axis=1), reach)
     return ArmSection(place, free.reshape(count, 4), np.maximum(nearest, 0.0), reach)

@@ -73,7 +73,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
-    sheet = Sheet.of(problem, view_box(problem, points), scene)
+    sheet = Sheet.for_problem(problem, view_box(problem, points), scene)
     for axes, side in sheet.views:
         draw_pose(axes, side, points[0], problem.arm.radius, "start")
         draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))

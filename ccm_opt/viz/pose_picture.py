@@ -37,7 +37,7 @@ def pose_figure(found: StaticPose) -> Figure:
     """Return a matplotlib figure of a static pose: arm, backbone curve, goal, and active obstacle sides."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
-    sheet = Sheet.of(problem, view_box(problem, points) if in_space else whole_workspace(problem.workspace))
+    sheet = Sheet.for_problem(problem, view_box(problem, points) if in_space else whole_workspace(problem.workspace))
     line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
     ends = curve.positions_at(curve.boundaries[1:-1])
     reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0

@@ -95,7 +95,7 @@ def _draw_spatial_workspace(problem: Problem, low: FloatArray, high: FloatArray)
     arm, workspace = problem.arm, problem.workspace
     share = _MOST_TRIANGLES // max(len(workspace.obstacles), 1)
     margin = 2.0 * max(arm.radius, 0.5 * arm.link_length)
-    extent = workspace.extent if len(workspace.soup) else np.stack((low, high))
+    extent = workspace.extent if len(workspace.triangle_soup) else np.stack((low, high))
     return {
         "extent": extent.tolist(),
         "look": [(low - margin).tolist(), (high + margin).tolist()],

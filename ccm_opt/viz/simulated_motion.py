@@ -157,7 +157,7 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Tole
     worst[: len(error.worst)] += error.size * np.array(error.worst)
     points, off = problem.arm.joint_positions_at(np.stack((pose, worst)))
     moved = moved_by_joint_errors(problem.arm, points, error.size)
-    sheet = Sheet.of(problem, view_box(problem, points))
+    sheet = Sheet.for_problem(problem, view_box(problem, points))
     for axes, side in sheet.views:
         _draw_error_reach(axes, side(points), problem.arm.radius + moved)
         draw_pose(axes, side, points, problem.arm.radius, "end", "arm")

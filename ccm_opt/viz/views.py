@@ -247,7 +247,7 @@ def view_box(problem: Problem, points: FloatArray) -> FloatArray:
     # Enough is shown of a duct that the arm goes through to see where it leads.
     extent = problem.workspace.extent
     near = 0.15 * problem.arm.length
-    if len(problem.workspace.soup):
+    if len(problem.workspace.triangle_soup):
         low = np.maximum(np.minimum(low, extent[0]), low - near)
         high = np.minimum(np.maximum(high, extent[1]), high + near)
     return np.stack((low, high))
@@ -274,7 +274,7 @@ class Sheet:
     section: Axes | None = None
 
     @classmethod
-    def of(cls, problem: Problem, window: FloatArray, scene: "SceneViews | None" = None) -> "Sheet":
+    def for_problem(cls, problem: Problem, window: FloatArray, scene: "SceneViews | None" = None) -> "Sheet":
         """Return a figure with workspace and obstacles drawn in every view.
 
         Args:

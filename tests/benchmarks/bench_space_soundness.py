@@ -52,7 +52,7 @@ class FoundAlone:
     def plan(self, problem: Problem) -> JointPath:
         """The path along the motion that the search finds."""
         deadline = Deadline.after(problem.planner.time_limit)
-        tree = SurfaceTree.of(problem.workspace.soup)
+        tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
         task = space_task(problem, tree, deadline, SpaceMotionSettings())
         refuse_ends(problem, task)
         return joint_path(task, find_by_ways(task))

@@ -36,8 +36,8 @@ def main() -> None:
         scene = duct(count)
         for leaf in options.leaf:
             settings = replace(DEFAULT_DISTANCES, leaf=leaf)
-            build = seconds(1, SurfaceTree.of, scene, settings)
-            tree = SurfaceTree.of(scene, settings)
+            build = seconds(1, SurfaceTree.from_triangles, scene, settings)
+            tree = SurfaceTree.from_triangles(scene, settings)
             times: list[float] = []
             for segments in arms.values():
                 times += (seconds(50, tree.distances, segments, REACH), seconds(10, tree.planes, segments, REACH))

@@ -48,7 +48,7 @@ def main() -> None:
 
 def measure(job: str, seed: int, problem: Problem) -> None:
     """Plan and verify a problem, and print what that took [s]."""
-    triangles = len(problem.workspace.soup)
+    triangles = len(problem.workspace.triangle_soup)
     stages = Stages()
     begun = user_time()
     try:

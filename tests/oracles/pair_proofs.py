@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.scene.certificate import Pairs, Stretches
+from ccm_opt.scene.certificate import MotionParts, Pairs
 from tests.oracles.plane_segments import closest_on_segments
 
 
@@ -21,13 +21,13 @@ class InterpretedProofs:
     first_apart: IntArray
     least: FloatArray
 
-    def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+    def unproved(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
         """Return the pairs that are not proved, and the intervals with a pair in contact halfway, as ``PairProofs``."""
-        span, i, j = self._near(stretches) if pairs is None else pairs
-        if len(span) == 0:
-            return (span, i, j), span
-        middle = stretches.middle
-        _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
+        part, i, j = self._near(parts) if pairs is None else pairs
+        if len(part) == 0:
+            return (part, i, j), part
+        middle = parts.middle
+        _, _, apart = closest_on_segments(middle[part, i], middle[part, i + 1], middle[part, j], middle[part, j + 1])
         distance = np.hypot(apart[:, 0], apart[:, 1])
         direction = apart / np.maximum(distance, 1e-12)[:, None]
 
@@ -35,8 +35,8 @@ class InterpretedProofs:
         # along the stretch leaves its chord by the sag of the links between.
         corners = np.min(
             [
-                np.einsum("md,md->m", p[span, i + s] - p[span, j + t], direction)
-                for p in (stretches.a, stretches.b)
+                np.einsum("md,md->m", p[part, i + s] - p[part, j + t], direction)
+                for p in (parts.a, parts.b)
                 for s in (0, 1)
                 for t in (0, 1)
             ],
@@ -44,28 +44,28 @@ class InterpretedProofs:
         )
 
         # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
-        before = np.where(i > 0, stretches.sag[span, np.maximum(i - 1, 0)], 0.0)
+        before = np.where(i > 0, parts.chord_deviation[part, np.maximum(i - 1, 0)], 0.0)
         least = self.least[i] + self.least[j]
-        unsafe: BoolArray = corners <= least + stretches.sag[span, j] - before
+        unsafe: BoolArray = corners <= least + parts.chord_deviation[part, j] - before
         touching = unsafe & (distance <= least)
-        return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
+        return (part[unsafe], i[unsafe], j[unsafe]), part[touching]
 
-    def _near(self, stretches: Stretches) -> Pairs:
+    def _near(self, parts: MotionParts) -> Pairs:
         """Return every interval with every pair of links that may come near each other."""
-        middle = 0.25 * (stretches.a[:, :-1] + stretches.a[:, 1:] + stretches.b[:, :-1] + stretches.b[:, 1:])
+        middle = 0.25 * (parts.a[:, :-1] + parts.a[:, 1:] + parts.b[:, :-1] + parts.b[:, 1:])
         x = np.ascontiguousarray(middle[..., 0])
         y = np.ascontiguousarray(middle[..., 1])
 
         # Any point of a link lies within half a link of its middle.
-        reach = float(np.max(stretches.arm.lengths)) + 2.0 * stretches.moved
+        reach = float(np.max(parts.arm.lengths)) + 2.0 * parts.moved
         found = [(np.zeros(0, int),) * 3]
         # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
-        for apart in range(1, stretches.arm.links):
+        for apart in range(1, parts.arm.links):
             dx = x[:, apart:] - x[:, :-apart]
             dy = y[:, apart:] - y[:, :-apart]
             both = self.least[apart:] + self.least[:-apart]
-            counts = np.arange(apart, stretches.arm.links) >= self.first_apart[:-apart]
-            span, i = np.nonzero(counts & (dx * dx + dy * dy < (reach[:, None] + both) ** 2))
-            found.append((span, i, i + apart))
-        span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
-        return span, i, j
+            counts = np.arange(apart, parts.arm.links) >= self.first_apart[:-apart]
+            part, i = np.nonzero(counts & (dx * dx + dy * dy < (reach[:, None] + both) ** 2))
+            found.append((part, i, i + apart))
+        part, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
+        return part, i, j

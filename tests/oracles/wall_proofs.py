@@ -9,7 +9,7 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.scene.certificate import Links, Stretches, WallProofs
+from ccm_opt.scene.certificate import Links, MotionParts, WallProofs
 
 
 @dataclass(frozen=True)
@@ -22,42 +22,42 @@ class InterpretedWallProofs:
 
     question: WallProofs
 
-    def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
+    def unproved(self, parts: MotionParts, links: Links | None) -> tuple[Links, IntArray]:
         """Return the links that are not proved, and the intervals with a link in contact halfway, as ``WallProofs``."""
-        span, link = self._all_links(stretches) if links is None else links
-        need = self.question.least[link] + stretches.sag[span, link]
+        part, link = self._all_links(parts) if links is None else links
+        need = self.question.least[link] + parts.chord_deviation[part, link]
 
         # A disc about the hull first: hulls are costly to build, and few links are near a wall.
-        corners = np.concatenate((self._ends(stretches.a, span, link), self._ends(stretches.b, span, link)), axis=1)
+        corners = np.concatenate((self._ends(parts.a, part, link), self._ends(parts.b, part, link)), axis=1)
         centre = corners.mean(axis=1)
         extent = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
         near = np.unique(self._near(np.asarray(shapely.points(centre)), need + extent)[0])
 
         hulls: Any = shapely.convex_hull(_lines(corners[near]))
         hit = near[np.unique(self._near(hulls, need[near])[0])]
-        return (span[hit], link[hit]), self._touching(stretches, span[hit], link[hit])
+        return (part[hit], link[hit]), self._touching(parts, part[hit], link[hit])
 
-    def _all_links(self, stretches: Stretches) -> Links:
+    def _all_links(self, parts: MotionParts) -> Links:
         """Return every interval with every link beyond the mount."""
-        links = np.arange(self.question.mount[0], stretches.arm.links)
-        span, link = np.meshgrid(np.arange(len(stretches.owner)), links, indexing="ij")
-        return span.ravel(), link.ravel()
+        links = np.arange(self.question.mount[0], parts.arm.links)
+        part, link = np.meshgrid(np.arange(len(parts.owner)), links, indexing="ij")
+        return part.ravel(), link.ravel()
 
-    def _touching(self, stretches: Stretches, span: IntArray, link: IntArray) -> IntArray:
+    def _touching(self, parts: MotionParts, part: IntArray, link: IntArray) -> IntArray:
         """Return the intervals with a link in contact halfway, for which bisection cannot succeed."""
         # The pose halfway is part of the motion, so contact there is contact of the motion.
-        lines = _lines(self._ends(stretches.middle, span, link))
-        return span[np.unique(self._near(lines, self.question.least[link])[0])]
+        lines = _lines(self._ends(parts.middle, part, link))
+        return part[np.unique(self._near(lines, self.question.least[link])[0])]
 
-    def _ends(self, joints: FloatArray, span: IntArray, link: IntArray) -> FloatArray:
+    def _ends(self, joints: FloatArray, part: IntArray, link: IntArray) -> FloatArray:
         """Return the end points of k links without the part inside the mount, shape (k, 2, 2) [m].
 
         Args:
             joints: joints and tips of m poses, shape (m, links + 1, 2) [m].
-            span: index of the pose of each link, shape (k,).
+            part: index of the pose of each link, shape (k,).
             link: index of each link, shape (k,).
         """
-        ends = np.stack((joints[span, link], joints[span, link + 1]), axis=1)
+        ends = np.stack((joints[part, link], joints[part, link + 1]), axis=1)
         mount, share = self.question.mount
         cut = link == mount
         ends[cut, 0] += share * (ends[cut, 1] - ends[cut, 0])

@@ -32,7 +32,7 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.bad_pose import clearance_advice, refuse_bad_pose
-from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs
+from ccm_opt.scene.certificate import Certificate, MotionParts, PairProofs, WallProofs
 from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
@@ -346,7 +346,7 @@ def proved_motions(scale: float) -> None:
         room = Workspace(ROOM, walls()[k % 2 :], 0.002)
         Certificate(arm, room, spare=0.001).failures(arm.bends(turned))
         Certificate.allowing_contact(arm, room).failures(arm.bends(turned), depth=3)
-        spans = Stretches(arm, arm.bends(turned)[:-1], arm.bends(turned)[1:], np.arange(2))
+        spans = MotionParts(arm, arm.bends(turned)[:-1], arm.bends(turned)[1:], np.arange(2))
         least = arm.radius + 0.002 + 0.001 * np.arange(links)
         asked = (room, least, (k % 3, 0.3))
         WallProofs(*asked).unproved(spans, None)

@@ -100,7 +100,7 @@ def pose_at_end(plan: SpacePlan, off: float = 0.0, carried: float = 0.0) -> Join
 
 def tip_at_end(plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> TipGoal:
     """Return the tip pose at the end of a motion as a goal, with offsets of position [m] and direction."""
-    frames = LinkFrames.of(plan.problem.arm, plan.trajectory.positions[-1:])
+    frames = LinkFrames.from_configurations(plan.problem.arm, plan.trajectory.positions[-1:])
     along = frames.along[0, -1] + turned * frames.first_axes[0, -1]
     place = places_of(plan)[-1, -1] + np.array([0.0, 0.0, off])
     return TipGoal(place, along / np.linalg.norm(along), via=via)

@@ -341,7 +341,7 @@ class _InSpace:
         arm = problem.arm
         self.problem = problem
         self._settings = settings
-        self._tree = SurfaceTree.of(problem.workspace.soup)
+        self._tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
         self.joints = SampledJoints(
             arm, arm.lower_limits, arm.upper_limits, settings.longest_turn, settings.beyond_tube
         )

@@ -159,7 +159,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
     bodies: list[Obstacle] = []
     while len(bodies) < count:
         body = _random_body(rng, LENGTH * _in_ball(rng))
-        tree = SurfaceTree.of(TriangleSoup.joined([("", body.triangles, body.rounding)]))
+        tree = SurfaceTree.from_triangles(TriangleSoup.joined([("", body.triangles, body.rounding)]))
         if float(tree.distances(axes, 4.0 * RADIUS).min()) > arm.radius + KEPT_OFF:
             bodies.append(Obstacle(f"body {len(bodies)}", body))
     bounds = 1.3 * LENGTH * np.array([[-1.0] * 3, [1.0] * 3])
@@ -245,7 +245,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> P
 @cache
 def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
     problem = load_problem(file)
-    return problem, SurfaceTree.of(problem.workspace.soup)
+    return problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup)
 
 
 def _limits(limits: Limits, links: int) -> Limits:

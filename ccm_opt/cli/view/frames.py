@@ -86,7 +86,7 @@ class MotionFrames:
         kept = arm.radius + workspace.clearance
         if workspace.dimension == 3:
             reach = kept + arm.link_length
-            away = SurfaceTree.of(workspace.soup).distances(links.reshape(-1, 2, 3), reach)
+            away = SurfaceTree.from_triangles(workspace.triangle_soup).distances(links.reshape(-1, 2, 3), reach)
             return np.asarray(np.minimum(away, reach).reshape(links.shape[:2]) - kept)
         lines = shapely.linestrings(links)
         gaps = [shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls]
@@ -122,13 +122,13 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
     rings = map(shapely.get_coordinates, [ring for part in polygons for ring in (part.exterior, *part.interiors)])
     sides = np.concatenate([np.zeros((0, 2, 2)), *(np.stack((ring[:-1], ring[1:]), axis=1) for ring in rings)])
     here, there = in_space(sides, near), in_space(sides, far)
-    soup = (
+    triangle_soup = (
         in_space(lids, near),
         in_space(lids[:, ::-1], far),
         np.stack((here[:, 0], there[:, 0], here[:, 1]), axis=1),
         np.stack((here[:, 1], there[:, 0], there[:, 1]), axis=1),
     )
-    vertices = np.concatenate(soup).reshape(-1, 3)
+    vertices = np.concatenate(triangle_soup).reshape(-1, 3)
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
 
 

@@ -370,8 +370,10 @@ class PointSpeed(MotionLimit):
         rates = np.diff(samples.place, axis=0) / samples.steps
         before = _length(self._point.velocity(samples.place[:-1], rates))
         after = _length(self._point.velocity(samples.place[1:], rates))
-        sag = 0.125 * samples.steps[:, 0] ** 2 * self._point.most_jerk(samples.place[:-1], rates, samples.steps[:, 0])
-        return np.maximum(before, after) + sag
+        deviation = (
+            0.125 * samples.steps[:, 0] ** 2 * self._point.most_jerk(samples.place[:-1], rates, samples.steps[:, 0])
+        )
+        return np.maximum(before, after) + deviation
 
 
 def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:

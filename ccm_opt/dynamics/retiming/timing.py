@@ -65,19 +65,19 @@ class Chords:
 
     Attributes:
         link_lengths: length of each link, shape (links,) [m].
-        sag: maximum deviation of any point of the arm from the path [m].
+        max_deviation: maximum deviation of any point of the arm from the path [m].
     """
 
     link_lengths: FloatArray
-    sag: float
+    max_deviation: float
 
     @classmethod
     def beside(cls, path: JointPath, link_lengths: FloatArray, settings: SamplingSettings) -> "Chords":
         """Return chords whose allowed deviation is a fraction of the extra gap certified for a path.
 
-        The allowed deviation is at least ``settings.hair``.
+        The allowed deviation is at least ``settings.min_chord_deviation``.
         """
-        return cls(link_lengths, max(_SPARE_SHARE * path.spare, settings.hair))
+        return cls(link_lengths, max(_SPARE_SHARE * path.spare, settings.min_chord_deviation))
 
 
 Profile: TypeAlias = SpeedProfile | SmoothProfile
@@ -181,16 +181,18 @@ def near_the_path(
     shortest = np.min(np.diff(time)) / settings.most_pieces
     for _ in range(_CUTTINGS):
         # The deviation falls with the square of the step, so the number of pieces is the square root of the excess.
-        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_lengths, coordinates) / chords.sag)
+        share = np.sqrt(
+            max_deviation(spline, profile.at(time)[0], chords.link_lengths, coordinates) / chords.max_deviation
+        )
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
             break
         time = _cut(time, np.maximum(pieces, 1))
-    _report(sag(spline, profile.at(time)[0], chords.link_lengths, coordinates), chords, len(time))
+    _report(max_deviation(spline, profile.at(time)[0], chords.link_lengths, coordinates), chords, len(time))
     return time
 
 
-def sag(spline: BSpline, s: FloatArray, link_lengths: FloatArray, coordinates: Coordinates) -> FloatArray:
+def max_deviation(spline: BSpline, s: FloatArray, link_lengths: FloatArray, coordinates: Coordinates) -> FloatArray:
     """Return bounds on the deviation of any point of the arm from the path on chords between points of the path.
 
     Args:
@@ -220,13 +222,13 @@ def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
 
 def _report(left: FloatArray, chords: Chords, count: int) -> None:
     worst = float(np.max(left, initial=0.0))
-    if worst > 1.1 * chords.sag:
+    if worst > 1.1 * chords.max_deviation:
         logger.warning(
             "%d samples: steps are not refined further, though the chord deviation may be %.3g m, more than the %.3g m "
             "asked for",
             count,
             worst,
-            chords.sag,
+            chords.max_deviation,
         )
 
 

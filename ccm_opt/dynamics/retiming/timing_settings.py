@@ -58,8 +58,8 @@ class SamplingSettings:
 
     Attributes:
         step: largest time between two samples [s]. Taste: 250 samples per second, a usual rate for robot drives.
-        hair: deviation of chords between samples from the path that is always allowed [m]. Derived: half of the
-            verifier's tolerance; the default is for an arm of one metre, and callers set the value for their arm.
+        min_chord_deviation: deviation of chords between samples from the path that is always allowed [m]. Derived: half
+            of the verifier's tolerance; the default is for an arm of one metre, callers set it for theirs.
         most_pieces: maximum number of pieces into which a step is divided so that chords stay near the path. Taste:
             bounds the number of samples.
         unseen_share: fraction of a joint's change of velocity that its sampled accelerations may leave unexplained;
@@ -67,7 +67,7 @@ class SamplingSettings:
     """
 
     step: float = 4e-3
-    hair: float = 5e-7
+    min_chord_deviation: float = 5e-7
     most_pieces: int = 32
     unseen_share: float = 0.025
 

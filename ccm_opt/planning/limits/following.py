@@ -64,7 +64,7 @@ def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None
     # Each leg of the path is a triangle without area.
     legs = np.stack((path[:-1], path[1:], path[1:]), axis=1)
     owner = np.arange(len(legs), dtype=np.intp)
-    tree = SurfaceTree.of(TriangleSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
+    tree = SurfaceTree.from_triangles(TriangleSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
     near = tree.nearest(np.stack((points, points), axis=1), 2.0 * arm.length)
     return LeaderDistances(near.gap, np.nonzero(outside)[0], near.owner, path)
 

@@ -51,7 +51,7 @@ def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: flo
 
 
 @lru_cache(maxsize=64)
-def opening_width(body: MeshBody) -> float:
+def widest_opening(body: MeshBody) -> float:
     """Return an upper bound on the diameter of a ball that fits through the widest opening of a mesh [m]; 0 if closed.
 
     The bound is the second largest extent of the edges around the opening along their principal axes.
@@ -79,7 +79,7 @@ def opening_width(body: MeshBody) -> float:
     return widest
 
 
-def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
+def enclosure_advice(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
     """Return lines of advice for an object that lies inside a body.
 
     Args:
@@ -91,11 +91,11 @@ def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
     out = f"move {what} out of it"
     if body is None or body.kind != "mesh":
         return (out,)
-    opened = "" if body.closed else f", which {open_words(body)}"
+    opened = "" if body.closed else f", which {open_edge_words(body)}"
     return out, f"set solid = false for '{name}'{opened}, if its surface alone is meant"
 
 
-def open_words(body: MeshBody) -> str:
+def open_edge_words(body: MeshBody) -> str:
     """Return text on the number of open edges of a mesh and the position of one of them."""
     edges = body.shells.open_edges
     count = "1 open edge" if len(edges) == 1 else f"{len(edges)} open edges, one"
@@ -117,7 +117,7 @@ def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math
         numbers = np.flatnonzero(np.all(within, axis=1))
         # Openings matter only to an arm that may enter, and take long to measure.
         may_enter = len(numbers) > 0 and entering < math.inf and body.kind == "mesh"
-        closed_only = may_enter and opening_width(body) > 2.0 * entering
+        closed_only = may_enter and widest_opening(body) > 2.0 * entering
         for number in numbers:
             # The depth takes longer to find than whether a point is inside.
             if encloses(body, places[number], closed_only=closed_only):

@@ -223,7 +223,7 @@ def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
     edges = edges[np.all((edges.min(axis=1) <= high) & (edges.max(axis=1) >= low), axis=1)]
     if not len(edges):
         return True
-    tree = SurfaceTree.of(TriangleSoup.joined([("", others, 0.0)]))
+    tree = SurfaceTree.from_triangles(TriangleSoup.joined([("", others, 0.0)]))
     touching = 1e-9 * float(np.max(high - low))
     return bool(tree.distances(edges, 2.0 * touching).min() > touching)
 

@@ -79,7 +79,7 @@ class SurfaceBoxes:
     order: IntArray
 
     @classmethod
-    def of(cls, triangles: FloatArray, rounding: FloatArray, leaf: int) -> "SurfaceBoxes":
+    def from_triangles(cls, triangles: FloatArray, rounding: FloatArray, leaf: int) -> "SurfaceBoxes":
         """Build a tree of boxes over triangles, splitting every box where later searches cost least.
 
         Args:
@@ -224,25 +224,27 @@ class SurfaceTree:
     settings: DistanceSettings = DEFAULT_DISTANCES
 
     @classmethod
-    def of(cls, soup: TriangleSoup, settings: DistanceSettings = DEFAULT_DISTANCES) -> "SurfaceTree":
+    def from_triangles(
+        cls, triangle_soup: TriangleSoup, settings: DistanceSettings = DEFAULT_DISTANCES
+    ) -> "SurfaceTree":
         """Build the tree over the surfaces of a scene.
 
         Raises:
             ProblemError: a coordinate is not a number, or too large.
             MemoryError: there is too little memory, or there are too many triangles.
         """
-        if len(soup) == 0:
+        if len(triangle_soup) == 0:
             return cls(np.zeros(0, dtype=np.intp), None, settings)
         # Python's own max would skip NaN.
-        farthest = float(np.maximum(np.abs(soup.triangles).max(), np.abs(soup.rounding).max()))
+        farthest = float(np.maximum(np.abs(triangle_soup.triangles).max(), np.abs(triangle_soup.rounding).max()))
         if not farthest <= LARGEST:
             raise ProblemError(
                 f"the scene reaches to {farthest:g} m, at most {LARGEST:g} m are taken: is its unit meant?"
             )
-        if len(soup) >= _MOST_TRIANGLES:
-            raise MemoryError(f"a scene of {len(soup)} triangles: at most {_MOST_TRIANGLES} are taken")
-        boxes = SurfaceBoxes.of(soup.triangles, soup.rounding, settings.leaf)
-        return cls(soup.owner[boxes.order], SurfaceSearch(boxes), settings)
+        if len(triangle_soup) >= _MOST_TRIANGLES:
+            raise MemoryError(f"a scene of {len(triangle_soup)} triangles: at most {_MOST_TRIANGLES} are taken")
+        boxes = SurfaceBoxes.from_triangles(triangle_soup.triangles, triangle_soup.rounding, settings.leaf)
+        return cls(triangle_soup.owner[boxes.order], SurfaceSearch(boxes), settings)
 
     def distances(self, segments: FloatArray, reach: float, slack: float = 0.0) -> FloatArray:
         """Return the least distance of each of k segments from the surfaces.

@@ -109,7 +109,7 @@ class _SurfacesWithErrors(WallProof):
     """
 
     def __init__(self, motion: ChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
-        super().__init__(motion, CheckedSurfaces.of(workspace), exposed_starts(motion.arm))
+        super().__init__(motion, CheckedSurfaces.from_workspace(workspace), exposed_starts(motion.arm))
         self.of_links = False
         self.clearance = workspace.clearance
         self.levers = levers
