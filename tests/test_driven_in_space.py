@@ -18,7 +18,7 @@ from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
-from ccm_opt.robot.points import point_of
+from ccm_opt.robot.points import point_at_arc_length
 
 from .retiming_paths import make_path
 from .space_arms import FEED_OF_TESTS, random_rotation, space_arm, turned_arm
@@ -60,7 +60,7 @@ def test_points_move_as_their_differences_say(seed: int) -> None:
     """Velocity and acceleration of a point are the central differences of where it is, and its jerk keeps its bound."""
     random = np.random.default_rng(seed)
     arm = turned_arm(random, 8, feed=FEED_OF_TESTS)
-    point = point_of(arm, float(random.uniform(0.0, arm.length)))
+    point = point_at_arc_length(arm, float(random.uniform(0.0, arm.length)))
     place, rate, growth = random.normal(0.0, 0.4, (3, len(arm.coordinates)))
 
     def at(time: float) -> FloatArray:
@@ -126,7 +126,7 @@ def test_timing_keeps_every_limit(seed: int) -> None:
         path, limits, dynamics, revolutes=partial(revolute_angles, arm), coordinates=arm.coordinates, arm=arm
     )
     joints = joint_states(arm, trajectory, dynamics)
-    point = point_of(arm, None)
+    point = point_at_arc_length(arm, None)
     speed = np.linalg.norm(point.velocity(trajectory.positions, trajectory.velocities), axis=1)
     growth = point.acceleration(trajectory.positions, trajectory.velocities, trajectory.accelerations)
     means = np.linalg.norm(np.diff(point.position(trajectory.positions), axis=0), axis=1) / np.diff(trajectory.time)

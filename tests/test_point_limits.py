@@ -24,7 +24,7 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.robot.points import point_of
+from ccm_opt.robot.points import point_at_arc_length
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.limits import check_points
 from ccm_opt.verification.verifier import verify
@@ -67,7 +67,7 @@ def differences(arm: Arm, trajectory: JointTrajectory, at: float | None) -> tupl
 
 def reported(arm: Arm, trajectory: JointTrajectory, at: float | None) -> tuple[FloatArray, FloatArray]:
     """Speeds and accelerations of a point at the samples, each of shape (T,)."""
-    point = point_of(arm, at)
+    point = point_at_arc_length(arm, at)
     speeds = point.velocity(trajectory.positions, trajectory.velocities)
     gains = point.acceleration(trajectory.positions, trajectory.velocities, trajectory.accelerations)
     return np.linalg.norm(speeds, axis=1), np.linalg.norm(gains, axis=1)
@@ -85,7 +85,7 @@ def test_a_point_moves_as_its_derivatives_say(seed: int, links: int, share: floa
     arm = replace(slim_arm(links, LINK), feed=Feed(0.0, 1.0, 0.0))
     rng = np.random.default_rng(seed)
     coefficients = rng.normal(0.0, 1.0, (3, links + 1))
-    point = point_of(arm, share * arm.length)
+    point = point_at_arc_length(arm, share * arm.length)
 
     def q(moment: float) -> FloatArray:
         return (coefficients[0] + coefficients[1] * moment + 0.5 * coefficients[2] * moment**2)[None]

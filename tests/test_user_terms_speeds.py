@@ -12,7 +12,7 @@ from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.functions import MotionStates
 from ccm_opt.ik.terms import Constraint, Cost, Interval
 from ccm_opt.problem import PointLimit, Problem
-from ccm_opt.robot.points import point_of
+from ccm_opt.robot.points import point_at_arc_length
 
 
 def slow_tip(most: float, **options: object) -> Constraint:
@@ -26,8 +26,8 @@ def test_velocities_are_those_of_the_arm(small_problem: Problem) -> None:
     rng = np.random.default_rng(3)
     q, qd = rng.normal(size=(2, 5, arm.links))
     for s, point in (
-        (arm.length, point_of(arm, None)),
-        (0.23, point_of(arm, 0.23)),
+        (arm.length, point_at_arc_length(arm, None)),
+        (0.23, point_at_arc_length(arm, 0.23)),
     ):
         term = Constraint("velocity", lambda q, s=s: q.point_velocity(s), lower=0.0, upper=0.0)
         (timed,) = compile_terms(arm, [term], []).timed

@@ -38,9 +38,9 @@ def ipopt_answer(
     """
     with ipopt_call():
         try:
-            made = solver()
-            answer = made(x0=start, **arguments)
-            statistics = made.stats()
+            solve = solver()
+            answer = solve(x0=start, **arguments)
+            statistics = solve.stats()
         except RuntimeError as error:
             unknown = np.full(np.size(arguments["lbg"]), np.nan)
             words = str(error).strip().splitlines() or [type(error).__name__]

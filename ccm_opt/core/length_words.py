@@ -85,7 +85,7 @@ _MANY = 10.0
 
 
 @dataclass(frozen=True)
-class _Speech:
+class LengthFormat:
     """Rule by which numbers become lengths in messages.
 
     Attributes:
@@ -97,14 +97,14 @@ class _Speech:
     unit: LengthUnit = "m"
 
 
-_IN_METRES = _Speech()
-_SPEECH: ContextVar[_Speech] = ContextVar("how lengths are said", default=_IN_METRES)
+_IN_METRES = LengthFormat()
+_FORMAT: ContextVar[LengthFormat] = ContextVar("length format", default=_IN_METRES)
 
 
 @contextmanager
 def words_in(unit: LengthUnit) -> Iterator[None]:
     """Show lengths in messages in a given unit until the end of a block; the default unit is metres."""
-    with _said(replace(_SPEECH.get(), unit=unit)):
+    with _set_format(replace(_FORMAT.get(), unit=unit)):
         yield
 
 
@@ -115,28 +115,28 @@ def words_for_unit(metres: float) -> Iterator[None]:
     Args:
         metres: length of the new unit in the unit in force outside the block, which is the metre by default.
     """
-    speech = _SPEECH.get()
-    with _said(replace(speech, metres=metres * speech.metres)):
+    current = _FORMAT.get()
+    with _set_format(replace(current, metres=metres * current.metres)):
         yield
 
 
 @contextmanager
-def _said(speech: _Speech) -> Iterator[None]:
-    token = _SPEECH.set(speech)
+def _set_format(current: LengthFormat) -> Iterator[None]:
+    token = _FORMAT.set(current)
     try:
         yield
     finally:
-        _SPEECH.reset(token)
+        _FORMAT.reset(token)
 
 
-def said_unit() -> LengthUnit:
+def message_unit() -> LengthUnit:
     """Return the unit in which messages currently show lengths."""
-    return _SPEECH.get().unit
+    return _FORMAT.get().unit
 
 
 def in_metres(length: float) -> float:
     """Convert a length from the unit currently in force to metres."""
-    return length * _SPEECH.get().metres
+    return length * _FORMAT.get().metres
 
 
 def long_length(length: float) -> str:
@@ -147,7 +147,7 @@ def long_length(length: float) -> str:
     Args:
         length: the length, in the unit currently in force.
     """
-    return _LONG[_SPEECH.get().unit].words(in_metres(length))
+    return _LONG[_FORMAT.get().unit].words(in_metres(length))
 
 
 def short_length(length: float) -> str:
@@ -160,7 +160,7 @@ def short_length(length: float) -> str:
     """
     metres = in_metres(length) + 0.0  # turns -0.0 into 0.0
     rules = _LONG if abs(metres) >= _MANY else _SHORT
-    return rules[_SPEECH.get().unit].words(metres)
+    return rules[_FORMAT.get().unit].words(metres)
 
 
 def file_length(length: float, figures: int = 4) -> str:
@@ -170,7 +170,7 @@ def file_length(length: float, figures: int = 4) -> str:
         length: the length, in the unit currently in force.
         figures: number of significant digits.
     """
-    unit = _SPEECH.get().unit
+    unit = _FORMAT.get().unit
     value = in_metres(length) / METRES[unit]
     # Numbers with more digits before the point are written in full instead of with a power of ten.
     number = f"{value:.0f}" if abs(value) >= 10.0**figures else f"{value:.{figures}g}"
@@ -179,7 +179,7 @@ def file_length(length: float, figures: int = 4) -> str:
 
 def place(point: FloatArray | tuple[float, ...]) -> str:
     """Return text for the coordinates of a point, (x, y) or (x, y, z), given in the unit in force, with their unit."""
-    rule = _LONG[_SPEECH.get().unit]
+    rule = _LONG[_FORMAT.get().unit]
     coordinates = [in_metres(float(coordinate)) for coordinate in point]
     size = max(map(abs, coordinates))
     return f"({', '.join(rule.number(coordinate, size) for coordinate in coordinates)}) {rule.unit}"
@@ -187,5 +187,5 @@ def place(point: FloatArray | tuple[float, ...]) -> str:
 
 def curvature(value: float) -> str:
     """Return text for a curvature, given in the unit in force, with its unit, to three significant digits."""
-    speech = _SPEECH.get()
-    return f"{value / speech.metres * METRES[speech.unit]:.3g} 1/{speech.unit}"
+    current = _FORMAT.get()
+    return f"{value / current.metres * METRES[current.unit]:.3g} 1/{current.unit}"

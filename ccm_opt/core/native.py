@@ -73,8 +73,8 @@ def native_library() -> ctypes.PyDLL:
     try:
         return ctypes.PyDLL(str(LIBRARY))
     except OSError as error:
-        told = f"{LIBRARY} is missing" if not LIBRARY.exists() else f"{LIBRARY} cannot be loaded ({error})"
-        raise NativeLibraryError(f"the compiled library {told}: {_HOW_TO_BUILD}") from error
+        problem = f"{LIBRARY} is missing" if not LIBRARY.exists() else f"{LIBRARY} cannot be loaded ({error})"
+        raise NativeLibraryError(f"the compiled library {problem}: {_HOW_TO_BUILD}") from error
 
 
 def native_constant(name: str) -> int:
@@ -83,11 +83,11 @@ def native_constant(name: str) -> int:
 
 
 @cache
-def _told() -> Mapping[str, Any]:
+def _native_interface() -> Mapping[str, Any]:
     """Return the fields of the struct of every C function, as the build stored them in the library."""
     text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(native_library(), "native_layouts")))
-    told: Mapping[str, Any] = json.loads(text)
-    return told
+    interface: Mapping[str, Any] = json.loads(text)
+    return interface
 
 
 @cache
@@ -100,9 +100,9 @@ def _function(name: str) -> Any:
 
 @cache
 def _struct_layout(function: str) -> _Layout:
-    if function not in _told():
+    if function not in _native_interface():
         raise NativeLibraryError(f"the compiled library {LIBRARY} is older than its sources: {_HOW_TO_BUILD}")
-    return _layout(_told()[function])
+    return _layout(_native_interface()[function])
 
 
 def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 from ccm_opt.core.errors import Diagnosis
-from ccm_opt.core.length_words import LengthUnit, in_metres, said_unit, short_length, words_in
+from ccm_opt.core.length_words import LengthUnit, in_metres, message_unit, short_length, words_in
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Stages:
         """Report the running stage to the listener; ``news`` sets further fields of ``Progress``."""
         if self.progress is not None and self._running:
             elapsed = time.process_time() - self._beginning
-            self.progress(replace(Progress(self._running[-1], elapsed, self.limit, unit=said_unit()), **news))
+            self.progress(replace(Progress(self._running[-1], elapsed, self.limit, unit=message_unit()), **news))
 
     def report_change(self, words: str, spent: float, most: float) -> None:
         """Report the change that is being tried on a problem without a plan.

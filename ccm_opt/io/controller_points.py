@@ -23,7 +23,7 @@ from ccm_opt.io.robot_models import FEED
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import MovingPoint, point_of
+from ccm_opt.robot.points import MovingPoint, point_at_arc_length
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -280,7 +280,10 @@ class _Choice:
     @cached_property
     def _limited_points(self) -> list[tuple[MovingPoint, float, float]]:
         arm = self.problem.arm
-        return [(point_of(arm, limit.at), limit.velocity, limit.acceleration) for limit in self.problem.limits.points]
+        return [
+            (point_at_arc_length(arm, limit.at), limit.velocity, limit.acceleration)
+            for limit in self.problem.limits.points
+        ]
 
     def used(self, first: int, last: int) -> float:
         """Return the maximum fraction of any limit, or of the tolerance, that the polynomial between two samples uses.

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import METRES, LengthUnit, file_length, said_unit
+from ccm_opt.core.length_words import METRES, LengthUnit, file_length, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
 from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
 from ccm_opt.io.schema_tables import ArmTable, ChainTable, LimitsTable, Table
@@ -325,7 +325,7 @@ def check_base(
         issues: receives the defects.
         drawing: report on the drawing whose shapes are the last obstacles of the workspace; None without a drawing.
     """
-    unit = said_unit()
+    unit = message_unit()
     if workspace.dimension == 3:
         size = max(float(np.ptp(workspace.extent, axis=0).max()), arm_length)
         depths = [depth_inside(obstacle.body, base) for obstacle in workspace.obstacles]

@@ -342,8 +342,8 @@ class Problem:
     @property
     def contact_tolerance(self) -> float:
         """Maximum shortfall of the required clearance that the verifier accepts, meant for rounding [m]."""
-        asked = self.verification.contact_tolerance
-        return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
+        requested = self.verification.contact_tolerance
+        return CONTACT_SHARE_OF_LENGTH * self.arm.length if requested is None else requested
 
     @property
     def wanted_gap(self) -> float:
@@ -368,10 +368,10 @@ class Problem:
     def __repr__(self) -> str:
         arm = self.arm
         goals = f", {len(self.stops) + 1} goals" if self.stops else ""
-        room = f"{len(self.workspace.obstacles)} obstacles"
+        obstacle_words = f"{len(self.workspace.obstacles)} obstacles"
         with words_in(self.length_unit):
             length = long_length(arm.length)
-        return f"<{type(self).__name__} '{self.name}': {arm.links} links, {length} long, {room}{goals}>"
+        return f"<{type(self).__name__} '{self.name}': {arm.links} links, {length} long, {obstacle_words}{goals}>"
 
     @property
     def goals(self) -> Sequence[Stop]:

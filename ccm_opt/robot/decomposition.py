@@ -38,21 +38,21 @@ def delete_segment(configuration: Configuration) -> Configuration:
     return Configuration(configuration.base, configuration.segments[:-1])
 
 
-def divide_segment(configuration: Configuration, index: int, at: float) -> Configuration:
+def divide_segment(configuration: Configuration, index: int, fraction: float) -> Configuration:
     """Return a planar curve of unchanged shape with one segment divided in two.
 
     Args:
         configuration: the curve.
         index: index of the segment to divide.
-        at: arc length of the division from the segment's start, as a fraction of the segment's length in (0, 1).
+        fraction: arc length of the division from the segment's start, as a fraction of the segment's length in (0, 1).
 
     Raises:
-        ProblemError: ``at`` does not lie inside the segment.
+        ProblemError: ``fraction`` does not lie inside the segment.
     """
-    if not SHORTEST <= at <= 1.0 - SHORTEST:
-        raise ProblemError(f"a segment is divided between its ends, at a share in (0, 1) of its length; got {at}")
+    if not SHORTEST <= fraction <= 1.0 - SHORTEST:
+        raise ProblemError(f"a segment is divided between its ends, at a share in (0, 1) of its length; got {fraction}")
     stretch = _Stretch.from_segments((configuration.segments[index],))
-    cut = at * stretch.length
+    cut = fraction * stretch.length
     parts = stretch.part(0.0, cut).segment(), stretch.part(cut, stretch.length).segment()
     return _replaced(configuration, index, index + 1, parts)
 
@@ -270,13 +270,13 @@ class _Stretch:
         Parts of more than four cubic pieces get further boundaries, as a segment holds four pieces.
         """
         bounds = _merged(np.concatenate(([0.0], inner, [self.length])), self.length)
-        made: list[CurvatureSegment] = []
+        pieces: list[CurvatureSegment] = []
         for first, last in pairwise(bounds):
             part = self.part(float(first), float(last))
             # A segment holds four pieces: a part with more is cut after every fourth.
             cuts = np.append(part.breaks[:-1:PIECES], part.length)
-            made.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
-        return tuple(made)
+            pieces.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
+        return tuple(pieces)
 
     def fitted(self, tolerance: float) -> CurvatureSegment:
         """Return one segment equal to the stretch if there is one, else its least-squares fit.

@@ -152,7 +152,7 @@ def _turning(axes: _Axes, rates: FloatArray) -> FloatArray:
     return rates[..., :1] * axes.first + rates[..., 1:] * axes.second
 
 
-def point_of(arm: Arm, at: float | None) -> MovingPoint:
+def point_at_arc_length(arm: Arm, at: float | None) -> MovingPoint:
     """Return the point of an arm at an arc length from its base [m], or the tip for None.
 
     Raises:

@@ -85,22 +85,22 @@ def braked(
 
     step = min(_STEP, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
     path = TimedPath(spline, limits, inverse_dynamics, partial(revolute_angles, arm), arm.coordinates, arm, share)
-    held = limits_along(path)
+    limit_rows = limits_along(path)
     begun = trajectory.part(slice(kept))
 
     # Limits are imposed at a few points of each step. If samples between them violate one, a smaller fraction is used;
     # the last fraction is not checked, since the verifier checks the motion anyway.
     for caution in _LIMIT_SHARES:
-        tail = _fall(path, held, caution, float(trajectory.time[kept]), whole, step)
+        tail = _braking_motion(path, limit_rows, caution, float(trajectory.time[kept]), whole, step)
         stopped = chained(begun, replace(tail, time=trajectory.time[kept] - begun.time[-1] + tail.time))
         motion = (stopped.time, stopped.positions, stopped.velocities, stopped.accelerations)
         samples = MotionSamples(stopped.time / whole, *motion)
-        if all(np.all(limit.stretches(samples)[kept:] <= 1.0) for limit in held):
+        if all(np.all(limit.stretches(samples)[kept:] <= 1.0) for limit in limit_rows):
             break
     return trajectory if stopped.duration >= whole else stopped  # it rests at its end sooner
 
 
-def _fall(
+def _braking_motion(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
 ) -> JointTrajectory:
     """Return the braking motion from a given time of the planned motion to rest, with time counted from 0.
@@ -120,7 +120,7 @@ def _fall(
     # A motion that cannot be braked before its end rests there.
     while speed > 0.0 and s < 1.0:
         if since > _LONGEST_TIME:
-            raise _cannot(s * whole)
+            raise _braking_error(s * whole)
         change = max(_least_change(path, limits, caution, s, speed, step), -1.0 / (_LEAST_TIME * whole))
         x, first, second = (path.spline(s, order) for order in range(3))
         samples.append((since, x, first * speed, second * speed**2 + first * change))
@@ -173,6 +173,6 @@ def _least_change(
     return max(change, least(max(speed + change * step, 0.0)))
 
 
-def _cannot(moment: float) -> RetimingError:
+def _braking_error(moment: float) -> RetimingError:
     reason = f"the arm cannot be braked at {moment:.4g} s of its motion: a drive needs all it has to follow the path"
     return RetimingError(Diagnosis(reason, "retargeting", ("larger limits.torque", "another time")))

@@ -29,12 +29,18 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import Diagnosis, ProblemError, RetimingError
-from ccm_opt.dynamics.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences, slowings
+from ccm_opt.dynamics.retiming.motion_samples import (
+    MotionSamples,
+    mean_rates,
+    of_samples,
+    second_differences,
+    slowdown_factors,
+)
 from ccm_opt.dynamics.retiming.timed_path import TimedPath
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.coordinates import Coordinates, planned_share
-from ccm_opt.robot.points import MovingPoint, point_of
+from ccm_opt.robot.points import MovingPoint, point_at_arc_length
 
 
 @dataclass(frozen=True)
@@ -265,7 +271,7 @@ class DriveEffort(MotionLimit):
         moving = self._shares(samples.place, samples.velocity, samples.acceleration) - static - damping
         usable = planned_share(static, self._path.share)
         rubbing = damping / usable if np.any(self._friction) else None
-        return np.asarray(np.max(slowings(moving / usable, static / usable, 1.0, rubbing), axis=1))
+        return np.asarray(np.max(slowdown_factors(moving / usable, static / usable, 1.0, rubbing), axis=1))
 
     def _shares(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
         """Return efforts as fractions of their limits, shape (N, 3 * links), plus a column per limited feed force.
@@ -410,6 +416,6 @@ def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.pro
     for limit in path.limits.points:
         if path.arm is None:
             raise ProblemError("limits on points of the arm need the arm: hand it to the timing")
-        point = point_of(path.arm, limit.at)
+        point = point_at_arc_length(path.arm, limit.at)
         limits.append(PointSpeed(point, limit.velocity, limit.acceleration, settings.directions))
     return tuple(limits)

@@ -97,15 +97,17 @@ def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
     return share
 
 
-def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
+def slowdown_factor(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
     """Return the least factor on the duration of a motion that brings all limit rows within their allowed values.
 
-    Arguments as for ``slowings``.
+    Arguments as for ``slowdown_factors``.
     """
-    return float(np.max(slowings(moving, static, allowed, damping), initial=0.0))
+    return float(np.max(slowdown_factors(moving, static, allowed, damping), initial=0.0))
 
 
-def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> FloatArray:
+def slowdown_factors(
+    moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None
+) -> FloatArray:
     """Return the least factor on the duration that brings each limit row within its allowed value; may be below 1.
 
     Slowing down by a factor λ turns a row into m / λ² + d / λ + c. Without d, the least λ² is m / (L − c), where L is
@@ -119,26 +121,28 @@ def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: Fl
     """
     share = share_allowed(static, allowed)
     if damping is not None:
-        return _damped_slowings(moving, damping, static, share)
+        return _damped_slowdown_factors(moving, damping, static, share)
     # The static part helps where it opposes the moving one, and hinders elsewhere; a small positive denominator keeps
     # the quotient finite.
-    room = np.maximum(share - np.sign(moving) * static, ROUNDING)
-    return np.asarray(np.sqrt(np.abs(moving) / room))
+    available = np.maximum(share - np.sign(moving) * static, ROUNDING)
+    return np.asarray(np.sqrt(np.abs(moving) / available))
 
 
-def _damped_slowings(moving: FloatArray, damping: FloatArray, static: FloatArray, share: FloatArray) -> FloatArray:
-    """Return the factors of ``slowings`` with friction; if all rows are satisfied, zeros.
+def _damped_slowdown_factors(
+    moving: FloatArray, damping: FloatArray, static: FloatArray, share: FloatArray
+) -> FloatArray:
+    """Return the factors of ``slowdown_factors`` with friction; if all rows are satisfied, zeros.
 
-    The arguments are those of ``slowings``, with the allowed value of each row as ``share``.
+    The arguments are those of ``slowdown_factors``, with the allowed value of each row as ``share``.
     """
     if np.all(np.abs(moving + damping + static) <= share):
         return np.zeros_like(moving)
     factors = np.ones_like(moving)
     # Upper and lower bound of a row; the lower one is the upper one of the negated row.
     for sign in (1.0, -1.0):
-        room = np.maximum(share - sign * static, ROUNDING)
-        root = damping * damping + 4.0 * sign * moving * room
+        available = np.maximum(share - sign * static, ROUNDING)
+        root = damping * damping + 4.0 * sign * moving * available
         longer = sign * damping + np.sqrt(np.maximum(root, 0.0))
         # Without a real root the row keeps this bound at every λ.
-        factors = np.maximum(factors, np.where(root >= 0.0, longer, 0.0) / (2.0 * room))
+        factors = np.maximum(factors, np.where(root >= 0.0, longer, 0.0) / (2.0 * available))
     return factors

@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
 from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, SpeedRows
-from ccm_opt.dynamics.retiming.motion_samples import share_allowed, slowing, slowings
+from ccm_opt.dynamics.retiming.motion_samples import share_allowed, slowdown_factor, slowdown_factors
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, GridSettings
 
 
@@ -209,8 +209,10 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
     total = moving + static if damping is None else moving + static + damping
 
     excess = np.max(np.abs(total) - share_allowed(static, allowed), axis=(1, 2))
-    stretch = max(1.0, float(np.max(dense.slowness[at] * speed)) / allowed, slowing(moving, static, allowed, damping))
-    return DenseCheck(excess, stretch, np.max(slowings(moving, static, allowed), axis=(1, 2)))
+    stretch = max(
+        1.0, float(np.max(dense.slowness[at] * speed)) / allowed, slowdown_factor(moving, static, allowed, damping)
+    )
+    return DenseCheck(excess, stretch, np.max(slowdown_factors(moving, static, allowed), axis=(1, 2)))
 
 
 def _peaks(values: FloatArray) -> FloatArray:

@@ -393,9 +393,9 @@ class _Bounds:
 
     def capped_by(self, check: DenseCheck, profile: SpeedProfile) -> "_Bounds":
         """Return the bounds with ṡ reduced at both ends of intervals in which limits are exceeded."""
-        slowing = _to_ends(np.maximum(check.stretches, 1.0), 1.0)
-        slower = np.minimum(self.cap, profile.squared / slowing**2)
-        return replace(self, cap=np.where(slowing > 1.0, slower, self.cap))
+        factors = _to_ends(np.maximum(check.stretches, 1.0), 1.0)
+        slower = np.minimum(self.cap, profile.squared / factors**2)
+        return replace(self, cap=np.where(factors > 1.0, slower, self.cap))
 
 
 def _to_ends(of_intervals: FloatArray, outside: float) -> FloatArray:
@@ -483,22 +483,22 @@ def jerk_limited(
         settings: lengths of smoothing windows to try, and number of times at which limits are evaluated.
     """
 
-    def tried(window: float) -> SmoothProfile:
+    def jerk_limited_by(window: float) -> SmoothProfile:
         motion = smoothed(profile, window)
-        return motion.slowed(max(1.0, _needed(spline, motion, axes, settings.looks)))
+        return motion.slowed(max(1.0, _needed(spline, motion, axes, settings.evaluations)))
 
     # The best window is not known: halving finds its order of magnitude, a few beside the best refine it.
     windows = profile.duration * 0.5 ** np.arange(1.0, settings.halvings + 1.0)
-    motions = [tried(window) for window in windows]
+    motions = [jerk_limited_by(window) for window in windows]
     best = windows[int(np.argmin([motion.duration for motion in motions]))]
-    motions += [tried(best * share) for share in settings.beside]
+    motions += [jerk_limited_by(best * share) for share in settings.neighbour_factors]
     return min(motions, key=lambda motion: motion.duration)
 
 
-def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: int) -> float:
+def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, evaluations: int) -> float:
     """Return the factor on the duration that brings velocity, acceleration and jerk within their limits."""
     # Jerk may peak at the corners of s⃛ and, where the path is curved, anywhere between them.
-    time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, looks))
+    time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, evaluations))
     s, v, growth = (values[:, None] for values in motion.at(time))
     jerk = motion.jerk(time)[:, None]
     places = s[:, 0]

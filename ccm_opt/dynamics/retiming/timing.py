@@ -72,7 +72,7 @@ class Chords:
     max_deviation: float
 
     @classmethod
-    def beside(cls, path: JointPath, link_lengths: FloatArray, settings: SamplingSettings) -> "Chords":
+    def with_tolerance(cls, path: JointPath, link_lengths: FloatArray, settings: SamplingSettings) -> "Chords":
         """Return chords whose allowed deviation is a fraction of the extra gap certified for a path.
 
         The allowed deviation is at least ``settings.min_chord_deviation``.
@@ -282,9 +282,9 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
     if count == 0:
         return trajectory
     time = np.linspace(0.0, pause, count + 1)[1:]
-    held = np.repeat(trajectory.positions[-1:], count, axis=0)
-    rest = np.zeros_like(held)
-    return chained(trajectory, JointTrajectory(time, held, rest, rest, trajectory.coordinates))
+    at_rest = np.repeat(trajectory.positions[-1:], count, axis=0)
+    rest = np.zeros_like(at_rest)
+    return chained(trajectory, JointTrajectory(time, at_rest, rest, rest, trajectory.coordinates))
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
@@ -402,7 +402,7 @@ def retime(
 
     fastest = timing.fastest()
     profile = timing.smooth(fastest) if timed.smooth else fastest
-    chords = None if link_lengths is None else Chords.beside(path, link_lengths, settings.sampling)
+    chords = None if link_lengths is None else Chords.with_tolerance(path, link_lengths, settings.sampling)
     return timing.sampled(profile, largest, chords).trajectory(columns, fastest.timed_by)
 
 
@@ -447,9 +447,9 @@ class _Timing:
         spline = self.path.spline
         coordinates = self.path.coordinates
         profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
-        looks = sample_motion(spline, profile, _PERIOD, None, coordinates, self.settings.sampling)
+        sampled = sample_motion(spline, profile, _PERIOD, None, coordinates, self.settings.sampling)
         # The final samples will lie between the samples checked here, as between grid points.
-        return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
+        return profile.slowed(max(needed_stretch(sampled, self.limits) / self.settings.profile.dense_share, 1.0))
 
     def sampled(self, profile: Profile, step: float, chords: Chords | None) -> MotionSamples:
         """Return samples of the motion that keep all limits, slowed down slightly if necessary."""

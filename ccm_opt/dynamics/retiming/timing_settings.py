@@ -42,14 +42,15 @@ class SmoothingSettings:
     Attributes:
         halvings: number of smoothing windows tried, each half as long as the previous one, beginning with half of the
             duration. Taste.
-        beside: further windows tried, as multiples of the best halved window. Derived: √½ and √2 lie halfway.
-        looks: number of points, besides the corners of the speed profile, at which limits are evaluated to compare
-            windows. Taste.
+        neighbour_factors: further windows tried, as multiples of the best halved window. Derived: √½ and √2 lie
+            halfway.
+        evaluations: number of points, besides the corners of the speed profile, at which limits are evaluated to
+            compare windows. Taste.
     """
 
     halvings: int = 10
-    beside: tuple[float, ...] = (0.5**0.5, 2.0**0.5)
-    looks: int = 1000
+    neighbour_factors: tuple[float, ...] = (0.5**0.5, 2.0**0.5)
+    evaluations: int = 1000
 
 
 @dataclass(frozen=True)

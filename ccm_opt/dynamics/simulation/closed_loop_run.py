@@ -35,9 +35,9 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMoti
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
-_STRAYED = 0.1
+_LARGE_ERROR = 0.1
 """Tracking error of a joint above which the arm counts as not following its plan [rad]. Taste."""
-_LOST = 1.0
+_DIVERGED = 1.0
 """Tracking error of a joint at which the arm counts as having diverged, and the run is stopped [rad]. Taste."""
 
 _CHUNK_STEPS = 200
@@ -62,7 +62,7 @@ class RunFault:
     error: float = 0.0
 
 
-def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
+def first_large_error(steps: SimulatedSteps, most: float) -> RunFault | None:
     """Return the first state that is not finite, or in which a joint's tracking error exceeds ``most`` [rad]."""
     # If an error is NaN, the first comparison fails, too.
     if steps.worst_error <= most and steps.is_finite:
@@ -106,8 +106,8 @@ def judge_run(
     record: SimulationRecord,
     names: tuple[str, ...],
     full: RunFault | None,
-    strayed: RunFault | None,
-    lost: RunFault | None,
+    large_error: RunFault | None,
+    divergence: RunFault | None,
     needs: PlanNeeds | None,
 ) -> SimulationVerdict:
     """Return the verdict on a simulation run from saturated drives and tracking errors; contacts are not checked here.
@@ -116,12 +116,12 @@ def judge_run(
         record: record of the run.
         names: names of all revolutes.
         full: first effort that reached its limit; None if there was none.
-        strayed: first large tracking error; None if there was none.
-        lost: fault at which the run was stopped because the arm diverged; None if the run was not stopped.
+        large_error: first large tracking error; None if there was none.
+        divergence: fault at which the run was stopped because the arm diverged; None if the run was not stopped.
         needs: greatest effort that the plan requires of the simulated arm; None if no drive has a limit.
     """
     step = record.step
-    fault = lost or strayed
+    fault = divergence or large_error
     first = fault or full
     if first is None:
         return SimulationVerdict("followed", step)
@@ -132,10 +132,10 @@ def judge_run(
     saturated = full is not None and full.step <= first.step
     status: SimulationOutcome = "saturated"
     if fault is not None:
-        status = "strayed" if lost is None else "diverged"
+        status = "strayed" if divergence is None else "diverged"
         far = f"is {fault.error:.3g} rad off the plan" if np.isfinite(fault.error) else "is not finite"
         off = f"the simulated {name} {far} at {time:.4g} s"
-        if lost is None:
+        if divergence is None:
             off = f"{off}, and joints are up to {record.tracking_error:.3g} rad off in all"
         met = f"{off}; before that, {met}" if saturated else f"{off}, though no drive was at its limit before"
     # If the drives could follow the plan, the controller is to blame for saturating them.
@@ -212,21 +212,21 @@ def simulate(
     most = _most_efforts(limits, arm.coordinates)
     record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most)
     full: RunFault | None = None
-    strayed: RunFault | None = None
-    lost: RunFault | None = None
+    large_error: RunFault | None = None
+    divergence: RunFault | None = None
     for steps in run.steps(state, options, _CHUNK_STEPS):
-        lost = first_far_off(steps, _LOST)
-        sound = steps if lost is None else steps_before(steps, lost)
+        divergence = first_large_error(steps, _DIVERGED)
+        sound = steps if divergence is None else steps_before(steps, divergence)
         full = full or first_saturation(sound, most)
-        strayed = strayed or first_far_off(sound, _STRAYED)
+        large_error = large_error or first_large_error(sound, _LARGE_ERROR)
         record.add(sound)
-        if lost is not None:
+        if divergence is not None:
             break
     needs = None
-    if full or strayed or lost:
+    if full or large_error or divergence:
         plant = disturbed_arm(arm, options.disturbances)
         needs = largest_need(plant, trajectory, joints, options.gravity, most)
-    return record.motion(arm.coordinates, judge_run(record, joints.names, full, strayed, lost, needs))
+    return record.motion(arm.coordinates, judge_run(record, joints.names, full, large_error, divergence, needs))
 
 
 def simulated_states(
@@ -333,12 +333,12 @@ class _Run:
     def steps(self, state: FloatArray, options: SimulationOptions, size: int) -> Iterator[SimulatedSteps]:
         """Yield all simulation steps from an initial state, shape (2, W), in batches of `size` steps."""
         # Brakes hold the arm for this many steps while the reference moves on.
-        held = round(options.disturbances.start_delay / options.step)
+        brake_steps = round(options.disturbances.start_delay / options.step)
         for first in range(0, self.reference.steps, size):
             count = min(size, self.reference.steps - first)
             window, targets = self.reference.window(first, count)
             # The last column is the feed axis, which is measured exactly.
             noise = self.noise.draw(count, targets.shape[1] - 1)
-            states, efforts = self.loop.run(state, window, noise, max(0, held - first))
+            states, efforts = self.loop.run(state, window, noise, max(0, brake_steps - first))
             yield SimulatedSteps(first, np.concatenate((state[None], states)), efforts, targets)
             state = states[-1]

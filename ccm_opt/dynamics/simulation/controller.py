@@ -80,7 +80,7 @@ class CompiledLoop:
         )  # fmt: skip
 
     def run(
-        self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
+        self, state: FloatArray, reference: FloatArray, noise: FloatArray, brake_steps: int
     ) -> tuple[FloatArray, FloatArray]:
         """Simulate N steps of the control loop.
 
@@ -88,7 +88,7 @@ class CompiledLoop:
             state: positions and velocities before the first step, shape (2, W).
             reference: positions, velocities and accelerations of every step, shape (N, 3, W).
             noise: measurement noise of joint angles [rad] and velocities [rad/s], shape (N, 2, W - 1).
-            held: number of steps at the beginning during which brakes hold the arm.
+            brake_steps: number of steps at the beginning during which brakes hold the arm.
 
         Returns:
             States at the ends of the steps, shape (N, 2, W), and efforts held over them, shape (N, W).
@@ -101,7 +101,7 @@ class CompiledLoop:
         states = np.empty((count, 2, width))
         efforts = np.empty((count, width))
         self._call.set(
-            count=count, held=min(max(held, 0), count), reference=reference, noise=noise,
+            count=count, held=min(max(brake_steps, 0), count), reference=reference, noise=noise,
             x=np.array(state, dtype=np.float64, order="C"),  # a copy: C moves it on
             states=states, efforts=efforts,
         )  # fmt: skip
