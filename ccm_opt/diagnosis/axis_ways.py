@@ -134,7 +134,7 @@ class AxisWays(Ways):
 
     @property
     def least(self) -> float:
-        """Length of the short axis path that was found [m]; 0 if none was found."""
+        """Length of ``shortest``, an upper bound on the least length of wide enough axis paths [m]; 0 without a path."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def all_longer_than(self, length: float) -> bool:

@@ -191,13 +191,15 @@ def candidates(
     until: Deadline,
     most_omitted: int = _MOST_OMITTED,
 ) -> Iterator[Parameter | WholeChange]:
-    """Yield changes that may remove all binding findings, or else all likely ones, the most promising first.
+    """Yield changes that may remove all proved causes of failure, or all likely ones if none is proved.
+
+    The most promising changes come first.
 
     Args:
         problem: the problem without a plan.
         findings: the known obstructions.
         until: deadline of the search for candidates.
-        most_omitted: maximum number of obstacles of which the removal, one at a time, is a candidate.
+        most_omitted: maximum number of changes that remove an obstacle, each another one.
     """
     proved = binding(findings)
     relevant = proved or findings

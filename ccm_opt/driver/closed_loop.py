@@ -287,9 +287,10 @@ def _least(near: NearestOfSamples) -> float:
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """Return the clearances in all poses, found with a search distance just above the minimum clearance in a few poses.
+    """Return the clearances in all poses, of which those above a search distance are reported as that distance.
 
-    In those few poses, the search distance is one link length in space, and the arm's length in the plane.
+    A first pass over a few poses, with a generous search distance, bounds the minimum clearance from above. The second
+    pass, over all poses, searches just that far.
 
     Args:
         problem: the problem, which gives arm and obstacles.

@@ -1,7 +1,7 @@
 """Assembly of a solution from a verified plan: clearance over time, tolerated errors, simulation, figures of merit.
 
 Nothing measured or simulated here can invalidate a plan. A simulation that cannot be run gives an outcome that says so;
-a defect of this package in a measurement is logged with its traceback, and its result is missing.
+an unexpected exception in a measurement is logged with its traceback, and the result is omitted.
 """
 
 import logging

@@ -256,11 +256,11 @@ class BishopFrames(CurveFrames):
         return {**held, "tip parts": (-most, most), "stray": (np.zeros(1), np.ones(1))}
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> SpaceConfiguration:
-        """Return a numerical curve as a curve in space, in metres and world axes.
+        """Return the curve of a solution of the NLP as a curve in space, in metres and world axes.
 
         Args:
             arm: the arm.
-            numbers: the curve in units of the arm's length and base axes.
+            numbers: the curve, with lengths relative to the arm's and axes those of its base.
             feed: displacement of the base [m].
         """
         lengths, values, shares = numbers.parts()

@@ -146,7 +146,7 @@ _WORDS = re.compile(r"[=,{}\[\]\n#]+")
 
 @dataclass(frozen=True)
 class InputBounds:
-    """Limits on the size of problem files, chosen far above that of real files.
+    """Limits on the size of problem files, far above the sizes of real files.
 
     Attributes:
         most_bytes: maximum size of the file [bytes].
@@ -154,7 +154,7 @@ class InputBounds:
             square of this number.
         deepest: maximum nesting depth of tables and lists; the schema needs six levels.
         most_keys: maximum number of keys in all tables together.
-        most_points: maximum number of lists, such as the corners of outlines, in the whole file.
+        most_points: maximum number of lists in the whole file, most of which are points of outlines.
         longest_list: maximum number of entries in one list.
     """
 

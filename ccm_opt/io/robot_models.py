@@ -133,9 +133,9 @@ class _Shape:
 
     Attributes:
         kind: "box", "sphere", "cylinder", "capsule" or "mesh"; the axis of round shapes is z.
-        size: sides of a box, or radius and axis length of a round shape [m]; empty for a mesh.
+        size: sides of a box; radius, and length along the axis without caps, of a round shape [m]; empty for a mesh.
         place: position of the centre in the frame of the link or the world, shape (3,) [m].
-        turn: rotation matrix, shape (3, 3).
+        turn: rotation from the shape's axes to that frame, shape (3, 3).
     """
 
     kind: str

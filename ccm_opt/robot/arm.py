@@ -540,9 +540,9 @@ class Arm:
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links i < j whose axes must stay both radii apart, two arrays of shape (p,).
+        """Indices i and j > i of the p pairs of links that must not touch each other, two arrays of shape (p,).
 
-        They are the distant pairs, or none if self-collision is switched off.
+        They are all pairs that are far enough apart along the arm, or none if self-collision is switched off.
         """
         if self.self_collision:
             return self.distant_pairs

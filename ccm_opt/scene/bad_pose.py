@@ -13,7 +13,7 @@ from ccm_opt.scene.workspace import Workspace
 
 
 def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
-    """Return at most one line of advice on which of radius and clearance to reduce so that the arm needs less space.
+    """Return advice on which of radius and clearance to reduce so that the arm needs less space; empty for neither.
 
     Args:
         radius: radius of the arm [m].

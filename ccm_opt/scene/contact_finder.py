@@ -291,12 +291,12 @@ class SurfaceFinder(ContactFinder):
 
 @dataclass(frozen=True, eq=False)
 class NearestLinks:
-    """The nearest pair of links far apart along the arm, in each of T poses in space.
+    """The nearest pair of links in each of T poses in space, among the pairs that are not neighbours along the arm.
 
     Attributes:
         first: index of the link nearer to the base; −1 if no pair is within reach, shape (T,).
         second: index of the other link; −1 if no pair is within reach, shape (T,).
-        gap: gap between the surfaces; the reach if no pair is within reach, shape (T,) [m].
+        gap: gap between the surfaces, at most the search distance, shape (T,) [m].
     """
 
     first: IntArray

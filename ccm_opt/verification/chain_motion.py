@@ -268,18 +268,18 @@ class ChainMotion:
         return travels
 
     def _interval_travels(self, intervals: TimeIntervals) -> FloatArray:
-        """Return the travel bounds of time intervals that are whole steps, shape (S, links + 1) [m]."""
+        """Return bounds on the travel of joints and tip from mid-interval in S whole steps, shape (S, links + 1) [m]."""
         interval = intervals.low.astype(np.intp)
         return half_travels(self.chords[interval], self.second_derivatives[interval])
 
     def _travels_within(self, intervals: TimeIntervals) -> FloatArray:
-        """Return the travel bounds of time intervals that are parts of a step, shape (S, links + 1) [m]."""
+        """Return bounds on the travel of joints and tip from mid-interval in S parts of steps, (S, links + 1) [m]."""
         steps = (intervals.high - intervals.low)[:, None] * self.steps[intervals.low.astype(np.intp)]
         chords = self.poses(intervals.high) - self.poses(intervals.low)
         return half_travels(chords, acceleration_bounds(self.arm, self.places(intervals.middle), steps))
 
     def _travels_over_samples(self, intervals: TimeIntervals) -> FloatArray:
-        """Return the travel bounds of time intervals of several steps, shape (S, links + 1) [m].
+        """Return bounds on the travel of joints and tip from mid-interval in S runs of steps, shape (S, links + 1) [m].
 
         Each bound is the distance to the farthest sample plus the largest deviation from the chord between samples.
         """

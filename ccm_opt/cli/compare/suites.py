@@ -73,7 +73,7 @@ class Scene:
 
     @property
     def goal_tip(self) -> TipGoal:
-        """Position and heading of the tip in the goal pose, as a goal."""
+        """Goal with the tip's position and heading in the goal pose."""
         return TipGoal(self.arm.joint_positions(self.goal)[-1], heading=float(self.goal[-1]))
 
     def problem(

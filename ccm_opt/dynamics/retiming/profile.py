@@ -40,7 +40,7 @@ class PathRows:
     d: FloatArray | None
 
     def every(self, steps: int) -> "PathRows":
-        """Return the rows at every ``steps``-th point of the path."""
+        """Return the constraint rows at every ``steps``-th point of the path."""
         pick = slice(None, None, steps)
         d = None if self.d is None else self.d[pick]
         return PathRows(self.s[pick], self.slowness[pick], self.a[pick], self.b[pick], self.c[pick], d)

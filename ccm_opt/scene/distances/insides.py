@@ -183,7 +183,7 @@ class _Pieces:
         return float(np.sum(self._sign[self._slice(k)] * _solid_angles(point, triangles)))
 
     def _is_cavity(self, round_it: list[int], turns: dict[int, float]) -> bool:
-        """Return whether an even number of shells around a point are nested with alternating orientations.
+        """Return whether the shells around a point are even in number, nested, and alternate in orientation.
 
         Args:
             round_it: indices of the shells around the point.

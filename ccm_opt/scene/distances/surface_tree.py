@@ -106,7 +106,7 @@ class SurfaceBoxes:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSearch:
-    """Searches of a tree of boxes; the owner in results is the index of a triangle in leaf order.
+    """Nearest-surface queries on a tree of boxes around triangles, numbered in the order of the leaves.
 
     Attributes:
         boxes: the tree.
