@@ -134,7 +134,7 @@ class AxisWays(Ways):
 
     @property
     def least(self) -> float:
-        """Length of ``shortest``, an upper bound on the least length of wide enough axis paths [m]; 0 without a path."""
+        """Length of ``shortest``, an upper bound on the least length of wide enough axis paths [m]; 0 without one."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def all_longer_than(self, length: float) -> bool:

@@ -268,7 +268,7 @@ class ChainMotion:
         return travels
 
     def _interval_travels(self, intervals: TimeIntervals) -> FloatArray:
-        """Return bounds on the travel of joints and tip from mid-interval in S whole steps, shape (S, links + 1) [m]."""
+        """Return bounds of the travel of joints and tip from mid-interval in S whole steps, (S, links + 1) [m]."""
         interval = intervals.low.astype(np.intp)
         return half_travels(self.chords[interval], self.second_derivatives[interval])
 
