@@ -22,8 +22,8 @@ HEAD = """\
 
 ### Which problem
 
-Commands that read problem files take several, and `-` for standard input. `--set` changes a key for one run without
-touching the file, as often as you like:
+Commands that read problem files take several, and `-` for standard input. `--set`, which may be repeated, changes a key
+for one run:
 
 ```sh
 ccm-opt solve problems/swan-neck.toml --set arm.radius=0.02 --set "goal.position=[0.4, 0.1]"
@@ -31,62 +31,62 @@ ccm-opt new own
 ccm-opt solve own.toml --set "workspace.obstacles[pump].circle.radius=70" --set goal.pause=2
 ```
 
-An entry of a list is told by its number, from 0, or by its name. The value is what you would write in the file; what is
-no TOML value is taken as a text. The record of the plan holds the changed problem, and a wrong value is reported like
-one in the file. `solve` has short forms for three keys of the table `planner`: `--method`, `--time-limit` and `--seed`.
+An entry of a list is given by its index, from 0, or by its name. Values are written as in the file; what is no TOML
+value is a string. The record of the plan holds the changed problem. `solve` has short forms for three keys of the table
+`planner`: `--method`, `--time-limit` and `--seed`.
 
 ### What is printed
 
 | option | standard output | standard error |
 |---|---|---|
-| none | tables for people | errors and warnings; how far the work has come |
+| none | tables | errors, warnings and progress |
 | `--quiet` | nothing | errors and warnings |
 | `--verbose` | tables, with every check of the verifier | also a line for every stage, and the package's log |
 | `--json` | one JSON document | as without it |
 
-On a terminal one line tells how far the work has come. Elsewhere there are plain lines, from the third second on:
+Progress is one line on a terminal, and elsewhere plain lines from the third second on:
 
 ```text
 room: motion, 12.3 of 60 s, candidate 4 (tip-led, way 2), closest so far 42.5 mm from the goal
 ```
 
-From Python, `progress=` of `ccm_opt.solve` is called with the same news.
+From Python, `progress=` of `ccm_opt.solve` is called with the same data.
 
 ### For programs
 
 The document of `--json` has the version `ccm_opt`, the name of the `command`, its `exit_code`, and `results`, one for
-every file or folder in the order in which they were given:
+every file or folder in the given order:
 
 | key | content |
 |---|---|
 | `item` | the file or folder |
 | `exit_code` | of this one |
 | `status` | that of [`solution.json`](output.md), or `"refused"`, `"bad input"`, `"cancelled"`, `"bug"` |
-| `folder` | where its output folder is |
-| `errors`, `warnings` | what people are told on standard error |
+| `folder` | its output folder |
+| `errors`, `warnings` | messages on standard error |
 | `defects` | of bad input: `line`, `key` and `message` of each |
 | `diagnosis` | [why there is no plan](no-plan.md), as in `solution.json` |
 
 The rest is the command's record: that of `solution.json` without the problem for `solve`, `checks`, `room` and
-`unchecked_constraints` for `check`, and so on. What is not finite stands as `null`.
+`unchecked_constraints` for `check`, and so on. Numbers that are not finite are `null`.
 
 ### Constraints of a written plan
 
-An output folder holds the names of your constraints, but not what they ask for. So `ccm-opt check` says which of them
-it did not check, and checks those that you give it:
+An output folder holds the names of your constraints only. `ccm-opt check` checks those that you give it, and names the
+others:
 
 ```sh
 ccm-opt check runs/swan-neck --constraint terms.py:camera_sees_valve
 ```
 
-A constraint that depends on `q.path_parameter` cannot be checked in that way, as the folder does not hold it.
+A constraint that depends on `q.path_parameter` cannot be checked, as the folder does not hold it.
 
 ### Where it runs
 
 - **Ctrl-C** ends a command with exit code 130 and one line.
-- **Streams** may be closed or full: the work is done, and its folder written.
+- **Streams** may be closed or full: the output folder is written all the same.
 - **Memory**: loading takes about 300 MB of address space, solving 0.6 to 1 GB. With less, one line says so (exit code
-  1); a solver that spins without end is ended after three time limits and a minute.
+  1); a solver that never returns is ended after three time limits and a minute.
 
 ### Exit codes
 
