@@ -1,6 +1,7 @@
 """RRT-Connect in the coordinates of the curve: cheap checks refute truly, what is found is certified, seeds decide."""
 
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT, PointTree
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
 from ccm_opt.planning.search import Failure, Strategy
-from ccm_opt.planning.strategies import connected, connects, find_motion, straight
+from ccm_opt.planning.strategies import Turn, connected, connects, find_motion, straight
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
@@ -206,6 +207,23 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
         np.testing.assert_allclose(scene.arm.headings(motion.configurations[0]), scene.start, atol=1e-9)
         np.testing.assert_allclose(scene.arm.headings(motion.configurations[-1]), scene.goal, atol=1e-9)
         assert len(Certificate(scene.arm, scene.workspace).failures(motion.configurations)) == 0
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_many_links_reach_goals_of_the_tip_without_poses_of_the_nlp(number: int) -> None:
+    """Random poses at the goal are enough for a brief search, whose motion is certified and has the tip there."""
+    scene = clutter(number, 5)
+    task = motion_task(scene.problem())
+
+    def costly() -> Iterator[FloatArray]:
+        pytest.fail("a pose was computed")
+        yield from ()
+
+    motion = connected(replace(task, guesses=costly(), further_guesses=costly()), [], Turn.SOON)
+    assert motion is not None
+    tip = task.arm.joint_positions_at(motion.configurations[-1])[-1]
+    np.testing.assert_allclose(tip, task.goal.position, atol=1e-9)
+    assert len(Certificate(scene.arm, scene.workspace).failures(motion.configurations)) == 0
 
 
 def test_a_search_ends_with_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,6 +24,11 @@ from ccm_opt.robot.arm import Arm
 
 _GOAL_DRAWS = 64
 """Number of random poses that Newton's method moves onto the goal at a time. Taste."""
+_GOAL_SHAPES = 1024
+"""Number of random poses of an arm of many links, of which those are the nearest to the goal. Measured on arms wound
+among walls: ways are found in 0.1 s, with all poses moved there in 0.3 s or not at all."""
+_FACING = 0.3
+"""Distance of the tip from its goal that is as bad as a radian off its heading [arm lengths]. Taste."""
 _NEWTON_STEPS = 15
 """Number of steps of Newton's method. Measured: poses that have not converged by then seldom do."""
 _NEWTON_TURN = 0.5
@@ -212,7 +217,7 @@ class GoalDraws:
         """
         known = np.zeros((0, self.draws.arm.links))
         while True:
-            drawn = self._brought(self.draws.shapes(rng, _GOAL_DRAWS), self._members(rng, _GOAL_DRAWS))
+            drawn = self._brought(*self._nearest(rng))
             drawn = drawn[~self.check.refuted(drawn)]
             new = []
             for pose in drawn:
@@ -221,6 +226,17 @@ class GoalDraws:
                     new.append(pose)
                     known = np.vstack((known, pose))
             yield np.array(new).reshape(-1, self.draws.arm.links)
+
+    def _nearest(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Return the random shapes that are nearest to members of the goal, (m, links) [rad], and these, (m, 3)."""
+        arm = self.draws.arm
+        count = _GOAL_SHAPES if arm.links > FEW_LINKS else _GOAL_DRAWS
+        shapes, members = self.draws.shapes(rng, count), self._members(rng, count)
+        away = np.linalg.norm(arm.joint_positions(shapes)[:, -1] - members[:, :2], axis=1) / arm.length
+        if self.goal.heading is not None:
+            away += _FACING * np.abs(wrap(members[:, 2] - shapes[:, -1]))
+        near = np.sort(np.argsort(away)[:_GOAL_DRAWS])
+        return shapes[near], members[near]
 
     def _members(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Return random positions and headings of the tip that satisfy the goal, shape (count, 3) [m, rad].

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from enum import IntEnum
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -47,6 +48,11 @@ Measured: most scenes take about a thousand; a search that takes long mostly suc
 _WHOLE_ARM_BUDGETS = (8000,)
 """Numbers of extensions of the early search for other arms with a goal for the whole arm, except arms so thin that
 poses have to be checked at spacings below their width. Taste: a quarter of a second."""
+_SOON_BUDGETS = (4000,)
+"""Numbers of extensions of the search for goals of the tip that comes after the first candidates. Measured on arms
+wound among walls: most searches take less than 2000, a tenth of a second."""
+_BEFORE_SAMPLING = 2
+"""Number of candidates before it: the first tip path with its guides. Taste."""
 _MIDDLE_BUDGETS = (60000, 60000)
 """Numbers of extensions of the searches after the candidates with the widest margin, for arms of many links. Taste:
 three seconds."""
@@ -55,12 +61,16 @@ _LATE_BUDGETS = (60000, 60000)
 
 
 class Turn(IntEnum):
-    """Turn of RRT-Connect: EARLY before, MIDDLE among and LATE after the candidates, LAST after the search trees."""
+    """Turn of RRT-Connect: EARLY before, MIDDLE among and LATE after the candidates, LAST after the search trees.
+
+    SOON is before candidates that need poses at the goal, which are costly to find.
+    """
 
     EARLY = 0
     LATE = 1
     MIDDLE = 2
     LAST = 3
+    SOON = 4
 
 
 def goes_straight_to_pose(task: MotionTask) -> bool:
@@ -110,6 +120,8 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
     budgets = _budgets(task, turn)
     if task.arm.links > _MOST_LINKS:
         return None
+    if turn is Turn.SOON:
+        task = replace(task, guesses=(), further_guesses=())
     run = PlanarRun.from_task(task.at_full_limits(), MARGINS[-1])
     search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
     motion = search.find(budgets, (task.seed, turn))
@@ -130,8 +142,10 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
         return _LATE_BUDGETS if slow == (turn is Turn.LAST) else ()
     if few:
         return FEW_BUDGETS if turn is Turn.EARLY else ()
-    if task.goal_pose is None or slow:
+    if slow or (task.goal_pose is None) != (turn is Turn.SOON):
         return ()
+    if turn is Turn.SOON:
+        return _SOON_BUDGETS
     return _WHOLE_ARM_BUDGETS if turn is Turn.EARLY else _MIDDLE_BUDGETS
 
 
@@ -171,12 +185,14 @@ def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: boo
     margins = fitting_margins(task)
     if is_divided(task):
         margins = margins[1:] if narrow else margins[:1]
+    sampled = connects(task, Turn.SOON)
     for margin in margins:
-        for motion in candidate_motions(task, margin, failures):
+        for motion in candidate_motions(task, margin, failures, sampled=sampled):
             if motion is not None:
                 return motion
             if task.deadline.passed():
                 return None
+        sampled = False
     return None
 
 
@@ -231,7 +247,9 @@ def needs_dense_sampling(task: MotionTask) -> bool:
     return POSE_SPACING * task.kept < LEAST_SPACING * task.arm.length
 
 
-def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) -> Iterator[Motion | None]:
+def candidate_motions(
+    task: MotionTask, margin: float, failures: list[Failure], *, sampled: bool = False
+) -> Iterator[Motion | None]:
     """Yield the motion, or None, of each pass over the candidates of a task with one planning margin.
 
     The passes are forwards, then backwards from every goal pose, then forwards with the remaining candidates. Backwards
@@ -241,16 +259,23 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
         task: search task.
         margin: planning margin, in nominal links.
         failures: list to which failures of candidates are appended.
+        sampled: whether RRT-Connect is tried before candidates that need poses at the goal.
     """
     forward = PlanarRun.from_task(task, margin)
     into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
     if not into_gates:
         before = len(failures)
-        yield forward.run(forward.first(), failures)
+        tried = forward.first()
+        if sampled:
+            yield forward.run(islice(tried, _BEFORE_SAMPLING), failures)
+            yield connected(task, failures, Turn.SOON)
+        yield forward.run(tried, failures)
         if any(_stopped_by_joint_limits(task, failure) for failure in failures[before:]):
             task = task.at_full_limits()
             forward = PlanarRun.from_task(task, margin)
             yield forward.run(forward.first(), failures)
+    elif sampled:
+        yield connected(task, failures, Turn.SOON)
     for turned in backward_tasks(task, forward.stepper):
         if turned is not None:
             backward = PlanarRun.from_task(turned, margin)
