@@ -54,7 +54,7 @@ _CHAIN_STRAYS = (0.0, 0.3, 1.0)
 poses where the others find none."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
 """Gaps of chains' links, as fractions of the preferred gap; one is sampled for each growth. Taste."""
-_CHAIN_GAP = 0.8
+_CHAIN_GAP = 1.5
 """Largest gap between the two parts of a chain, in links. Taste."""
 _CHAIN_BENDS = 0.98
 """Largest bend of joints of chains, as a fraction of the joint limit."""
@@ -112,7 +112,7 @@ def free_goal_poses(
 
 
 def chained_goal_poses(
-    task: SpaceTask, points: "CurvePoints", known: list[Pose], rng: np.random.Generator
+    task: SpaceTask, points: "CurvePoints", known: list[Pose], turn: int, rng: np.random.Generator
 ) -> list[Pose]:
     """Return further poses at the goal, composed of chains of links, that touch nothing and keep the joint limits.
 
@@ -122,6 +122,7 @@ def chained_goal_poses(
         task: task with a goal for the tip, of an arm on a fixed base.
         points: scaled unknowns in which shapes are moved.
         known: known poses at the goal; poses close to one of them are omitted.
+        turn: index of the growth, which determines how nodes are chosen.
         rng: random generator.
     """
     goal = task.limited_goal
@@ -133,21 +134,20 @@ def chained_goal_poses(
     chains = LinkChains.of(arm, task.tree, task.box, limits, exact=True)
     ends = (WayEnd(arm.base, arm.direction), WayEnd(goal.position, goal.direction))
     found: list[Pose] = []
-    for strays in _CHAIN_STRAYS:
-        kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
-        grown = chains.grown(*ends, kept, _CHAIN_GAP * arm.link_length, strays, rng)
-        if not grown:
+    kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
+    strays = _CHAIN_STRAYS[turn % len(_CHAIN_STRAYS)]
+    grown = chains.grown(*ends, kept, _CHAIN_GAP * arm.link_length, strays, rng)
+    if not grown:
+        return []
+    bends = bends_from_directions(arm, np.stack([chain.directions for chain in grown]))
+    shapes = np.stack([stepper.space.fitted(q) for q in bends.reshape(len(grown), -1)]) @ points.root
+    for v in points.unknowns(shapes[points.moved_onto(goal, shapes) < _ARRIVED]):
+        pose = stepper.pose(v)
+        if any(_alike(arm, pose, other) for other in (*known, *found)):
             continue
-        bends = bends_from_directions(arm, np.stack([chain.directions for chain in grown]))
-        shapes = np.stack([stepper.space.fitted(q) for q in bends.reshape(len(grown), -1)]) @ points.root
-        arrived = points.moved_onto(goal, shapes) < _ARRIVED
-        for v in points.unknowns(shapes[arrived]):
-            pose = stepper.pose(v)
-            if any(_alike(arm, pose, other) for other in (*known, *found)):
-                continue
-            brought = _brought_onto_goal(stepper, goal, pose)
-            if brought is not None:
-                found.append(brought)
+        brought = _brought_onto_goal(stepper, goal, pose)
+        if brought is not None:
+            found.append(brought)
     return found
 
 

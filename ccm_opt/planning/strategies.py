@@ -428,6 +428,19 @@ def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, S
     )
 
 
+def _chaining(number: int) -> Strategy[SpaceRun, SpaceMotion]:
+    """Return the strategy of one round of poses made of chains of links, for goals of the tip in space on a fixed base.
+
+    Args:
+        number: index of the round.
+    """
+
+    def applies(run: SpaceRun) -> bool:
+        return run.task.goal_pose is None and _passes_none(run) and not _is_fed(run)
+
+    return Strategy("chains of links", lambda run, failed: run.by_chains(number, failed), applies, costly=number > 0)
+
+
 def _by_stages(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
     return run.find_by_stages(find_by_ways, failures)
 
@@ -445,7 +458,9 @@ WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
     _sampling(0, whole=False),
     _poses(whole=True),
     _sampling(1),
+    _chaining(0),
     _sampling(2),
+    _chaining(1),
     Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),
     _sampling(3),
     _poses(whole=False),

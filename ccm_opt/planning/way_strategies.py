@@ -52,6 +52,11 @@ _SAMPLED = 100
 """First seed number of the sampled trees, among those of a task."""
 _CHAINED = 200
 """First seed number of the chains of links that become poses at the goal, among those of a task."""
+_CHAINED_TURNS = (8, 24)
+"""Turns of growths of chains and searches to them in one round after the other. Taste: a turn takes a tenth of a
+second."""
+_CHAINED_EXTENSIONS = 1000
+"""Extensions of the trees in a turn. Measured among bars: they mostly meet after less than a hundred, or never."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
 """Maximum numbers of searches for poses at the goal of the tip, and of extensions of the sampled trees, round by round.
 Taste: such a search, and 1000 extensions, take a twentieth of a second."""
@@ -365,28 +370,61 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             failures: list to which a failure is appended.
         """
         searches, extensions = _SAMPLED_ROUNDS[number]
-        rng, chained = self._draws(_SAMPLED + number), self._draws(_CHAINED + number)
+        rng = self._draws(_SAMPLED + number)
         points = CurvePoints(self.stepper, self.start)
         goals = self._free_goals
-        wanted = max(_SAMPLED_GOALS, 2 ** (number + 1))
         for _ in range(searches):
-            if len(goals) >= wanted or self.goal.coordinates is not None or self.task.deadline.passed():
+            if len(goals) >= _SAMPLED_GOALS or self.goal.coordinates is not None or self.task.deadline.passed():
                 break
             goals += free_goal_poses(self.task, points, self._motions, rng)
-            if len(goals) < (wanted if number else 1):
-                goals += chained_goal_poses(self.task, points, goals, chained)
         if not goals:
             return None
         # A pose that is soon reached makes a short motion; the first rounds try the nearest alone.
-        goals.sort(key=lambda pose: float(np.max(np.abs(pose.q - self.start.q) * self.task.slowness)))
-        draws = CurveDraws(points, self._motions, goals[: 2 ** (number + 1)])
+        draws = CurveDraws(points, self._motions, self._nearest(goals)[: 2 ** (number + 1)])
         way = partial(draws.way, rng, extensions, self.task.deadline)
         return self.attempt("a quick sampler", partial(self._met, way), failures)
+
+    def by_chains(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
+        """Return a motion found by such trees to poses made of chains of links, where no others are free, or None.
+
+        New poses and short searches for a motion to any of them take turns, as trees meet soon or never.
+
+        Args:
+            number: index of the round, which determines the effort.
+            failures: list to which a failure is appended.
+        """
+        if self._free_goals:
+            return None
+        rng = self._draws(_CHAINED + number)
+        points = CurvePoints(self.stepper, self.start)
+        goals = self._chained_goals
+
+        def way() -> list[Pose] | None:
+            for turn in range(_CHAINED_TURNS[number]):
+                if self.task.deadline.passed():
+                    break
+                goals.extend(chained_goal_poses(self.task, points, goals, turn, rng))
+                draws = CurveDraws(points, self._motions, self._nearest(goals))
+                found = draws.way(rng, _CHAINED_EXTENSIONS, self.task.deadline) if goals else None
+                if found is not None:
+                    return found
+            return None
+
+        return self.attempt("a quick sampler, to chains of links", partial(self._met, way), failures)
+
+    def _nearest(self, goals: list[Pose]) -> list[Pose]:
+        """Return poses by the time that the slowest joint takes from the start to each."""
+        return sorted(goals, key=lambda pose: float(np.max(np.abs(pose.q - self.start.q) * self.task.slowness)))
 
     @cached_property
     def _free_goals(self) -> list[Pose]:
         """Collision-free poses at the goal that are known so far; only the goal itself for a goal of the whole arm."""
         return [] if self.goal.coordinates is None else [self.stepper.pose(self.goal.coordinates)]
+
+    @cached_property
+    def _chained_goals(self) -> list[Pose]:
+        """Poses at the goal made of chains of links that are known so far."""
+        return []
 
     @cached_property
     def _motions(self) -> SampledMotions:
