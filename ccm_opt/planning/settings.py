@@ -20,11 +20,11 @@ class ConvexSettings:
     Attributes:
         price: initial penalty on one nominal link of slack. Taste.
         highest_price: largest value to which the price rises where an interval lacks clearance. Taste.
-        worth: fraction of the merit that a round has to gain. Taste.
-        patience: number of rounds in a row that may gain less than ``worth``. Taste.
+        worth: fraction by which a round has to improve the merit, or count as without gain. Taste.
+        patience: maximum number of successive rounds without gain. Taste.
         patience_in_want: value of ``patience`` for a motion that lacks clearance. Taste.
         counts_room: whether missing clearance counts in a motion's merit, and only iterates with a better merit are
-            kept; otherwise only rows count, at their prices, and every step is kept.
+            kept; otherwise only violated constraints count, at their prices, and every step is kept.
     """
 
     price: float = 30.0
@@ -144,10 +144,11 @@ class StepSettings(AnyStepSettings):
         return 0.5 * (1.0 + self.limit_share)
 
     def narrowed(self, margin: float) -> "StepSettings":
-        """Return step settings for a planning margin, in nominal links, with smaller steps for a narrower margin.
+        """Return step settings for a planning margin, in nominal links: the narrower the margin, the smaller the steps.
 
-        Linearised rows err by the square of the turn. The push out of the margin has to grow as the margin shrinks, or
-        the guide would hold the arm at the very edge of the margin, where no step is possible.
+        The error of linearised constraints grows with the square of the turn. The weight that pushes links out of the
+        margin grows as the margin shrinks, or the guide would hold the arm at the edge of the margin, where no step is
+        possible.
         """
         share = margin / self.narrow_margin
         if share >= 1.0:
@@ -164,7 +165,7 @@ class StepSettings(AnyStepSettings):
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """Settings of following a guide, and of settling the tip on the goal at the end.
+    """Settings of the stages in which QP steps lead the arm along a guide and finally settle the tip on the goal.
 
     Attributes:
         settle_steps: maximum number of steps of settling on the goal. Taste.
@@ -185,13 +186,14 @@ class ContinuationSettings:
 
 @dataclass(frozen=True)
 class GoalSettings:
-    """Settings of pulling the tip to the goal, and of placing it exactly on the goal by Newton's method.
+    """Settings of the cost terms that pull the tip to the goal, and of Newton's method that places it exactly there.
 
     Attributes:
         polish_tolerance: tip error [arm lengths] and heading error [rad] at which Newton's method stops. Derived: three
             orders of magnitude below what the verifier allows.
         reached: multiple of ``polish_tolerance`` up to which a tip counts as on the goal. Taste.
-        heading_weight: weight of the heading, and of violations of limits at the goal, relative to the position. Taste.
+        heading_weight: weight of the tip's heading, and of limit violations at the goal, relative to its position.
+            Taste.
         distance_step: largest advance onto the goal at which a step aims, in nominal links. Taste.
         turn_step: largest turn onto the goal's direction at which a step aims [rad]. Taste.
     """
@@ -210,11 +212,11 @@ class GoalSettings:
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """Settings of tracking a reference motion under constraints that depend on the path parameter u.
+    """Settings of the stage that tracks a reference motion under constraints that depend on the path parameter u.
 
     Attributes:
-        first_advance: first step of u. Taste.
-        largest_advance: largest step of u. Taste.
+        first_advance: first increment of u, which runs from 0 to 1. Taste.
+        largest_advance: largest increment of u. Taste.
     """
 
     first_advance: float = 1.0 / 80.0
@@ -290,7 +292,7 @@ _STEPS = ConvexSettings(
     patience_in_want=3,
     counts_room=True,
 )
-"""Settings of the optimisation in space: an iterate counts by its clearance, not by its rows alone."""
+"""Settings of the optimisation in space: iterates are also judged by missing clearance, not by constraints alone."""
 
 
 @dataclass(frozen=True)
@@ -302,7 +304,7 @@ class SpaceCertificateSettings:
             parts.
         spare: certified gap beyond contact, as a reserve for the path between samples, in nominal links.
         slack: fraction of a link's motion by which distances may at first be underestimated; this shortens the
-            computation along finely meshed walls, which is repeated without slack if the proof fails.
+            computation along finely meshed walls; without a proof, it is repeated with exact distances.
     """
 
     depth: int = 12

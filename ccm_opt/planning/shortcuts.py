@@ -45,7 +45,7 @@ class Shortcuts:
     saved: float = 0.01
 
     def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a certified motion with unchanged ends and at most the length of a given one.
+        """Return a certified motion with the ends of a given one and at most its length, measured in link headings.
 
         Args:
             way: link headings at the keyframes, shape (K, links) [rad].
@@ -91,7 +91,10 @@ class Shortcuts:
 
 
 def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the link headings of a motion (K, links) with keyframes at ``arcs`` (K,), at lengths (m,), (m, links)."""
+    """Return the link headings of a motion at given lengths ``at`` along it, interpolated linearly, shape (m, links).
+
+    ``way`` holds the link headings at the keyframes (K, links), ``arcs`` their lengths along the motion (K,).
+    """
     return np.column_stack([np.interp(at, arcs, column) for column in way.T])
 
 
@@ -107,7 +110,9 @@ def dense(way: FloatArray, turn: float) -> FloatArray:
 
 
 def straightened(motion: Motion, task: MotionTask) -> Motion:
-    """Return a certified motion that is shortened by random shortcuts if it needs many keyframes.
+    """Return a certified motion, shortened by random shortcuts if it needs many keyframes.
+
+    The given motion is returned if shortcuts do not apply (user limits, guide tube, few links, no optimisation).
 
     Args:
         motion: certified planar motion.

@@ -35,11 +35,11 @@ _LOOKS = 5
 _USER_SAMPLES = 32
 """Number of samples of a span at which user constraints are checked; they are not proved in between. Taste."""
 _LOST_ROOM = 0.02
-"""Largest amount by which a path's shortfall of clearance may exceed that of its motion, as a fraction of the preferred
-gap. Taste."""
+"""Largest amount by which a path may lack more of the preferred clearance than its motion does, as a fraction of the
+preferred clearance. Taste."""
 _ROOMY_REFINEMENTS = 2
-"""Number of refinements of the control polygon in which the preferred clearance is also required; each adds corners to
-the path."""
+"""Number of first refinements of the control polygon in which the preferred clearance is required as well; later it is
+not, since each refinement adds sharp bends to the path."""
 _LIMIT_SLACK = 1e-8
 """Largest excess of coordinates over their limits by rounding [rad, m]."""
 
@@ -54,7 +54,7 @@ class SmoothPath:
 
     Attributes:
         spline: configurations over the path parameter in [0, 1], values (c,).
-        spare: certified gap, by which the arm may deviate from the path in timing [m].
+        spare: certified gap beyond contact, by which timing may let the arm deviate from the path [m].
     """
 
     spline: BSpline
@@ -83,7 +83,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 
 def _no_path(task: SearchTask) -> Diagnosis:
-    """Return the diagnosis of a task with a motion, but no certified smooth path along it."""
+    """Return the diagnosis for a task in which a motion is found, but no smooth path along it can be certified."""
     advice = clearance_advice(task.arm.tip_radius, task.kept - task.arm.tip_radius)
     if not task.constraints:
         return Diagnosis(
@@ -122,10 +122,10 @@ def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath 
 
 # ------------------------------------------------------------ through knots on the limits
 def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """Return the certified path through knots that are moved onto the user limits; None if there is none.
+    """Return a certified path, interpolating knots that are moved onto the user limits; None if none is certified.
 
     Args:
-        motion: the motion; for None not to be returned, its configurations have to be affine in its unknowns.
+        motion: the motion; the result is None unless its configurations are affine in its unknowns.
         task: task with the limits.
     """
     if not motion.curve.affine:
@@ -146,7 +146,7 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
 
 
 def _is_safe(spline: BSpline, task: SearchTask) -> bool:
-    """Return whether a path keeps the joint limits and is certified as linear between its samples."""
+    """Return whether a path respects the joint limits and is certified; it counts as linear between its samples."""
     q = np.asarray(spline(certified_samples(spline)))
     limits = task.arm.bend_limits
     bends = np.abs(q[:, : len(limits)])
@@ -157,7 +157,7 @@ def _is_safe(spline: BSpline, task: SearchTask) -> bool:
 
 # ------------------------------------------------------------ near the keyframes
 def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """Return a spline near a certified motion, certified as linear between samples; None if there is none.
+    """Return a spline near a certified motion whose chords between samples are certified; None if there is none.
 
     The spline is in the unknowns. With the keyframes as control points, it deviates from them by a sixth of the second
     differences, which makes motions of arms on fixed bases faster. A fed arm, which moves far from keyframe to keyframe
@@ -204,7 +204,7 @@ def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline
 
 @dataclass(frozen=True, eq=False)
 class _Room:
-    """Clearance of a path compared with that of its motion.
+    """Comparison of the clearance of a path with the clearance of the motion near which it runs.
 
     Attributes:
         task: task with the preferred clearance.
@@ -237,7 +237,7 @@ class _Room:
 
 
 def _halfway_onto(keyframes: FloatArray) -> FloatArray:
-    """Return control points whose spline deviates half as far from keyframes (K, p) as if these controlled it."""
+    """Return control points (K, p) whose spline deviates from keyframes half as far as theirs would."""
     control = keyframes.copy()
     control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
     return control
@@ -246,7 +246,7 @@ def _halfway_onto(keyframes: FloatArray) -> FloatArray:
 def _failing_places(
     task: SearchTask, room: _Room | None, spline: BSpline, refinement: int, *, tube: bool
 ) -> FloatArray:
-    """Return path parameters at which a path violates a limit or its certificate, shape (m,).
+    """Return the parameters at which a path violates a limit, or the middles of spans that are not certified, (m,).
 
     Args:
         task: task with the limits that the path has to keep.

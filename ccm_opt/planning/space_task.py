@@ -36,24 +36,26 @@ from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
-"""Amount of the path parameter by which planning extends the interval of a user's constraint on both sides. Taste."""
+"""Extension, in units of the path parameter, on both sides of the interval in which planning applies a user's
+constraint. Taste."""
 _PATH_SAMPLES = 4
 """Number of samples per span of a path at which the distance of the tip from its via points is checked."""
 _PASSING = 0.5
 """Distance within which planning makes the tip pass its via points, as a fraction of the distance that counts as
 passing."""
 _ROW_MARGIN = 0.02
-"""Gap that rows of the optimisation demand beyond contact, in nominal links."""
+"""Gap beyond contact that the contact constraints of the optimisation require, in nominal links."""
 _ROW_SEEN = 0.3
-"""Distance from their bound below which rows enter the QP of the optimisation, in nominal links."""
+"""Distance to its bound below which a contact constraint enters the QP of the optimisation, in nominal links."""
 _GROUPS = 24
-"""Number of links above which rows are for groups of neighbouring joints."""
+"""Number of links above which the optimisation has one contact constraint per group of neighbouring joints."""
 _REACH = 0.35
 """Gap beyond the margin above which surfaces, and pairs of links, are left out of a step, in nominal links."""
 _MARGIN = 0.06
 """Gap that steps keep beyond contact, in nominal links."""
 _LEAST_SPARE = 1.2e-5
-"""Certified gap if a start or a goal of the whole arm has at most twice as much, in nominal links. Measured: a straight
+"""Smallest gap beyond the required clearance that is certified where the start or the goal touches almost, in nominal
+links. Measured: a straight
 arm of one metre can be raised off a table 1.5 µm below the arm, and hardly off one 1 µm below."""
 
 
@@ -90,12 +92,12 @@ class SpaceTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Required distance of surfaces from the axis of the last link: radius plus clearance [m]."""
+        """Required distance of surfaces from the centre line of the last link: its radius plus the clearance [m]."""
         return self.arm.tip_radius + self.clearance
 
     @property
     def advice(self) -> str:
-        """Advice to the user for the case that no motion is found and nothing more specific is known."""
+        """Advice to the user if no motion is found and nothing more specific is known."""
         return "add goal.via: places that the tip passes on its way (not tried)"
 
     @property
@@ -109,7 +111,7 @@ class SpaceTask(SearchTask):
 
     @cached_property
     def contact_certificate(self) -> SpaceCertificate:
-        """Certificate of contact, which leaves a small gap as a reserve for the path between samples."""
+        """Certificate against contact, with a small extra gap in reserve for the path between samples."""
         return SpaceCertificate(self.arm, self.tree, self.clearance + self.spare, self.spare, self.settings.certificate)
 
     @cached_property
@@ -118,14 +120,14 @@ class SpaceTask(SearchTask):
         return MotionCertificate(self.arm, self.spare, self.limits(self.finder(0.0, 0.0)))
 
     def finder(self, margin: float, reach: float) -> SurfaceFinder:
-        """Return a finder of contacts with a planning margin and a reach, both beyond the certified gap [m]."""
+        """Return a finder of contacts; its planning margin and search distance are beyond the certified gap [m]."""
         return SurfaceFinder(self.arm, self.tree, self.names, self.contact_certificate.gap, margin, reach)
 
     def limits(self, finder: SurfaceFinder, wanted_gap: float = 0.0) -> tuple[LimitOf[Any], ...]:
         """Return all limits of the motion.
 
         Args:
-            finder: finder of contacts, with the margin and reach of the contact limit.
+            finder: finder of contacts, with the planning margin and search distance of the contact limit.
             wanted_gap: preferred gap beyond contact [m].
         """
         rows = partial(motion_rows, finder=finder)
@@ -135,7 +137,11 @@ class SpaceTask(SearchTask):
 
     @cached_property
     def spare(self) -> float:
-        """Certified gap beyond the clearance: that of the settings, or half the least gap at the ends if less [m]."""
+        """Certified gap beyond the required clearance [m].
+
+        It is the gap of the settings, or half of the least gap at the start and at a whole-arm goal if that is smaller,
+        but at least ``least_spare``.
+        """
         most = self.settings.certificate.spare * self.unit
         ends = (self.start,) if self.goal_pose is None else (self.start, self.goal_pose)
         room = min(self._room(q, 2.0 * most) for q in ends)
@@ -143,11 +149,14 @@ class SpaceTask(SearchTask):
 
     @property
     def least_spare(self) -> float:
-        """Minimum gap that is certified [m]."""
+        """Lower bound of ``spare``, the certified gap beyond the required clearance [m]."""
         return _LEAST_SPARE * self.unit
 
     def _room(self, q: FloatArray, most: float) -> float:
-        """Return the least gap of a configuration (c,) to surfaces and between links, capped at ``most`` [m]."""
+        """Return the least gap of a configuration (c,) to surfaces and between links, capped at ``most`` [m].
+
+        The clearance is already subtracted from gaps to surfaces, so that the result may be negative.
+        """
         arm = self.arm
         points = arm.joint_positions_at(q)
         first, axes = arm.exposed_links(points)
@@ -164,11 +173,11 @@ class SpaceTask(SearchTask):
         return _MARGIN * self.unit
 
     def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[Sweep]:
-        """Return the optimisation problem of a motion, except its keyframes.
+        """Return the optimisation problem for a motion: limits, goal and weights, without its keyframes.
 
         Args:
             motion: certified motion.
-            margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+            margin: gap beyond contact that constraints require, as a fraction of the arm's length; the default if None.
         """
         kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
         goal = self.limited_goal
@@ -205,13 +214,13 @@ class SpaceTask(SearchTask):
         return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1 for each coordinate of a configuration (c,) that may change, 0 for clamped joints, shape (c,)."""
+        """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for clamped joints, (c,)."""
         return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return keyframes that lie on a smooth path, the unchanged path, and no curves.
+        """Return keyframes that lie on a smooth path (K, c), the unchanged path, and an empty tuple of curves.
 
         The path of a fed arm is built in the unknowns and may bypass the keyframes of the motion, which are therefore
         sampled anew from the path.
@@ -243,7 +252,7 @@ class SpaceTask(SearchTask):
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
     def stepper(self, curve: CurveMap, margin: float = 1.0) -> SpaceStepper:
-        """Return the solver of QP steps in the unknowns of a curve, with ``margin`` times the planning margin."""
+        """Return the solver of QP steps in the unknowns of a curve; ``margin`` is a fraction of the planning margin."""
         gap = margin * self.margin
         return SpaceStepper(curve, self.limits(self.finder(gap, gap + _REACH * curve.nominal_length)), self.settings)
 
@@ -267,7 +276,7 @@ def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
 
 
 def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
-    """Return the corners of a box within reach of a section of the feed axis, clipped to bounds if given, (2, d) [m].
+    """Return the box of all points within ``reach`` of a section of the feed axis, clipped to bounds, (2, d) [m].
 
     Args:
         arm: the arm.
@@ -334,7 +343,9 @@ def space_task(
 
 
 def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
-    """Return a problem for the arm with few links of a task; torque and jerk limits are left to the arm itself.
+    """Return a problem for the arm with few links of a task, without torque and jerk limits.
+
+    Those apply to the arm with all its links only.
 
     Args:
         problem: problem of the arm with many links.
@@ -359,7 +370,7 @@ def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
 
 
 def slowness(problem: Problem) -> FloatArray:
-    """Return the cost of a unit of each coordinate, the median speed limit of the bends divided by its own, (c,)."""
+    """Return the cost of a unit of each coordinate: median speed limit of the bends over its own speed limit, (c,)."""
     arm = problem.arm
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity
     usual = float(np.median(speeds[: 2 * arm.links]))

@@ -15,19 +15,21 @@ _LEAST_SAMPLES = 4
 _MOST_SAMPLES = 96
 """Maximum number of samples of a span. Taste."""
 _SPARE_SHARE = 0.5
-"""Largest error of linear interpolation between samples, as a fraction of the certificate's gap; the path keeps the
-rest. Taste."""
+"""Largest error of linear interpolation between samples, as a fraction of the gap that the certificate proves; the rest
+of the gap is proved for the spline itself. Taste."""
 _LEAST_ERROR = 2e-06
-"""Error of linear interpolation that is allowed in any case, as a fraction of the arm's length. Derived: a few times
-the depth that still counts as contact."""
+"""Error of linear interpolation that is allowed however small the gap is, as a fraction of the arm's length. Derived: a
+few times the penetration that still counts as contact."""
 _REFINEMENTS = 5
-"""Maximum number of rounds of halving legs where a span fails. Taste."""
+"""Maximum number of rounds in which legs of the control polygon are halved where a span fails. Taste."""
 _MOST_REFINEMENTS = 16
-"""Maximum number of rounds of halving legs if users' limits, or clearance, are required too. Taste."""
+"""Maximum number of rounds in which legs are halved if user limits or the preferred clearance are required too.
+Taste."""
 _MOST_CONTROL = 400
 """Number of control points above which none are added. Taste."""
 _MOST_GROWTH = 8
-"""Multiple of the number of keyframes above which no control points are added, if above ``_MOST_CONTROL``. Taste."""
+"""Number of control points per keyframe above which none are added, where that allows more than ``_MOST_CONTROL``.
+Taste."""
 
 DEGREE = 3
 """Degree of the splines: the least with a continuous second derivative."""
@@ -48,7 +50,7 @@ def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpli
 
 @lru_cache(maxsize=64)
 def smoothing_matrix(keyframes: int) -> FloatArray:
-    """Return the matrix from the control points of a clamped cubic spline to its values near these points.
+    """Return the matrix that maps the control points of a clamped cubic spline to one spline value near each of them.
 
     Row k gives the value of the spline at the Greville abscissa of control point k, the mean of the three knots inside
     its support (de Boor, *A Practical Guide to Splines*, chapter IX). For fewer than four control points, which give
@@ -66,7 +68,7 @@ def smoothing_matrix(keyframes: int) -> FloatArray:
 
 
 def places_along(keyframes: int, samples: int) -> FloatArray:
-    """Return parameters of a clamped cubic spline, a number of samples for each leg of its control polygon.
+    """Return parameters at which to sample a clamped cubic spline, equally many for each leg of its control polygon.
 
     Equal steps of the parameter would give long distances near the ends, where the spline moves along the legs faster.
 
@@ -115,7 +117,7 @@ def drawn_near(
     mended: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
     refinements: int = _MOST_REFINEMENTS,
 ) -> BSpline | None:
-    """Return an accepted smooth path near keyframes, from a spline whose control polygon is refined, or None.
+    """Return a smooth path near keyframes that no check refuses, or None if refining its control polygon does not help.
 
     A cubic B-spline deviates from its control polygon by at most a sixth of the second difference, so halving the legs
     of the polygon where a span fails brings the spline closer to the polygon, which is certified.
@@ -123,8 +125,8 @@ def drawn_near(
     Args:
         keyframes: first control points, shape (K, p).
         path: function from a spline of the unknowns to the path.
-        failing: function that returns the parameters at which a path is refused, shape (m,), given the number of
-            refinements so far.
+        failing: function of the path and of the number of refinements so far that returns the parameters at which the
+            path is refused, shape (m,).
         deadline: time after which the attempt ends, or None.
         u: path parameters near which the path has to pass the keyframes, shape (K,); evenly spaced if None.
         mended: function that moves control points, shape (m, p), onto the limits at their parameters, shape (m,).
@@ -151,7 +153,7 @@ def drawn_near(
 
 
 def parameter_spans(u: FloatArray) -> FloatArray:
-    """Return the span boundaries (m − 2,) with which a cubic spline passes its m control points near given parameters.
+    """Return the span boundaries with which a cubic spline passes its m control points near given parameters, (m − 2,).
 
     Args:
         u: path parameters of the control points, shape (m,).
@@ -173,13 +175,19 @@ def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntA
 
 
 def certified_spare(spline: BSpline, certificate: IntervalCertificate) -> float:
-    """Return the gap that a certified spline keeps beyond contact, less the error of linear interpolation [m]."""
+    """Return a lower bound on the gap of a certified spline beyond contact, at least 0 [m].
+
+    It is the gap of the certificate minus the error of linear interpolation between samples.
+    """
     errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
     return max(0.0, certificate.spare - float(np.max(errors)))
 
 
 def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Return the number of samples per span with which the linear interpolation error is small enough, (spans,)."""
+    """Return for each span the number of samples that makes the linear interpolation error small enough, (spans,).
+
+    The number is capped; beyond the cap the error may be larger.
+    """
     allowed = max(_SPARE_SHARE * certificate.spare, _LEAST_ERROR * certificate.arm.length)
     # The error falls with the square of the number of samples.
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
@@ -187,7 +195,7 @@ def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArr
 
 
 def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
-    """Return bounds on the error of linear interpolation over each span of a spline of configurations, (spans,) [m].
+    """Return upper bounds on the error of positions if each span of a spline is replaced by its chord, (spans,) [m].
 
     The error in a coordinate is at most ⅛ h² max|q''|, and in a position the travel of the arm for such a change; q''
     is linear on a span, and its control points are its values at the knots.
@@ -198,9 +206,9 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
 
 
 def at_least_four(control: FloatArray) -> FloatArray:
-    """Return a control polygon (m, p) with legs halved until it has at least four points, as a cubic spline needs.
+    """Return a control polygon (m, p) refined by halving legs to the four or more points that a cubic spline needs.
 
-    A single point becomes a leg of length 0.
+    A single point is first doubled into a leg of length 0.
     """
     if len(control) == 1:
         control = np.repeat(control, 2, axis=0)

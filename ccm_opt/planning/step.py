@@ -17,8 +17,8 @@ from ccm_opt.planning.settings import EngineSettings, MotionSettings
 from ccm_opt.scene.contact_finder import WallFinder
 
 _ITERATIONS_A_ROW = 8
-"""Maximum number of iterations of the QP per row: for a jammed arm the solver would iterate in vain, but 192 links need
-more than 24 iterations in all. Taste."""
+"""Maximum number of QP iterations per constraint: it stops the solver for a jammed arm, where it would iterate in vain,
+and grows with the problem, as 192 links need more than 24 iterations. Taste."""
 _BACKTRACKS = 6
 """Maximum number of times that a step is halved. Taste."""
 
@@ -104,19 +104,19 @@ class StepperOf(Generic[AnyUnknowns]):
         return depth is None or self.safe(pose.q, trial.q, depth)
 
     def leads_to(self, near: Pose, final: Pose) -> bool:
-        """Return whether the pose ``final``, exactly on the goal, satisfies all limits and may follow ``near``."""
+        """Return whether ``final``, a pose exactly on the goal, and the motion to it from ``near`` meet all limits."""
         # In reverse, as after a step: the check of contact is the most costly.
         kept = all(limit.keeps_at_goal(self.space, near, final) for limit in reversed(self.limits))
         return kept and (self.settings.step.proof_depth is None or self.safe(near.q, final.q))
 
     # ------------------------------------------------------------ what is certified
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Return whether the motion between two configurations, each of shape (c,), is certified to keep all limits."""
+        """Return whether the motion between configurations, each of shape (c,), is certified to respect all limits."""
         edge = np.stack((before, after))
         return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
 
     def edge_is_safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Return whether the motion between two unknowns, each of shape (p,), is certified to keep all limits."""
+        """Return whether the motion between two unknowns, each of shape (p,), is certified to respect all limits."""
         return len(self.failing_edges(np.stack((before, after)), depth)) == 0
 
     def failing_edges(self, unknowns: FloatArray, depth: int | None = None) -> IntArray:
@@ -131,7 +131,7 @@ class StepperOf(Generic[AnyUnknowns]):
         return replace(self, limits=tuple(limit.placed(u) for limit in self.limits))
 
     def miss(self, q: FloatArray) -> float:
-        """Return the largest violation of limits that must be met exactly, at a configuration (c,); 0 if none."""
+        """Return the largest violation at a configuration (c,) of limits that are equations; 0 if there are none."""
         return max(limit.miss(q) for limit in self.limits)
 
 
@@ -140,7 +140,7 @@ class Stepper(StepperOf[LinkSpace]):
     """Solver of single steps of an arm in the plane.
 
     Attributes:
-        finder: finder of contacts, whose walls, margins and near contacts guides and diagnoses use too.
+        finder: finder of contacts of the contact limit, whose walls and margins guides and diagnoses use too.
     """
 
     settings: MotionSettings = field(default_factory=MotionSettings)
@@ -148,7 +148,7 @@ class Stepper(StepperOf[LinkSpace]):
 
     @property
     def among_many_walls(self) -> bool:
-        """Whether there are so many walls that goal poses are costly to find and travelling folds find no clearance."""
+        """Whether there are too many walls near the arm to seek goal poses early or to move folds along the arm."""
         return len(self.finder.walls.names) > self.settings.many_walls
 
 

@@ -32,14 +32,14 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TREE_MARGINS = (0.12, 0.06, 0.024)
-"""Margins with which trees of poses are grown, in nominal links: with a wide one trees grow faster, with a narrow one
-they reach through narrow passages. Taste."""
+"""Planning margins with which trees of poses are grown, in nominal links: with a wide margin trees grow faster, with a
+narrow one they reach through narrow passages. Taste."""
 _MOST_LINKS = 48
 """Number of links above which RRT-Connect is not used. Taste: the cost of a pose grows with the links."""
 
 _WORTH_SHORTENING = 1.2
-"""Duration of a motion along a leader's path, as a multiple of that of a linear motion, above which it is optimised.
-Taste."""
+"""Duration of a motion along a leader's path above which it is optimised, as a multiple of the duration of a motion
+that is linear from start to goal. Taste."""
 
 
 FEW_BUDGETS = (5000, 10000, 20000)
@@ -61,9 +61,9 @@ _LATE_BUDGETS = (60000, 60000)
 
 
 class Turn(IntEnum):
-    """Turn of RRT-Connect: EARLY before, MIDDLE among and LATE after the candidates, LAST after the search trees.
+    """When RRT-Connect is tried: EARLY before, MIDDLE among, LATE after the candidates, LAST after pose trees.
 
-    SOON is before candidates that need poses at the goal, which are costly to find.
+    SOON is before those candidates that need poses at the goal, which are costly to find.
     """
 
     EARLY = 0
@@ -74,14 +74,14 @@ class Turn(IntEnum):
 
 
 def goes_straight_to_pose(task: MotionTask) -> bool:
-    """Return whether interpolation applies: the goal is a pose of the whole arm, and no limit depends on u."""
+    """Return whether ``straight`` applies: the goal is a whole-arm pose, and no limit depends on the path parameter."""
     return task.goal_pose is not None and not task.parametric
 
 
 def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion found by interpolation to, or back from, a goal of the whole arm, or None.
+    """Return a motion found by interpolation from the start to a goal of the whole arm, or back from it, or None.
 
-    QP steps deflect the motion where limits demand it.
+    QP steps make the motion deviate from the interpolation where limits require that.
 
     Args:
         task: search task with a goal for the whole arm.
@@ -101,9 +101,9 @@ def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
-    """Return whether RRT-Connect is tried for a task in a given turn.
+    """Return whether RRT-Connect is tried for a task at one of its times (``turn``).
 
-    User limits rule it out, since they refuse motions that are linear in the coordinates.
+    It never is under user limits, which refuse motions that are linear in the coordinates.
     """
     refused = task.parametric or bool(task.user_limits)
     return not refused and len(_budgets(task, turn)) > 0
@@ -150,7 +150,7 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
 
 
 def bends_freely(task: MotionTask) -> bool:
-    """Return whether a task suits goal poses with joints at their limits.
+    """Return whether a search for goal poses with joints at their limits makes sense for a task.
 
     The goal must be one of the tip with a tip path, the base fixed but free to turn, and there must be no user limits.
     """
@@ -180,7 +180,7 @@ def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: boo
     Args:
         task: search task.
         failures: list to which failures of candidates are appended.
-        narrow: whether only the narrower margins are used, if RRT-Connect has its turn after the widest margin.
+        narrow: whether the widest margin is left out, if RRT-Connect is tried after the widest margin.
     """
     margins = fitting_margins(task)
     if is_divided(task):
@@ -202,7 +202,7 @@ def is_divided(task: MotionTask) -> bool:
 
 
 def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion that is found without the user's limits and then tracked under them, or None.
+    """Return a motion that tracks, under the user's limits, a motion found without them; None if that fails.
 
     Tracking is needed for limits that depend on the path parameter, and can satisfy other limits under which candidates
     fail. One motion is tried for each planning margin.
@@ -243,17 +243,18 @@ def _independent_of_path_parameter(task: MotionTask) -> bool:
 
 
 def needs_dense_sampling(task: MotionTask) -> bool:
-    """Return whether poses have to be checked at spacings below the arm's width, which makes RRT-Connect slow."""
+    """Return whether the arm is so thin that RRT-Connect has to sample edges more finely than usual, and is slow."""
     return POSE_SPACING * task.kept < LEAST_SPACING * task.arm.length
 
 
 def candidate_motions(
     task: MotionTask, margin: float, failures: list[Failure], *, sampled: bool = False
 ) -> Iterator[Motion | None]:
-    """Yield the motion, or None, of each pass over the candidates of a task with one planning margin.
+    """Yield the motion of each pass over the candidates of a task with one planning margin, None where all fail.
 
-    The passes are forwards, then backwards from every goal pose, then forwards with the remaining candidates. Backwards
-    comes first if the tip path leads into narrow gates, since an arm can slide out of these more easily.
+    The passes plan from the start, then backwards from every goal pose, then from the start with the other candidates.
+    Planning backwards comes first if the tip path leads into narrow gates between obstacles, since an arm slides out of
+    a gate more easily than into it.
 
     Args:
         task: search task.
@@ -383,7 +384,7 @@ def _is_fed(run: SpaceRun) -> bool:
 
 
 def _passes_places(run: SpaceRun) -> bool:
-    """Return whether via points may be goals of stages: not with user terms, which apply to the whole motion."""
+    """Return whether a search has via points that may be goals of stages: user terms apply to whole motions only."""
     return bool(run.task.via) and run.task.user is None
 
 
@@ -412,11 +413,11 @@ def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
 def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, SpaceMotion]:
     """Return the strategy of one round of sampled trees (RRT-Connect), for arms in space on a fixed base.
 
-    The joints of a fed arm leave the guide tube one by one, which no linear motion describes.
+    Fed arms are excluded: their joints leave the guide tube one by one, which no motion linear in bends describes.
 
     Args:
         number: index of the round.
-        whole: True for a round only for goals of the whole arm, False only for goals of the tip, None for all.
+        whole: goals for which the round is: True for goals of the whole arm, False for goals of the tip, None for both.
     """
 
     def applies(run: SpaceRun) -> bool:

@@ -8,8 +8,8 @@ S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of 
 and since its mean velocity is the chord from end to end, a velocity of at most |chord_k| + ½ c_k.
 
 A point that moves by at most v over an interval, and whose distance from the walls is d(0) and d(1) at its ends, has at
-any time a distance of at least ½ (d(0) + d(1) − v). Intervals not proved this way are halved in time, link by link and
-pair by pair, so that few of these are checked again.
+any time a distance of at least ½ (d(0) + d(1) − v). An interval not proved this way is halved in time, and only the
+links and pairs of links without proof are checked again.
 """
 
 from dataclasses import dataclass, field
@@ -37,7 +37,7 @@ class SpaceCertificate:
         arm: the arm.
         tree: distance tree of the surfaces.
         gap: required gap to every surface beyond the arm's radius [m].
-        pair_gap: required gap between links beyond two radii [m].
+        pair_gap: required gap between links beyond the sum of their radii [m].
         settings: number of halvings, and the fraction of a link's motion by which distances may be underestimated if
             that suffices for the proof.
     """
@@ -50,7 +50,7 @@ class SpaceCertificate:
 
     @property
     def spare(self) -> float:
-        """Certified gap beyond contact [m]."""
+        """Certified gap between links beyond the sum of their radii, by which the path may deviate [m]."""
         return self.pair_gap
 
     @property
@@ -65,7 +65,7 @@ class SpaceCertificate:
 
     @cached_property
     def _call(self) -> NativeCall:
-        """Native call that proves one interval, reusing results for the end of the previous interval."""
+        """Call of the C function that proves one interval; reuses distances from the end of the previous interval."""
         arm = self.arm
         return NativeCall(
             "prove_interval",

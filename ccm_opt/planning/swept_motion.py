@@ -34,7 +34,7 @@ class PlanarSweep(Sweep):
 
     @property
     def turn_metrics(self) -> FloatArray:
-        """Metric of squared link turns in the coordinates, equal for all keyframes, shape (K + 1, p, p)."""
+        """Matrices M with vᵀ M v = Σ of squared link turns for a change v of coordinates, all equal, (K + 1, p, p)."""
         metric = self.space.heading_metric
         return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
 
@@ -45,14 +45,14 @@ class PlanarSweep(Sweep):
 
     @cached_property
     def sag(self) -> FloatArray:
-        """Bound on how far each joint may leave the straight line over each interval, shape (K, n + 1) [m]."""
+        """Upper bounds on the distance of base, joints and tip from their chords over each interval, (K, n + 1) [m]."""
         # ⅛ Σ_{i<j} l_i Δφ_i² for joint j, while links turn evenly.
         squares = 0.125 * self.space.arm.lengths * self.turns**2
         return np.pad(np.cumsum(squares, axis=-1), ((0, 0), (1, 0)))
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
-        """Derivatives of ``sag`` by the change of the coordinates over the interval, (K, n + 1, p) [m per unit]."""
+        """Derivatives of ``sag`` with respect to the coordinates' change over an interval, shape (K, n + 1, p)."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         steps = (0.25 * self.space.arm.lengths * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
@@ -61,19 +61,21 @@ class PlanarSweep(Sweep):
 
     # ------------------------------------------------------------ what rows need
     def deviation(self, rows: IntervalRows) -> FloatArray:
-        """Return bounds on how far the points of m rows may leave the straight line over the interval, (m,) [m]."""
+        """Return upper bounds on how far the contact points of m rows leave their chords over an interval, (m,) [m]."""
         return np.asarray(self.sag[rows.interval, rows.high] - self.sag[rows.interval, rows.low])
 
     def deviation_slopes(self, rows: IntervalRows) -> FloatArray:
-        """Return the derivatives of ``deviation`` by the change of coordinates over the interval, (m, p) [m]."""
+        """Return the derivatives of ``deviation`` with respect to the coordinates' change over the interval, (m, p)."""
         return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
 
     def lost(self, rows: IntervalRows) -> FloatArray:
-        """Return zeros, shape (m,), since ``deviation`` already bounds the motion half-way through the interval."""
+        """Return the clearance of m rows lost within intervals beyond ``deviation``: always 0, shape (m,) [m]."""
         return np.zeros(len(rows))
 
     def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:
-        """Return the convex part of the second derivatives of Σ λ g + pull·tip with respect to the coordinates.
+        """Return the convex part of the Hessian of Σ λ g + pull·tip with respect to the coordinates.
+
+        ``RowCurvature`` holds one part for keyframes and one for the changes over intervals.
 
         Args:
             rows: contact rows g at the ends of intervals.
@@ -90,7 +92,7 @@ class PlanarSweep(Sweep):
     def heading_curvature(
         self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the second derivatives of Σ λ g + pull·tip, which are diagonal in link headings and in link turns.
+        """Return the diagonals of the Hessians of Σ λ g + pull·tip in link headings and in link turns.
 
         Args:
             rows: contact rows g at the ends of intervals.

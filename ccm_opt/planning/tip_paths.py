@@ -1,8 +1,8 @@
 """Shortest tip paths in homotopy classes: back along the arm, round the base on one side, and out along a route.
 
 The arm cannot be crossed and its base cannot be moved, so a tip path is characterised by its homotopy class among the
-obstacles *and the base*: the base is a puncture of free space, passed on the left or on the right. ``taut`` in names
-denotes the shortest path of a class.
+obstacles *and the base*: the base is a point obstacle, passed on the left or on the right. ``taut`` in names denotes
+the shortest path of a class.
 """
 
 from dataclasses import dataclass, replace
@@ -35,8 +35,8 @@ _ARC_RADIUS = 1e-3
 """Radius of the arc round the base, as a fraction of the greatest distance of the shorter path from the base. Taste;
 well inside the gap of every obstacle."""
 _LEAST_CURL = 2.4
-"""Turn of the first link, when the arm is pulled straight in its homotopy class, above which the arm counts as curled
-round its base [rad]. Taste: well above the deviations of alternating bends from the shortest path."""
+"""Angle by which pulling the arm straight within its homotopy class must turn the first link for the arm to count as
+curled round its base [rad]. Taste: well above the deviations of alternating bends from the shortest path."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TipPath:
         route: route from the base to the goal, shape (k, 2) [m].
         taut: shortest path from the tip to the goal, shape (m, 2) [m].
         turn: turn of the first link from its heading at the start to the first heading of the route [rad].
-        free_space: free space, punctured at the base, in which the class is defined.
+        free_space: free space, with the base as a point obstacle, in which the class is defined.
         shrink: distance that shortest paths keep from corners where possible [m].
     """
 
@@ -71,7 +71,7 @@ class TipPath:
 
     @cached_property
     def gate_places(self) -> FloatArray:
-        """Points in the middle of the narrow gates through which the shortest path leads, shape (m, 2) [m]."""
+        """Midpoints of the narrow gates, gaps between obstacles, that the shortest path crosses, shape (m, 2) [m]."""
         room = self.free_space
         if room.gate_runs is None:
             return np.zeros((0, 2))
@@ -80,7 +80,7 @@ class TipPath:
 
     @cached_property
     def rails(self) -> tuple[FloatArray, ...]:
-        """Middle lines of the narrow gates on the shortest path, extended straight on both sides, each (k, 2) [m]."""
+        """Centre lines of the narrow gates that the shortest path crosses, extended at both ends, each (k, 2) [m]."""
         room = self.free_space
         if room.gate_runs is None:
             return ()
@@ -100,13 +100,16 @@ class TipPath:
 def find_tip_paths(
     room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Return the tip paths back along the arm, round the base on either side and along routes, shortest first.
+    """Return the shortest tip path of each class, shortest class first.
+
+    Each class leads back along the arm, round the base on one of its two sides and out along one of the routes; the
+    base is added to the obstacles.
 
     Args:
-        room: free space, without the puncture at the base.
+        room: free space, in which the base is no obstacle yet.
         points: joints and tip at the start, shape (links + 1, 2) [m].
         routes: routes from the base to the goal, each of shape (k, 2) [m].
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that the path keeps from obstacle corners where possible [m].
     """
     puncture = Obstacle("base", PlaneShape(shapely.Point(points[0])))
     punctured = replace(room.workspace, obstacles=(*room.workspace.obstacles, puncture))
@@ -116,13 +119,15 @@ def find_tip_paths(
 def tip_paths_in(
     free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Return the tip paths round the base on either side and along given routes, shortest first.
+    """Return the shortest tip path of each class, shortest class first, in a free space with the base as an obstacle.
+
+    Each class leads back along the arm, round the base on one of its two sides and out along one of the routes.
 
     Args:
-        free_space: free space punctured at the base.
+        free_space: free space in which the base of the arm is a point obstacle.
         points: joints and tip at the start, shape (links + 1, 2) [m].
         routes: routes from the base to the goal, each of shape (k, 2) [m].
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that the path keeps from obstacle corners where possible [m].
     """
     arm, curl = without_curl(free_space, points, shrink)
     first_link = vector_heading(arm[1] - arm[0])
@@ -139,16 +144,16 @@ def tip_paths_in(
 
 
 def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
-    """Return the line along which tip paths lead back to the base: the arm's axis, without a curl round the base.
+    """Return the polyline along which tip paths lead back to the base: the arm's own, or its shortest if curled up.
 
     An arm with surplus length may curl round its own base; if the arm is pulled straight in its homotopy class, its
     base turns and the curl disappears. Tip paths back along the curl would lead the tip round the base needlessly, and
     wind the arm in the wrong direction.
 
     Args:
-        free_space: free space punctured at the base.
+        free_space: free space in which the base of the arm is a point obstacle.
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that the path keeps from obstacle corners where possible [m].
 
     Returns:
         Points from the base outwards, shape (k, 2) [m], and the turn of the first link that removes the curl [rad], 0
@@ -168,7 +173,7 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
 
 
 def with_base_turn(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
-    """Return the tip paths along which the base turns by a given angle, or all paths if there is none.
+    """Return the tip paths whose turn of the first link differs by less than π from a given one; if none, all paths.
 
     By continuity the first link turns by the angle between arm and route on the side of the path. So a goal for the
     whole arm is only met along paths that agree with its first bend; those of other paths differ by whole turns.
@@ -196,14 +201,14 @@ def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tup
 def taut_round_base(
     free_space: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float
 ) -> FloatArray:
-    """Return the shortest path, (k, 2) [m], in the class back along joints, round the base and out along a route.
+    """Return the shortest path in the class that leads back along joints, round the base and out along a route, (k, 2).
 
     Args:
-        free_space: free space punctured at the base.
+        free_space: free space in which the base of the arm is a point obstacle.
         points: joints from the base outwards, shape (m, 2) [m].
         route: route from the base outwards, shape (j, 2) [m].
         side: +1 to turn counter-clockwise from the arm to the route, -1 clockwise.
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that the path keeps from obstacle corners where possible [m].
     """
     if len(points) < 2:
         return _taut_route(free_space, route, shrink)
@@ -213,7 +218,7 @@ def taut_round_base(
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
     """Return the shortest path in the homotopy class of a route (j, 2) from the base, shape (k, 2) [m].
 
-    The first part of the route, inside the puncture at the base, is kept.
+    The first part of the route, inside the inflated point obstacle at the base, is kept.
     """
     span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route extends
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
@@ -249,9 +254,9 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """Return the part of a path (k, 2) from where it last leaves a disc about its first point, at least its last point.
+    """Return the part of a path (k, 2) from where it last leaves a disc about its first point, shape (m, 2) [m].
 
-    ``radius`` is the radius of the disc [m].
+    The part is the last point alone if that lies in the disc. ``radius`` is the radius of the disc [m].
     """
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])

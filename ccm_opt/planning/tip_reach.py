@@ -49,8 +49,8 @@ class ReachSettings:
 
     Attributes:
         step: default width of a cell in the plane, as a fraction of the arm's length. Taste.
-        step_in_space: default width in space. Taste: with a fixed base it gives about two thousand cells, which take
-            about half a minute.
+        step_in_space: default width of a cell in space, as a fraction of the arm's length. Taste: with a fixed base it
+            gives about two thousand cells, which take about half a minute.
         headings: default number of headings tried in a cell in the plane. Taste.
         directions: default number of directions tried in a cell in space. Taste: none, since each direction takes as
             long as the whole map without directions.
@@ -78,7 +78,7 @@ REACH = ReachSettings()
 
 @dataclass(frozen=True, eq=False)
 class ReachQuestion:
-    """Inputs that all cells of one map share; cheap to pickle.
+    """Inputs that the processing of every cell of one reach map shares; cheap to pickle.
 
     Attributes:
         pickled: the pickled problem.
@@ -96,10 +96,10 @@ class ReachQuestion:
     def about(
         cls, problem: Problem, width: float, directions: FloatArray, settings: ReachSettings = REACH
     ) -> "ReachQuestion":
-        """Return the inputs for a problem.
+        """Return the inputs of all cells for a problem.
 
-        The goal of the pickled problem is the position of the tip at the start; only in space, a goal for the tip is
-        kept, as goal of an initial motion.
+        In the pickled problem, the goal is replaced by the position of the tip at the start. Only in space, a goal of
+        the tip is kept, as it is the goal of an initial motion.
 
         Args:
             problem: the problem.
@@ -114,7 +114,7 @@ class ReachQuestion:
 
     @property
     def looker(self) -> "TipLooker":
-        """The object that processes cells in this process, cached."""
+        """Processor of cells for this problem, built once per process and cached."""
         return _looker(self.pickled, self.settings)
 
 
@@ -143,12 +143,13 @@ class CellFound:
 
     Attributes:
         arrived: unknowns of a free pose with the tip at the cell's centre, shape (p,); None if none was found.
-        stone: unknowns of a free pose with the tip anywhere in the cell, shape (p,); None if none was found.
+        stone: unknowns of a free pose with the tip in the cell, but not at its centre, from which neighbours may be
+            entered, shape (p,); None if none was found.
         tried: number of seeds tried.
         taken: mask of the directions that the tip can have, shape (K,); None for a cell to be entered.
         turned: unknowns of poses with these directions, each of shape (p,).
-        gap: largest gap among these poses and the first seed, capped at the largest measured gap [m]; NaN for a cell to
-            be entered.
+        gap: largest minimum gap of one of these poses or of the first seed, capped at the largest measured gap [m]; NaN
+            for a cell to be entered.
         cpu: CPU time used [s].
     """
 
@@ -178,7 +179,7 @@ def _looker(pickled: bytes, settings: ReachSettings) -> "TipLooker":
 
 @dataclass(frozen=True, eq=False)
 class TipLooker:
-    """Processes cells: moves poses of one arm among fixed walls or surfaces by steps.
+    """Processor of the cells of a reach map: moves the tip of one arm among fixed obstacles to cells by QP steps.
 
     Attributes:
         stepper: solver of QP steps.
@@ -229,7 +230,9 @@ class TipLooker:
         return CellFound(stone=stone, tried=len(task.seeds))
 
     def turned(self, task: ReachTask, directions: FloatArray) -> CellFound:
-        """Return the directions that the tip can have in a cell; each is tried from the poses nearest in direction.
+        """Return which directions the tip can have at a cell's centre, with poses that have them and their largest gap.
+
+        Each direction is tried from the known poses whose tip directions are nearest to it.
 
         Args:
             task: the reached cell.
@@ -253,7 +256,7 @@ class TipLooker:
         )
 
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
-        """Return a free pose at a goal, reached by steps from a nearby pose, or None; and the pose of the last step."""
+        """Return a free pose at a goal, reached by steps from a nearby pose, or None, and the pose after the steps."""
         stepper = self.stepper
         if self.task is not None:
             goal = self.task.limited(goal)
@@ -303,7 +306,7 @@ def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
-    """Return a point with each coordinate that is outside a cell replaced by that of the cell's centre, shape (d,) [m].
+    """Return a point in a cell: coordinates outside the cell's range are replaced by the centre's, shape (d,) [m].
 
     Args:
         middle: centre of the cell, shape (d,) [m].
@@ -315,7 +318,9 @@ def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
 
 @dataclass(eq=False)
 class TipFlood:
-    """State of a map under construction: an iterator over tasks, which ends while results of given tasks are missing.
+    """State of a reach map under construction, and an iterator over the tasks whose results complete the map.
+
+    Iteration stops when all tasks of a wave are given out; it may resume when their results have been added.
 
     Attributes:
         axes: coordinates of the cells' centres along each axis [m].
@@ -372,10 +377,11 @@ class TipFlood:
         return self
 
     def __next__(self) -> ReachTask:
-        """Return the next task; after StopIteration, iteration may resume when results have been added.
+        """Return the next task.
 
         Raises:
-            StopIteration: the wave is given out but not finished, or there are no tasks left.
+            StopIteration: the map is complete, or all tasks of the current wave are given out and results are missing;
+                then iteration may resume after these have been added.
         """
         if self._given == len(self._wave) == len(self._found):
             self._next_wave()
@@ -455,7 +461,7 @@ class TipFlood:
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
 
     def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
-        """Yield the sampled poses that are free."""
+        """Yield those of the randomly sampled poses that are free of contact and within all limits."""
         rng = np.random.default_rng(looker.seed)
         for _ in range(self.settings.drawn):
             pose = looker.stepper.pose(looker.drawn(rng))
@@ -470,7 +476,7 @@ class TipFlood:
         return tuple(numbers.tolist()) if within else None
 
     def _beside(self, cell: Cell) -> Iterator[Cell]:
-        """Yield the cells of the grid that share a face with a cell."""
+        """Yield the indices of the cells of the grid that share a face with a given cell."""
         for axis, size in enumerate(self.closed.shape):
             for step in (1, -1):
                 if 0 <= cell[axis] + step < size:

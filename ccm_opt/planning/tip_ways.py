@@ -1,4 +1,4 @@
-"""Tip paths in space, the candidates of the search for a motion."""
+"""Generation of tip paths in space, along which the search for a motion leads the tip or the whole arm."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,8 @@ _FOLLOWABLE_CELLS = (200000, 1500000)
 """Numbers of cells of the grids in which paths that a fed arm can follow are sought, in turn."""
 
 _TIGHTEST = 1.5
-"""Smallest bend radius, in nominal links, for which knots of the curve still represent a right angle."""
+"""Smallest bend radius of a path, in nominal links, at which the knots of the arm's curve can still represent a right
+angle."""
 _LIMIT_SHARES = (1.15, 0.75, 1.6)
 """Assumed bend radii, tried in turn, as multiples of that of the circle through the joints of an arm bent to its
 limits. The circle that the links touch has cos(limit / 2) of that radius, 0.71 for right angles: with factors below 1,
@@ -49,30 +50,32 @@ _NEARNESS = (3.0, 20.0)
 _CLOSE = 0.4
 """Fraction of the planning margin that steps keep after the full margin has failed."""
 _FAR = 2.0
-"""Distance above which walls do not make a path more costly, in nominal links."""
+"""Distance from walls above which a grid path has no extra cost, in nominal links."""
 _AROUND = 4.0
 """Distance by which paths may extend beyond all obstacles of the scene, in nominal links."""
 
 _CLOSE_ONTO_TRACK = 3.0
-"""Weight of pulling the joints onto the track after an arm got stuck on walls; links that are long relative to the
-bends of a duct pass with less (measured in pipes and slots with 8 and 12 links)."""
+"""Weight with which all joints are pulled onto the tip's track, if an arm got stuck on walls with the usual weight;
+links that are long relative to the bends of a duct pass with the usual one (measured in pipes and slots with 8 and 12
+links)."""
 _BANDS = 6
 """Maximum number of elastic bands made through one grid."""
 _CHAIN_SEED = 1000
 """Second number of the seeds of chains of links, after the task's seed and before the growth's number."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
-"""Gaps of chains' links, as fractions of the preferred gap; one is sampled for each growth. Taste."""
+"""Gaps that the links of a chain keep beyond the required clearance, as fractions of the preferred clearance; one is
+sampled for each growth. Taste."""
 _CHAIN_GAP = 0.6
-"""Largest gap between the two parts of a chain, in links. Taste."""
+"""Largest distance between the part of a chain grown from the start and that grown from the goal, in links. Taste."""
 _BEND_SHARE = 0.9
-"""Largest bend of joints of chains, as a fraction of the permitted bend. Taste."""
+"""Largest bend of the joints of a chain, as a fraction of the joint limit. Taste."""
 _GROWTHS = (8, 64)
-"""Numbers of growths of chains in the first attempt and by the end of the second one. Taste: one takes a hundredth of a
-second."""
+"""Numbers of growths of random trees of links in the first attempt, and in both attempts together. Taste: a growth
+takes a hundredth of a second."""
 _CHAINS = 16
 """Maximum number of elastic bands made from chains in one attempt. Taste: one takes a twentieth of a second."""
 _PASSAGE = 0.6
-"""Distance above which walls do not make the path from which an elastic band is made more costly, in nominal links."""
+"""Distance in nominal links above which walls add no cost to the grid path from which an elastic band is made."""
 _CLOSED = 1.0
 """Radius about the point at which a band is hardest to follow within which no further band is sought, in nominal links.
 Taste."""
@@ -95,15 +98,15 @@ _SPARE_LENGTH = 2.0
 
 
 def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
-    """Return the bend radii assumed for paths that a fed arm can follow, in order of trial.
+    """Return pairs of a smallest bend radius and an extra clearance with which followable paths are sought, in order.
 
     Args:
         arm: the arm.
         unit: length of a nominal link [m].
 
     Returns:
-        Pairs of the smallest radius of a path [m] and the additional clearance of the path for the sagitta of links
-        [m].
+        Pairs of the smallest bend radius that a path may have [m], and the clearance that a path needs beyond the usual
+        one, since straight links cut the bends (their sagitta, or 0) [m].
     """
     # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
     half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
@@ -150,7 +153,7 @@ class SpaceTipWays:
         fed: remaining feed of the base [m]; None if the base is fixed.
         straight: distance by which the tip moves straight until the first joint is out of the guide tube [m].
         joints: joints and tip of a fed arm at the start, shape (links + 1, 3) [m].
-        out: arc length from the end of the guide tube to the tip at the start, negative inside the tube [m].
+        out: length of the arm outside the guide tube at the start, negative if the tip is inside the tube [m].
     """
 
     task: SpaceTask
@@ -187,7 +190,11 @@ class SpaceTipWays:
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
-        """Yield paths that a fed arm can follow, from finer grids, then cheapest paths with any bends, and detours."""
+        """Yield the tip paths that are not tried first.
+
+        In order: paths from finer grids that a fed arm can follow, cheapest paths whatever their bends, detours from
+        these, and paths with another straight end at the goal.
+        """
         yield from self._elastic(_CELLS[1])
         yield from self._chained(range(*_GROWTHS))
         for cells in _FOLLOWABLE_CELLS[1:]:
@@ -204,7 +211,10 @@ class SpaceTipWays:
         yield from self._through_cells(_CELLS[-1])
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
-        """Yield the cheapest tip paths through a grid of a number of cells, and detours; none if searched before."""
+        """Yield the cheapest tip paths through a grid of about ``cells`` cells, then detours from them.
+
+        Yields nothing if a grid with the same cell size has been searched before.
+        """
         size = self._grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
@@ -223,7 +233,10 @@ class SpaceTipWays:
         yield from self._detours(cells, seen)
 
     def _elastic(self, cells: int) -> Iterator[TipWay]:
-        """Yield elastic bands that a fed arm can follow, each avoiding the points at which earlier bands fit worst."""
+        """Yield elastic bands that a fed arm may be able to follow, made from cheapest paths through a grid.
+
+        After each band, the cells about the point at which that band is hardest to follow are closed.
+        """
         band = self._band
         if band is None:
             return
@@ -249,7 +262,7 @@ class SpaceTipWays:
 
     @cached_property
     def _band(self) -> Callable[[FloatArray], ElasticWay | None] | None:
-        """Function that makes an elastic band from the corners of a path, shape (k, 3) [m]; None on a fixed base."""
+        """Function that makes an elastic band from a path's corners (k, 3) [m]; None for an arm on a fixed base."""
         if self.joints is None:
             return None
         task = self.task
@@ -259,14 +272,16 @@ class SpaceTipWays:
         return lambda way: band.along(behind, way, self.out + self.straight, self.direction, task.via)
 
     def _followable_band(self, way: ElasticWay) -> bool:
-        """Return whether an arm may try to follow an elastic band."""
+        """Return whether an elastic band is free of collision, bent little enough and short enough to be tried."""
         return way.gap > 0.0 and way.bend < _BENT_OVER and way.length < self._longest_followed
 
     def _chained(self, growths: range) -> Iterator[TipWay]:
-        """Yield elastic bands made from chains of links; none if there are via points.
+        """Yield elastic bands made from chains of links that random trees connect from start to goal.
+
+        Yields nothing if there are via points or the base is fixed.
 
         Args:
-            growths: numbers of the growths of random trees, which are part of their seeds.
+            growths: serial numbers of the growths of random trees, which are part of their seeds.
         """
         band = self._band
         if band is None or self.task.via:
@@ -301,9 +316,10 @@ class SpaceTipWays:
         return LinkChains.of(arm, self.task.tree, self._box, limits, exact=False)
 
     def _passages(self, cells: int) -> TipGrid:
-        """Return the grid of cells through which a tip path may pass, though perhaps not through their centres.
+        """Return the grid from whose paths elastic bands are made; a cell is free if a path may pass anywhere in it.
 
-        Cells directly behind the start and beyond the goal are closed. ``cells`` is the approximate number of cells.
+        The centre of a free cell may be too near to a surface. Cells directly behind the start and beyond the goal are
+        closed. ``cells`` is the approximate number of cells.
         """
         task = self.task
         far = _PASSAGE * task.unit
@@ -315,7 +331,11 @@ class SpaceTipWays:
         return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
-        """Yield the tip paths through a grid that a fed arm can follow with all joints; none for a fixed base."""
+        """Yield tip paths through a grid whose bends all joints of a fed arm can follow; none for a fixed base.
+
+        Each path is yielded three times: to pull the joints onto the path, to do so more strongly, and to lead the tip
+        alone.
+        """
         if self.fed is None:
             return
         seen = self._followed
@@ -336,8 +356,8 @@ class SpaceTipWays:
         Args:
             cells: approximate number of cells of the grid.
             allowance: smallest bend radius, and additional clearance for the sagitta of links [m].
-            price: relative extra cost along walls, and fraction of the planning margin.
-            approach: length of the straight end, in nominal links or, if longer, links.
+            price: relative extra cost along walls, and fraction of the planning margin with which cells are free.
+            approach: length of the straight end, in nominal links or in links, whichever are longer.
         """
         task = self.task
         nearness, margin = price
@@ -365,7 +385,7 @@ class SpaceTipWays:
         return self._joined([*parts, self.goal])
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
-        """Yield tip paths through a grid that keep away from given paths (``seen``), which have failed."""
+        """Yield tip paths through a grid that keep away from the paths ``seen``, to which each new path is appended."""
         for _ in range(_DETOURS):
             way = self._through_grid(cells, _NEARNESS[0], _GRID_MARGINS[-1], _STRAIGHT_ENDS[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
@@ -380,9 +400,10 @@ class SpaceTipWays:
         return [*self.task.via, self._before_goal(approach), self.goal]
 
     def _before_goal(self, approach: float) -> FloatArray:
-        """Return the point at which the straight approach begins, as far before the goal as clearance permits.
+        """Return the point at which the straight approach along the goal direction begins, shape (3,) [m].
 
-        ``approach`` is its largest distance from the goal, in nominal links.
+        Its distance from the goal is ``approach`` nominal links, or two thirds or one third of that if surfaces are too
+        near to the approach; the goal itself if these fail, too, or the goal has no direction.
         """
         if self.direction is None:
             return self.goal
@@ -430,7 +451,7 @@ class SpaceTipWays:
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
-        """Return the grid of cells in which the tip has a fraction of the planning margin and a further clearance.
+        """Return the grid whose free cells leave the tip a fraction of the planning margin and a further clearance.
 
         Args:
             cells: approximate number of cells.
@@ -451,9 +472,10 @@ class SpaceTipWays:
         return self._grids[key]
 
     def _closed_behind(self, grid: TipGrid) -> TipGrid:
-        """Return a grid with cells before the end of the guide tube closed, since no arm turns back through the tube.
+        """Return a grid in which a cylinder around the end of the guide tube, on the side of the base, is closed.
 
-        The grid is unchanged if the base is fixed, or if a point to be passed lies in that region.
+        No arm turns back through its tube. The grid is unchanged if the base is fixed, or if the start, the goal or a
+        via point lies in that cylinder.
         """
         arm = self.task.arm
         if not arm.base_axes:
@@ -471,9 +493,9 @@ class SpaceTipWays:
         return _closed_where(grid, hole, depth + wide, behind)
 
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
-        """Return the distances of the cells of a grid from surfaces, at least up to a reach [m].
+        """Return the distances of the cells of a grid from surfaces, exact at least up to ``reach`` [m], cached.
 
-        Other arguments are those of ``_grid``.
+        ``cells`` and ``longest`` are as in ``_grid``.
         """
         known = self._known.get((cells, longest))
         if known is None or known.reach < reach:
@@ -489,9 +511,10 @@ class SpaceTipWays:
 
     @cached_property
     def _box(self) -> FloatArray:
-        """Box of the tip paths, lower and upper corner, shape (2, 3) [m].
+        """Bounding box for all tip paths, lower and upper corner, shape (2, 3) [m].
 
-        It contains both ends and the part of the tip's reach that lies not far outside the scene.
+        It is the box of the scene, ends and via points, extended by four nominal links and clipped to the box that the
+        tip can reach; it always contains start and goal.
         """
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
@@ -510,7 +533,10 @@ class SpaceTipWays:
 
 
 def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
-    """Return the extra cost of grid cells, ``price`` near paths to be avoided and 0 elsewhere, in the grid's shape."""
+    """Return the relative extra cost of each cell, in the grid's shape: ``price`` near paths to be avoided, else 0.
+
+    The first and last fifth of each path are left out, since all paths share their ends.
+    """
     prices = np.zeros(grid.gaps.shape)
     for way in avoided:
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
@@ -527,7 +553,7 @@ def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArra
 
 
 def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatArray | None = None) -> TipGrid:
-    """Return a grid with the cells within a radius of a point closed, all round or on one side only.
+    """Return a copy of a grid in which the cells within a radius of a point, or those on one side of it, are closed.
 
     Args:
         grid: the grid.
@@ -550,7 +576,7 @@ def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatAr
 def _closed_where(
     grid: TipGrid, middle: FloatArray, reach: float, closed: Callable[[FloatArray], BoolArray]
 ) -> TipGrid:
-    """Return a grid with the cells closed that a condition selects within a cube.
+    """Return a copy of a grid in which the cells within a cube that fulfil a condition are closed.
 
     Args:
         grid: the grid.
@@ -567,7 +593,7 @@ def _closed_where(
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
-    """Return whether two paths stay within a distance ``unit`` of each other at equal fractions of their lengths."""
+    """Return whether two polylines are nearer than ``unit`` to each other at 33 equal fractions of their lengths."""
     share = np.linspace(0.0, 1.0, 33)
 
     def places(corners: FloatArray) -> FloatArray:

@@ -55,16 +55,18 @@ class Reference:
 
     @classmethod
     def of(cls, motion: Motion, space: LinkSpace) -> "Reference":
-        """Return a motion in the plane as a reference in another space, with u proportional to rotations of links."""
+        """Return a planar motion as a reference in the unknowns of ``space``, with u proportional to link rotations."""
         way = arc_lengths(space.arm.poses(motion.configurations))
         u = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
         return cls(u, space.closest(motion.configurations))
 
     def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """Return the cost terms of a step towards the reference at u, and whether one step may reach the reference.
+        """Return the least-squares terms that pull a step towards the reference at u, and whether one step may suffice.
+
+        The rotations of the links are limited to a largest rotation per step; the flag is True if all are below it.
 
         Args:
-            space: the space of the unknowns.
+            space: map from the unknowns to configurations.
             u: path parameter of the reference.
             pose: current pose.
         """
@@ -98,7 +100,9 @@ class TrackedPoses:
 def follow_reference(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, start: Pose, deadline: Deadline
 ) -> TrackedPoses:
-    """Return poses that track a reference motion under the stepper's limits, to the motion's end or onto the goal.
+    """Return the poses and path parameters of a motion that tracks a reference under the stepper's limits.
+
+    The motion ends in the last configuration of the reference or, if that violates the limits, elsewhere at the goal.
 
     Args:
         stepper: solver of QP steps with the limits.
@@ -161,7 +165,7 @@ def _ended(
 
 
 def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
-    """Return poses towards the reference at u, up to one that meets the stepper's limits; None if none meets them.
+    """Return the poses of steps towards the reference at u, until a pose meets the stepper's limits; None if none does.
 
     Args:
         stepper: solver of QP steps with the limits at u.
@@ -194,19 +198,21 @@ def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) ->
 
 
 _PRICE = 10000.0
-"""Cost of a constraint violation equivalent to a rotation of the whole arm by 1 rad, relative to a deviation from even
-growth by 1. Taste."""
+"""Cost in the schedule of a constraint violation that a rotation of all links by 1 rad would remove, relative to the
+cost of u differing by 1 from the fraction of the motion's length. Taste."""
 
 _PLACES = 101
-"""Number of samples of the motion for the schedule, evenly spaced in its length. Taste."""
+"""Number of samples of the motion for which the schedule is computed, evenly spaced in its length. Taste."""
 _STEPS = 61
-"""Number of evenly spaced samples of the path parameter for the schedule. Taste."""
+"""Number of evenly spaced path parameters among which the schedule chooses. Taste."""
 _EVEN = 0.02
-"""Minimum growth of u relative to the length, and of the length relative to u, as a fraction of even growth. Taste."""
+"""Weight of even growth that is mixed into the schedule, so that neither u nor the motion ever stands still. Taste."""
 
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
-    """Return the fraction of the joint path's weighted length before each configuration of a motion, shape (K,).
+    """Return the length of the joint path up to each configuration, as a fraction of the whole length, shape (K,).
+
+    The length is measured in weighted coordinates; for a motion of length zero the fractions are evenly spaced.
 
     Args:
         motion: the motion.
@@ -218,6 +224,8 @@ def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
 
 def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> FloatArray:
     """Return path parameters for the configurations of a motion, increasing from 0 to 1, shape (K,).
+
+    Dynamic time warping chooses the parameters with the least constraint violations (see the module).
 
     Args:
         motion: motion without path parameters.
@@ -238,7 +246,9 @@ def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> Floa
 
 
 def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
-    """Return the largest constraint violation at u in each of N configurations, as a rotation of the whole arm, (N,).
+    """Return the largest constraint violation at u in each of N configurations, shape (N,) [rad].
+
+    Each violation is converted into the rotation of all links that would remove it to first order.
 
     Args:
         user: the user's constraints.
@@ -254,7 +264,10 @@ def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
 
 
 def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
-    """Return row and column indices of the cheapest monotone path from the first to the last cell of a cost table."""
+    """Return the row and column indices of the cheapest path through a cost table, from the first to the last cell.
+
+    Each step increases the row, the column or both by one.
+    """
     total = np.full(price.shape, np.inf)
     total[0, 0] = price[0, 0]
     for i in range(price.shape[0]):
@@ -295,7 +308,7 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
 
 
 def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:
-    """Return a motion that tracks another one, with path parameters u, shape (K,), under the user's constraints.
+    """Return a motion to the task's goal that tracks another one, timed by u (K,), under the user's constraints.
 
     Raises:
         MotionNotFound: a constraint could not be met.

@@ -23,7 +23,7 @@ MOST_EXTENSIONS = 400
 """Maximum number of extensions, however much time is left, so that the result does not depend on the time. Measured in
 24 scenes of clutter: 22 need at most 16, one 51, one 201."""
 _DISPERSION = 0.04
-"""Minimum distance between nodes, as measured by ``PoseTree.distances``. Taste."""
+"""Minimum distance between two nodes of a tree, in the metric of ``PoseTree.distances``. Taste."""
 _STEPS = 250
 """Maximum number of steps of an extension. Taste."""
 _SATURATED = 80
@@ -46,7 +46,7 @@ _PATIENCE = 12
 
 
 class _Root(IntEnum):
-    """Root of a search tree, start or goal, used as the index of the tree in pairs."""
+    """Root of a search tree, start or goal; its value is the index of the tree in ``TreeSearch.trees``."""
 
     START = 0
     GOAL = 1
@@ -56,7 +56,7 @@ def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
     """Return the poses of a motion from start to goal found by growing two trees until they meet.
 
     Args:
-        runs: searches of one task with different margins, the narrowest last, whose poses and goal are used.
+        runs: searches of one task that differ in their planning margin, the narrowest last.
 
     Raises:
         Stalled: the time is up or the trees reach nothing new; the exception holds the pose nearest to the goal.
@@ -78,7 +78,7 @@ class TreeSearch:
         rng: source of every random choice.
         trees: tree from the start, and tree from poses at the goal.
         samplers: samplers of the extensions of both trees.
-        rejected: number of extensions since the last one that added a node.
+        rejected: number of extensions in a row, up to now, that added no node.
         extensions: number of extensions so far.
         found: poses of the motion from start to goal; empty until a motion is found.
     """
@@ -141,7 +141,7 @@ class TreeSearch:
             self._connect(_Root.GOAL, root)
 
     def _extend(self, side: int) -> None:
-        """Extend one tree by a random guide, keep certified new poses, and try to complete the motion from them.
+        """Extend one tree along a random guide, add certified poses as nodes, and try to complete the motion.
 
         ``side`` is the index of the tree, 0 for the start.
         """
@@ -161,7 +161,7 @@ class TreeSearch:
             self._connect(side, added[-1])
 
     def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
-        """Return the poses of one extension from a pose along a guide, with a random planning margin.
+        """Return the poses of one extension from a pose along a guide, with the planning margin of a random run.
 
         ``patience`` is the number of steps without progress after which the extension ends.
         """
@@ -180,7 +180,10 @@ class TreeSearch:
         return poses[: int(failing[0]) + 1] if len(failing) else poses
 
     def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:
-        """Add poses of a motion from a node that are far enough from all nodes, and return the indices of new nodes."""
+        """Add poses of a motion that begins at a node as nodes if far enough from all others; return their indices.
+
+        Poses in between are stored in the edge that leads to the next node.
+        """
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1
@@ -195,7 +198,10 @@ class TreeSearch:
         return added
 
     def _settle(self, node: int) -> None:
-        """Lead the tip of a node of the start tree onto the goal, if it is near the goal, to complete the motion."""
+        """Try to complete the motion: lead the tip of a node of the start tree onto the goal if it is near the goal.
+
+        Does nothing for a goal of the whole arm.
+        """
         run = self.runs[-1]
         if self.goal.coordinates is not None:
             return  # a goal of the whole arm is the root of the other tree, and reached by connections
@@ -214,7 +220,10 @@ class TreeSearch:
             self.found = tree.poses_to_node(node) + poses[1:]
 
     def _connect(self, side: int, node: int) -> None:
-        """Lead a node towards the nearest nodes of the other tree, to complete the motion."""
+        """Try to complete the motion: lead a node of tree ``side`` to the nearest node of the other tree.
+
+        Certified poses of a failed attempt are added to the tree.
+        """
         tree = self.trees[side]
         other = self.trees[1 - side]
         if not len(other):

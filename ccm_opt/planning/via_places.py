@@ -29,9 +29,9 @@ class Passings:
 
 
 def passings(tips: FloatArray, places: FloatArray) -> Passings:
-    """Return the positions on a tip path at which via points are passed in order.
+    """Return the positions on a tip path that count as those at which the via points are passed, in order.
 
-    They minimise the sum of the squared distances between path and via points.
+    Among all positions on non-decreasing legs, these minimise the sum of the squared distances from the via points.
 
     Args:
         tips: vertices of the path, at least two, shape (K, 3) [m].
@@ -48,7 +48,7 @@ def passings(tips: FloatArray, places: FloatArray) -> Passings:
 
 
 def _in_order(away: FloatArray) -> IntArray:
-    """Return a non-decreasing choice of one column per row of a table (m, k) with the least sum of entries, (m,)."""
+    """Return a column index for each row of a table (m, k), non-decreasing and with the least sum of entries, (m,)."""
     # Dynamic programme: the least sum of rows so far with the last at a column or before it; then back from the end.
     sums = np.zeros_like(away)
     best = np.zeros(away.shape[1])
@@ -64,7 +64,9 @@ def _in_order(away: FloatArray) -> IntArray:
 
 
 def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
-    """Return the index of the first via point that a tip path misses, and the distance [m], or None if all are passed.
+    """Return the index of the first via point that a tip path does not pass in order, and its distance; None if none.
+
+    The distance [m] is the least from this via point to the samples after the previous one was passed.
 
     Args:
         tips: samples of the tip path, shape (N, 3) [m].
@@ -100,9 +102,10 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
         return keyframe, off[np.arange(len(keyframe)), keyframe]
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows that keep the tip, at the keyframes that pass via points, in a cube around its via point.
+        """Return linear bounds that keep the tip near the via points at the keyframes that pass them.
 
-        The cube is inscribed in the ball of radius ``reach``; an offset that is larger already must not grow.
+        The tip stays in a cube around the via point, inscribed in the ball of radius ``reach``; coordinates of the
+        offset that are larger already must not grow.
         """
         del u
         keyframe, off = self._passed(sweep)

@@ -30,19 +30,19 @@ _WANTED_POSES = 8
 """Number of poses at the goal to which motions are tried in turn before sampling."""
 
 _SLIDE_ROOM = 0.5
-"""Fraction of the preferred gap that a slide along the tip path must keep at first; if none does, any collision-free
-one is used."""
+"""Fraction of the preferred clearance that a slide of all joints along a tip path has to keep; if no slide does, any
+collision-free slide is used."""
 
 _SLIDE_STEP = 0.25
-"""Feed from keyframe to keyframe of a slide, in nominal links. Measured in a wing box: with twice as much, joints that
-slide round sharp bends lose 2 mm of a gap of 3 mm between keyframes."""
+"""Feed between keyframes of a slide of all joints along a tip path, in nominal links. Measured in a wing box: with
+twice as much, joints that slide round sharp bends lose 2 mm of a gap of 3 mm between keyframes."""
 
 _KNOTS = (11, 16, 22)
 """Numbers of knots of the curve, tried in turn: more knots represent sharp bends better, but the optimisation takes
 longer (measured in pipes: 16 knots suffice for 8 to 16 links, 22 for 24 links)."""
 _GRAZING = 0.1
-"""Fraction of the preferred gap below which a motion led by the tip is replaced by a slide, if possible: the
-optimisation seldom restores the clearance of such a motion."""
+"""Fraction of the preferred clearance below which a motion that leads the tip is replaced, if possible, by a slide of
+all joints along the tip path: the optimisation seldom restores the clearance of such a motion."""
 _TURNS_OFF = 1.5
 """Number of links that leave the guide tube before the tip leaves its straight path. With a single one the joint at the
 end of the tube would have to bend as it comes out (measured between ribs)."""
@@ -58,12 +58,12 @@ second."""
 _CHAINED_EXTENSIONS = 1000
 """Extensions of the trees in a turn. Measured among bars: they mostly meet after less than a hundred, or never."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
-"""Maximum numbers of searches for poses at the goal of the tip, and of extensions of the sampled trees, round by round.
+"""Effort of each round of sampled trees: maximum number of searches for poses at the tip goal, and of tree extensions.
 Taste: such a search, and 1000 extensions, take a twentieth of a second."""
 SAMPLED_ROUNDS = len(_SAMPLED_ROUNDS)
 """Number of rounds of sampled trees."""
 _SAMPLED_GOALS = 6
-"""Number of poses at the goal after which no further ones are sought. Taste."""
+"""Number of known collision-free poses at the goal from which on no further ones are sought. Taste."""
 _WITHDRAWN_SHARE = 0.5
 """Fraction of the remaining time that the search from the guide tube may use after a retraction. Taste."""
 
@@ -76,9 +76,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     @classmethod
     def from_task(cls, task: SpaceTask, knots: int = KNOTS) -> "SpaceRun":
-        """Return the search in the curve through the start of a task, or continuing from the task's stage.
+        """Return the search of a task in a new curve through the start, or in the curve of the task's stage.
 
-        ``knots`` is the number of knots of the curve.
+        ``knots`` is the number of knots of a new curve.
         """
         curve, start = task.stage or CurveMap.through(task.arm, task.start, knots)
         goal = task.limited_goal
@@ -93,7 +93,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ led by the tip
     def find_along_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion along one of the tip paths that are tried first, or None if all fail.
+        """Return a motion along the first of the paths of ``first_ways`` that succeeds, or None if all fail.
 
         Failures are appended to ``failures``.
         """
@@ -255,7 +255,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def with_margin(self, share: float) -> "SpaceRun":
-        """Return a copy of the search that keeps a fraction of the planning margin."""
+        """Return a copy of the search whose steps keep only a fraction (``share``) of the planning margin."""
         return replace(self, stepper=self.task.stepper(self.stepper.space, share))
 
     def _has_room(self, motion: SpaceMotion) -> bool:
@@ -263,9 +263,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self._keeps(_GRAZING * self.task.wanted_gap, motion.curve, motion.unknowns)
 
     def _keeps(self, gap: float, curve: CurveMap, unknowns: FloatArray) -> bool:
-        """Return whether a motion, unknowns of shape (K, p), is certified with a gap [m] beyond the clearance.
+        """Return whether a motion, unknowns of shape (K, p), is certified with a gap [m] beyond the required clearance.
 
-        The gaps at its keyframes decide first, as they are found sooner.
+        The gaps at the keyframes are checked first, as they are cheaper than the certificate.
         """
         task = self.task
         if task.least_gap(curve.configurations(unknowns)) < gap:
@@ -274,9 +274,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return len(roomy.stepper(curve, 0.0).failing_edges(unknowns)) == 0
 
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion with all joints of a fed arm sliding along a tip path, or None.
+        """Return a motion in which all joints of a fed arm slide along a tip path, or None if none is certified.
 
-        The curve has as few knots as leave half of the preferred clearance or, failing that, are collision-free.
+        The curve has the fewest knots with which the motion keeps half of the preferred clearance or, if no number of
+        knots does, is collision-free.
         """
         task = self.task
         corners = np.vstack([part for part, _ in self._legs(way)])
@@ -290,7 +291,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return run.attempt("on the track of the tip", partial(run.arrived, poses), failures)
 
     def _fitted_slide(self, configurations: FloatArray) -> "tuple[SpaceRun, FloatArray] | None":
-        """Return a search in a curve that represents given configurations (K, c), and certified unknowns, or None."""
+        """Return a search in a curve that represents configurations (K, c), and certified unknowns (K, p), or None."""
         task = self.task
 
         @cache
@@ -326,7 +327,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.arrived(poses)
 
     def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, GoalPose | None]]:
-        """Yield the parts of a tip path between via points: vertices, and via point (None for the last part)."""
+        """Yield the parts of a tip path between via points: vertices (m, 3), and the via point at the end or None.
+
+        With user terms, which would wrongly apply to stops at via points, the only part is the whole path.
+        """
         task = self.task
         before = way.corners[:0]
         first = 0
@@ -347,7 +351,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ led to poses of the whole arm, and drawn
     def to_poses(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion to a pose at the goal, linear in the unknowns or via less bent poses, or None."""
+        """Return a motion to a pose at the goal, or None: linear in the unknowns, or via poses with smaller bends.
+
+        Goals of the tip are first replaced by a few poses of the whole arm with the tip at the goal.
+        """
         task = self.task
         name = "straight to the pose" if task.goal_pose is not None else "straight to a pose at the goal"
         goals = []
@@ -418,7 +425,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     @cached_property
     def _free_goals(self) -> list[Pose]:
-        """Collision-free poses at the goal that are known so far; only the goal itself for a goal of the whole arm."""
+        """Collision-free poses at the goal found so far, extended by each round; a whole-arm goal is the only one."""
         return [] if self.goal.coordinates is None else [self.stepper.pose(self.goal.coordinates)]
 
     @cached_property

@@ -16,10 +16,10 @@ _TURNING_FEEDS = 24
 
 
 def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
-    """Return the poses of an arm that is retracted along its curve, from a start, as far as they are certified.
+    """Return the certified poses of a retraction of a fed arm into its guide tube, from a start, inclusive.
 
-    The curve is fixed in space while the feed decreases. If bends that the curve cannot reproduce prevent that, the arm
-    is retracted along its shape by QP steps.
+    The backbone curve is kept fixed in space while the feed decreases to its minimum. From the first motion that is not
+    certified, the arm is instead retracted along its own shape by QP steps. Both may end short of the minimum feed.
 
     Args:
         stepper: solver of QP steps of a fed arm.
@@ -45,7 +45,10 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
 
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses of an arm that is retracted along its own shape by QP steps, from a given pose, inclusive."""
+    """Return the poses of a retraction by QP steps along the shape of an arm's pose, from that pose, inclusive.
+
+    The retraction ends where the feed is least, or where no further step succeeds.
+    """
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
     shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))
@@ -61,18 +64,18 @@ def turned_over(
 ) -> FloatArray | None:
     """Return a certified motion that joins a retraction into the guide tube and an onward motion, or None.
 
-    The arm is retracted no farther than necessary: at the greatest possible feed it moves linearly from its shape in
-    the retraction to its shape in the onward motion.
+    The arm is retracted no farther than necessary: at each of several feeds, the greatest first, a linear motion is
+    tried from the arm's shape at that feed in the retraction to its shape at the same feed in the onward motion.
 
     Args:
         stepper: solver of QP steps in the unknowns of both motions.
         back: unknowns at the keyframes of the retraction, shape (K, p).
         onward: unknowns at the keyframes of the onward motion, which begins at the feed at which the retraction ends,
             shape (M, p).
-        wholly: whether both motions are kept whole.
+        wholly: whether the change may only happen at the end of the retraction, so that both motions are kept whole.
 
     Returns:
-        Unknowns at the keyframes of the joined motion, shape (N, p).
+        Unknowns at the keyframes of the joined motion, shape (N, p); None if no change is certified.
     """
     if len(stepper.failing_edges(back)) or len(stepper.failing_edges(onward)):
         return None
@@ -89,7 +92,9 @@ def turned_over(
 
 
 def _up_to_feed(unknowns: FloatArray, feed: float, column: int) -> FloatArray:
-    """Return the part of a motion (K, p) until its feed has decreased to a value, shape (m, p).
+    """Return the keyframes of a motion until its feed first falls to a value, which the last one has, shape (m, p).
+
+    The last keyframe is interpolated linearly; the whole motion is returned if its feed stays above the value.
 
     Args:
         unknowns: unknowns at the keyframes, shape (K, p).
