@@ -30,10 +30,10 @@ from ccm_opt.core.errors import (
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import explained, likely, refuse_impossible
+from ccm_opt.diagnosis.explain import explain_failure, refuse_impossible, suspected_causes
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
-from ccm_opt.diagnosis.passages import passages
-from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.diagnosis.planar_axis_paths import planar_axis_paths
+from ccm_opt.diagnosis.ranking import rank_findings
 from ccm_opt.diagnosis.reach import least_chord, within_reach
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.driver.legs import recorded_path
@@ -171,7 +171,7 @@ def screened(radius: float = 0.02, gap: float | None = None) -> Problem:
 @pytest.mark.parametrize("radius", [0.01, 0.03])
 def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
     """Round one end of a wall the way is as long as two tangents and an arc, to a few thousandths, never longer."""
-    (way,) = passages(screened(radius), Deadline.never())
+    (way,) = planar_axis_paths(screened(radius), Deadline.never())
     exact = string_round(np.zeros(2), np.array([0.7, 0.0]), np.array([0.4, 0.3]), radius + 0.02)
     assert exact * 0.995 - 1e-3 <= way.space.shortest <= exact
 
@@ -179,8 +179,8 @@ def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
 def test_the_widest_way_is_half_the_gap() -> None:
     """Bisection finds the margin at which the gap closes, and both of its walls."""
     problem = screened(0.05, gap=0.07)
-    (way,) = passages(problem, Deadline.never())
-    assert way.widest(way.room).unbounded_excess == pytest.approx(0.035, rel=5e-3)
+    (way,) = planar_axis_paths(problem, Deadline.never())
+    assert way.widest(way.required_distance).unbounded_excess == pytest.approx(0.035, rel=5e-3)
     (finding,) = failed(problem)
     assert (finding.kind, set(finding.obstacles)) == ("too thick", {"upper", "lower"})
     assert finding.place == pytest.approx((0.425, 0.0), abs=0.03)
@@ -227,7 +227,7 @@ def test_checks_leave_out_what_does_not_apply_to_a_feed_axis() -> None:
     fed, goal = replace(arm, feed=Feed(0.0, 0.5, 0.5)), TipGoal(np.array([1.4, 0.0]))
     problem = replace(problem, arm=fed, limits=limits, goal=goal)
     assert failed(problem) == ()
-    assert likely(problem, later(900.0)) == ()
+    assert suspected_causes(problem, later(900.0)) == ()
     far = failed(replace(problem, goal=TipGoal(np.array([1.6, 0.0]))))
     assert [finding.kind for finding in far] == ["too short"]
 
@@ -309,7 +309,7 @@ def test_no_time_no_trial() -> None:
     """Nothing is tried when no time is left; the findings are told all the same."""
     problem = screened(0.05, gap=0.07)
     solver = Threshold(RADIUS, 1.0)
-    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)))
+    error = explain_failure(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)))
     assert solver.asked == []
     assert error.diagnosis.findings[0].kind == "too thick"
     assert error.diagnosis.relaxations == ()
@@ -360,7 +360,7 @@ def test_changes_are_told_of_before_they_are_tried_and_once_they_help() -> None:
     error = UnreachableGoal(Diagnosis("no way", "free space"))
     stages = Stages(heard.append)
     with stages("diagnosis"):
-        told = explained(screened(0.05, gap=0.07), error, Trials(solve, later(900.0)), stages)
+        told = explain_failure(screened(0.05, gap=0.07), error, Trials(solve, later(900.0)), stages)
     news = [each for each in heard if isinstance(each, Progress)]
     known = [each.known for each in news if each.known is not None]
     assert "too thick" in known[0].reason
@@ -389,7 +389,7 @@ def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> 
     problem = screened(0.03, gap=0.066)
     error = MotionNotFound(Diagnosis("no motion found in 7 candidates", "motion", ("raise planner.routes",)))
     solver = Threshold(RADIUS, 0.028)
-    told = explained(problem, error, Trials(solver, later(900.0)))
+    told = explain_failure(problem, error, Trials(solver, later(900.0)))
     assert isinstance(told, MotionNotFound)
     assert told.diagnosis.reason == "no motion found in 7 candidates"
     first = told.diagnosis.findings[0]
@@ -406,7 +406,9 @@ def test_what_was_tried_and_did_not_help_is_no_advice() -> None:
 
     problem = screened(0.03, gap=0.066)
     advice = ("reduce arm.radius (not tried)", "raise planner.routes (not tried)")
-    told = explained(problem, MotionNotFound(Diagnosis("no motion", "motion", advice)), Trials(hopeless, later(900.0)))
+    told = explain_failure(
+        problem, MotionNotFound(Diagnosis("no motion", "motion", advice)), Trials(hopeless, later(900.0))
+    )
     assert "not solved with arm.radius = " in str(told)
     assert ", within 2.5 s" in told.diagnosis.failed_changes[0]
     assert told.diagnosis.advice == ("raise planner.routes (not tried)",)
@@ -418,7 +420,7 @@ def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
     problem = make_limited(open_scene(1).problem())
     evidence = {"revolute": 1, "torque": 4.5, "limit": 3.0, "path_position": 0.5}
     error = RetimingError(Diagnosis("joint 1 needs 4.5 N m", "retiming", (), evidence))
-    told = explained(problem, error, Trials(lambda _: None, later(900.0))).diagnosis
+    told = explain_failure(problem, error, Trials(lambda _: None, later(900.0))).diagnosis
     assert [finding.reason for finding in told.findings] == [told.reason] == ["joint 1 needs 4.5 N m"]
     words = {relaxed.key: relaxed for relaxed in told.relaxations}
     assert words["limits.torque"].words == "limits.torque = 4.703 N m"
@@ -456,7 +458,7 @@ def test_what_is_proved_comes_first() -> None:
     """Proved findings stand before likely ones, elementary before derived ones, and none twice."""
     likely = Finding("too short", "perhaps short", proved=False)
     weak, touching = Finding("torque", "weak"), Finding("contact", "touches")
-    assert ranked((likely, weak, touching, weak)) == (touching, weak, likely)
+    assert rank_findings((likely, weak, touching, weak)) == (touching, weak, likely)
 
 
 def test_a_path_is_recalled_when_only_loads_change() -> None:

@@ -13,7 +13,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import explained, unit_hints
+from ccm_opt.diagnosis.explain import explain_failure, unit_hints
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.planning.ends import resolve_ends
@@ -114,11 +114,11 @@ def test_a_term_is_dropped_where_nothing_is_proved() -> None:
 
     terms = (("constraint", "low"), ("cost", "tall"))
     error = MotionNotFound(Diagnosis("no motion found", "motion"))
-    told = explained(problem, error, Trials(solve, later(900.0), terms)).diagnosis
+    told = explain_failure(problem, error, Trials(solve, later(900.0), terms)).diagnosis
     assert dropped == ["low", "tall"]
     assert [relaxed.words for relaxed in told.relaxations] == ["cost 'tall' dropped"]
     far = replace(problem, goal=TipGoal(np.array([1.25, 0.0])))
-    explained(far, error, Trials(solve, later(900.0), terms))
+    explain_failure(far, error, Trials(solve, later(900.0), terms))
     assert dropped == ["low", "tall"]
 
 
@@ -134,7 +134,7 @@ def test_units_that_look_wrong_are_hinted_at() -> None:
     assert any("1.047 rad would be 60°" in hint for hint in unit_hints(stiff))
     huge = replace(sound, workspace=Workspace(shapely.box(-1300.0, -1300.0, 1300.0, 1300.0)))
     assert any("workspace.bounds is" in hint for hint in unit_hints(huge))
-    told = explained(far, UnreachableGoal(Diagnosis("no way", "free space")), Trials(lambda _: None, later(0.0)))
+    told = explain_failure(far, UnreachableGoal(Diagnosis("no way", "free space")), Trials(lambda _: None, later(0.0)))
     assert any(line.startswith("check the units") for line in told.diagnosis.advice)
 
 

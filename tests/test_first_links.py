@@ -13,7 +13,7 @@ from scipy import ndimage
 from ccm_opt.cli.compare.suites import Scene, clutter, random_polygon
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import UnreachableGoal
-from ccm_opt.diagnosis.checks import AT_ONCE, failed
+from ccm_opt.diagnosis.checks import CHEAP_CHECKS, failed
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances
@@ -50,7 +50,7 @@ def hemmed_in(problem: Problem) -> bool:
 def test_a_post_before_the_base_is_named_with_what_helps() -> None:
     """The post is named, without it nothing is proved, and the whole turn that leads round it is told."""
     problem = past_post(2.0, -2.0)
-    (found,) = failed(problem, AT_ONCE)
+    (found,) = failed(problem, CHEAP_CHECKS)
     assert (found.kind, found.obstacles, found.proved) == ("hemmed in", ("post",), True)
     assert "with joint 1 at 245.4°, a whole turn away, they lie the same way" in found.reason
     assert not hemmed_in(replace(problem, workspace=problem.workspace.without("post")))
@@ -107,7 +107,7 @@ def test_the_search_asks_for_the_proof_before_what_takes_long() -> None:
     """Three links that are shut off end the search as unreachable."""
     scene = clutter(8086, 30)
     problem = scene.problem(JointPose(scene.arm.bends(scene.goal)), 20.0)
-    assert not any(finding.kind == "hemmed in" for finding in failed(problem, AT_ONCE))
+    assert not any(finding.kind == "hemmed in" for finding in failed(problem, CHEAP_CHECKS))
     (found,) = (finding for finding in failed(problem) if finding.kind == "hemmed in")
     assert "first 3 links" in found.reason
     with pytest.raises(UnreachableGoal, match="first 3 links"):

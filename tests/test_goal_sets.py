@@ -15,7 +15,7 @@ from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.diagnosis.passages import shortest_way
+from ccm_opt.diagnosis.planar_axis_paths import shortest_path_length
 from ccm_opt.planning.ends import resolve_ends, tip_goal
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.goal_pose import poses_at_goal
@@ -143,9 +143,9 @@ def test_the_shortest_way_is_that_of_the_visibility_graph(seed: int) -> None:
     lengths = np.linalg.norm(corners[i] - corners[j], axis=1)[seen] + 1e-15
     graph = scipy.sparse.coo_array((lengths, (i[seen], j[seen])), shape=(len(corners), len(corners))).tocsr()
     expected = float(dijkstra(graph, directed=False, indices=0)[1])
-    assert shortest_way(piece, start, goal, 10.0, 1000) == pytest.approx(expected, abs=1e-7)
-    assert shortest_way(piece, start, goal, 0.999 * expected, 1000) == 0.999 * expected
-    assert shortest_way(piece, start, goal, 10.0, 3) is None
+    assert shortest_path_length(piece, start, goal, 10.0, 1000) == pytest.approx(expected, abs=1e-7)
+    assert shortest_path_length(piece, start, goal, 0.999 * expected, 1000) == 0.999 * expected
+    assert shortest_path_length(piece, start, goal, 10.0, 3) is None
 
 
 @settings(deadline=None, max_examples=30)

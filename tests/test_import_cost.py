@@ -14,7 +14,7 @@ PAPERS = "ccm_opt.planning.baseline.hill_climbing_planner"
 """The paper's planner, which few solves have a use for."""
 SELDOM = (
     "ccm_opt.cli.compare",
-    "ccm_opt.diagnosis.way_search",
+    "ccm_opt.diagnosis.path_search",
     "ccm_opt.driver.pareto",
     "ccm_opt.ik.term_checks",
     "ccm_opt.viz.failure_page",

@@ -15,16 +15,16 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import UnreachableGoal, sentences
-from ccm_opt.diagnosis.axis_ways import AxisWays, axis_ways
+from ccm_opt.diagnosis.axis_paths import polyline_length, tight_passages
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.contact import strong_enough
-from ccm_opt.diagnosis.explain import refuse_hopeless, refuse_impossible
-from ccm_opt.diagnosis.keyed_poses import KeyedGoal, WholePose
+from ccm_opt.diagnosis.contact import within_torque_limits
+from ccm_opt.diagnosis.explain import refuse_impossible, refuse_infeasible
 from ccm_opt.diagnosis.moved_goal import moved_goals
+from ccm_opt.diagnosis.named_goals import NamedGoal, NamedPose
 from ccm_opt.diagnosis.reach import TurnCaps, least_limit, most_turn
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
-from ccm_opt.diagnosis.ways import tight_ways, way_length
+from ccm_opt.diagnosis.space_axis_paths import SpaceAxisPaths, space_axis_paths
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
@@ -75,9 +75,9 @@ def backwards(problem: Problem) -> Problem:
     return replace(problem, start=JointPose(bends))
 
 
-def ways_of(problem: Problem) -> AxisWays:
+def ways_of(problem: Problem) -> SpaceAxisPaths:
     """The ways to the only goal of a problem, which is for the tip."""
-    (ways,) = axis_ways(problem, Deadline.never())
+    (ways,) = space_axis_paths(problem, Deadline.never())
     return ways
 
 
@@ -155,7 +155,7 @@ def test_the_most_turn_of_a_joint_is_that_of_its_bends(limit: float, seed: int) 
 def test_caps_are_as_far_as_the_arm_when_nothing_bends_it_back() -> None:
     """Straight ahead an arm reaches its length, against the direction asked for at its goal it falls short."""
     arm = space_arm(8, joint_limit=0.1, base_limit=0.1)
-    ahead = KeyedGoal("goal", "goal", TipGoal(np.array([0.8, 0.0, 0.0])), Tolerances())
+    ahead = NamedGoal("goal", "goal", TipGoal(np.array([0.8, 0.0, 0.0])), Tolerances())
     assert TurnCaps(arm, ahead).farthest(np.eye(3)[:1])[0] == pytest.approx(0.8)
     back = replace(ahead, goal=TipGoal(np.array([0.7, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])))
     found = failed(problem_of(arm, back.goal))
@@ -197,7 +197,7 @@ def test_the_widest_way_in_space_is_the_window() -> None:
     assert finding.bounds["arm.radius"] >= 0.035 - 1e-9
     assert ways_of(replace(problem, arm=replace(arm, radius=0.03))).answer == "open"
     with pytest.raises(UnreachableGoal):
-        refuse_hopeless(problem)
+        refuse_infeasible(problem)
 
 
 @pytest.mark.planning
@@ -214,7 +214,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     longer = replace(problem, arm=replace(arm, link_length=1.15 * string / 12))
     shortest = ways_of(longer).shortest
     assert shortest is not None
-    assert way_length(shortest) <= 1.1 * string
+    assert polyline_length(shortest) <= 1.1 * string
     assert failed(longer) == ()
 
 
@@ -233,12 +233,13 @@ def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
 def test_what_is_tight_in_space_is_told() -> None:
     """A window hardly wider than the arm is likely to stand in the way, and is no proof; a wide one is not told."""
     arm = space_arm(12, radius=0.05)
-    tight = tight_ways(problem_of(arm, BEYOND, *window(0.058)), Deadline.never())
+    tight = tight_passages(problem_of(arm, BEYOND, *window(0.058)), Deadline.never())
     assert tight[0].kind == "too thick"
     assert not any(finding.proved for finding in tight)
     assert 0.116 <= (tight[0].measured or 0.0) <= 0.125
     assert not any(
-        finding.kind == "too thick" for finding in tight_ways(problem_of(arm, BEYOND, *window(0.2)), Deadline.never())
+        finding.kind == "too thick"
+        for finding in tight_passages(problem_of(arm, BEYOND, *window(0.2)), Deadline.never())
     )
 
 
@@ -246,7 +247,7 @@ def test_a_turn_that_the_arm_cannot_make_is_told() -> None:
     """Round a low screen's edge, with a ceiling above it, a stiff arm has no room to turn: where, and by how much."""
     arm = space_arm(12, radius=0.02, joint_limit=0.06)
     walls = box("screen", [0.4, -1.5, -1.5], [0.45, 1.5, 0.2]), box("ceiling", [-1.5, -1.5, 0.3], [1.5, 1.5, 0.4])
-    found = {finding.kind: finding for finding in tight_ways(problem_of(arm, BEYOND, *walls), Deadline.never())}
+    found = {finding.kind: finding for finding in tight_passages(problem_of(arm, BEYOND, *walls), Deadline.never())}
     stiff = found["too stiff"]
     assert not stiff.proved
     assert stiff.obstacles == ("screen",)
@@ -288,7 +289,7 @@ def test_the_load_of_a_straight_arm_in_space_is_weight_times_lever(tilt: float) 
     ones = np.ones(18)
     for share, count in ((1.001, 0), (0.999, 1)):
         held = replace(problem, limits=Limits(ones, ones, torque=share * need * ones))
-        found = list(strong_enough(held))
+        found = list(within_torque_limits(held))
         assert len(found) == count
     assert found[0].bounds["limits.torque"] == pytest.approx(1.0 / 0.999)
 
@@ -300,10 +301,10 @@ def test_tolerances_move_no_link_farther_than_is_granted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     arm = space_arm(8)
     bends = rng.uniform(-0.5, 0.5, (8, 2))
-    pose = WholePose("goal", "goal", arm.configuration(bends, 0.0), 0.05)
+    pose = NamedPose("goal", "goal", arm.configuration(bends, 0.0), 0.05)
     moved: FloatArray = arm.configuration(bends + rng.uniform(-0.05, 0.05, (8, 2)), 0.0)
     away = np.linalg.norm(arm.joint_positions_at(moved) - arm.joint_positions_at(pose.q), axis=1)
-    assert np.all(away[1:] <= pose.link_play(arm) + 1e-12)
+    assert np.all(away[1:] <= pose.displacement_bounds(arm) + 1e-12)
 
 
 def test_a_goal_deep_in_a_body_is_moved_out_of_it() -> None:

@@ -102,11 +102,11 @@ class CellTree:
             start: one end of the segment, shape (3,) [m].
             end: the other end, shape (3,) [m].
         """
-        way = end - start
+        line = end - start
         middles = self.middles
-        square = float(way @ way)
-        share = np.zeros(len(self)) if square == 0.0 else np.clip((middles - start) @ way / square, 0.0, 1.0)
-        return np.asarray(np.linalg.norm(middles - start - share[:, None] * way, axis=1))
+        square = float(line @ line)
+        share = np.zeros(len(self)) if square == 0.0 else np.clip((middles - start) @ line / square, 0.0, 1.0)
+        return np.asarray(np.linalg.norm(middles - start - share[:, None] * line, axis=1))
 
     def split(self, chosen: BoolArray) -> tuple["CellTree", IntArray]:
         """Split cubes into eight parts each; return the new cubes and the index of the old cube around each.

@@ -20,11 +20,11 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import words_for_unit
-from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, strong_enough, touching_overlap
-from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
+from ccm_opt.diagnosis.axis_paths import axis_path_exists, is_any_goal_closed_off
+from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, touching_overlap, within_torque_limits
+from ccm_opt.diagnosis.named_goals import NamedPose, named_poses
 from ccm_opt.diagnosis.ranking import degrees, listed, point
-from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
-from ccm_opt.diagnosis.ways import any_way_closed, wide_and_short_enough
+from ccm_opt.diagnosis.reach import within_bend_limits, within_joint_limits, within_reach
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.sampled_check import BlockedRaster
 from ccm_opt.problem import Problem
@@ -74,10 +74,10 @@ def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
     # A fed base has no fixed centre of rotation, and in space the bends of three links need too many cells.
     if problem.dimension == 3 or problem.arm.base_axes:
         return
-    start, *others = whole_poses(problem)
+    start, *others = named_poses(problem)
     # A goal given as a curve does not determine the bends uniquely.
-    goals = [pose for pose in others if np.isfinite(pose.bend_play)]
-    if not goals or not np.isfinite(start.bend_play) or problem.arm.links < links:
+    goals = [pose for pose in others if np.isfinite(pose.bend_tolerance)]
+    if not goals or not np.isfinite(start.bend_tolerance) or problem.arm.links < links:
         return
     cells = FirstLinkCells(problem.arm, problem.workspace, problem.arm.radius, links)
     if not cells.useful:
@@ -135,7 +135,7 @@ class FirstLinkCells:
         """Widths of a cell of configuration space along each bend, shape (links,) [rad]."""
         return np.asarray(2.0 * self.arm.bend_limits[: self.links] / np.array(self.counts))
 
-    def joined(self, start: WholePose, goal: WholePose, turns: float = 0.0) -> bool:
+    def joined(self, start: NamedPose, goal: NamedPose, turns: float = 0.0) -> bool:
         """Return whether a chain of open cells connects two poses within tolerances; true if a pose is in contact.
 
         Args:
@@ -147,14 +147,14 @@ class FirstLinkCells:
         last = self._pose_labels(goal, turns)
         return not first or not last or bool(first & last)
 
-    def _pose_labels(self, pose: WholePose, turns: float) -> set[int]:
+    def _pose_labels(self, pose: NamedPose, turns: float) -> set[int]:
         """Return the labels of the connected components in which a pose may lie; empty if all cells are closed."""
         limits = self.arm.bend_limits[: self.links]
         bends = pose.q[: self.links].copy()
         bends[0] += turns
-        play = pose.bend_play + _ROUNDING
-        low = np.floor((bends - play + limits) / self.widths).astype(int)
-        high = np.floor((bends + play + limits) / self.widths).astype(int)
+        tolerance = pose.bend_tolerance + _ROUNDING
+        low = np.floor((bends - tolerance + limits) / self.widths).astype(int)
+        high = np.floor((bends + tolerance + limits) / self.widths).astype(int)
         box = tuple(slice(max(a, 0), min(b, count - 1) + 1) for a, b, count in zip(low, high, self.counts, strict=True))
         return set(np.unique(self.pieces[box]).tolist()) - {0}
 
@@ -207,7 +207,7 @@ class FirstLinkCells:
         return BlockedRaster.around(self.near, self.arm.base, half, gap, cells)
 
 
-def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: WholePose) -> Finding:
+def _finding(problem: Problem, cells: FirstLinkCells, start: NamedPose, goal: NamedPose) -> Finding:
     """Return the finding that the first links cannot turn to a goal, with changes that would remove the obstruction."""
     arm = problem.arm
     opening = _opening(cells, start, goal)
@@ -247,7 +247,7 @@ def _by_distance(cells: FirstLinkCells) -> tuple[str, ...]:
     return tuple(wall.name for wall in walls)
 
 
-def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[str, ...]:
+def _opening(cells: FirstLinkCells, start: NamedPose, goal: NamedPose) -> tuple[str, ...]:
     """Return the obstacles whose removal alone would let the first links turn to the goal, the nearest first."""
     names = _by_distance(cells)[:_MOST_REMOVED]
 
@@ -258,7 +258,7 @@ def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[
     return tuple(name for name in names if opened(name))
 
 
-def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float | None:
+def _other_turn(cells: FirstLinkCells, start: NamedPose, goal: NamedPose) -> float | None:
     """Return the goal's first bend, a full turn more or less, if the links can turn to that bend [rad]; else None."""
     bend = float(goal.q[0])
     for turns in (2.0 * np.pi, -2.0 * np.pi):
@@ -269,7 +269,7 @@ def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> flo
     return None
 
 
-def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float:
+def _opening_radius(cells: FirstLinkCells, start: NamedPose, goal: NamedPose) -> float:
     """Return the largest radius found with which the first links could turn to the goal [m]; 0 if none was found."""
     low = 0.0
     high = cells.radius
@@ -285,22 +285,22 @@ def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) ->
 
 Check: TypeAlias = Callable[..., Iterator[Finding]]
 """Function from a problem, and for a slow check a deadline, to findings that prove that no plan exists."""
-AT_ONCE: tuple[Check, ...] = (
-    *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, supple_enough),
-    *(strong_enough, two_links_turn),
+CHEAP_CHECKS: tuple[Check, ...] = (
+    *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, within_bend_limits),
+    *(within_torque_limits, two_links_turn),
 )
 """Inexpensive necessary checks; the planner itself makes the others that it needs before its search."""
-NECESSARY: tuple[Check, ...] = (
-    *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, wide_and_short_enough, supple_enough),
-    *(strong_enough, three_links_turn),
+NECESSARY_CHECKS: tuple[Check, ...] = (
+    *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, axis_path_exists, within_bend_limits),
+    *(within_torque_limits, three_links_turn),
 )
 """All checks of necessary conditions for a plan, the most elementary first."""
-BUT_WAYS = tuple(check for check in NECESSARY if check is not wide_and_short_enough)
+QUICK_CHECKS = tuple(check for check in NECESSARY_CHECKS if check is not axis_path_exists)
 """All necessary checks except the search for axis paths, which takes long to explain its result."""
 
 
 def failed(
-    problem: Problem, checks: tuple[Check, ...] = NECESSARY, until: Deadline | None = None
+    problem: Problem, checks: tuple[Check, ...] = NECESSARY_CHECKS, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
     """Return the findings of necessary checks, in the order of the checks.
 
@@ -326,15 +326,15 @@ def find_scaled(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) 
 
 
 def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]:
-    return check(problem, until) if check is wide_and_short_enough else check(problem)
+    return check(problem, until) if check is axis_path_exists else check(problem)
 
 
-def no_way(problem: Problem, until: Deadline) -> bool:
+def is_goal_closed_off(problem: Problem, until: Deadline) -> bool:
     """Return whether it is proved for any goal that no path of the arm's axis is wide and short enough."""
     scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
-    return any_way_closed(scaled, until)
+    return is_any_goal_closed_off(scaled, until)
 
 
-def hopeless(problem: Problem, until: Deadline) -> bool:
+def provably_infeasible(problem: Problem, until: Deadline) -> bool:
     """Return whether any necessary check proves that there is no plan; much faster than finding the cause."""
-    return any(finding.proved for finding in failed(problem, BUT_WAYS, until)) or no_way(problem, until)
+    return any(finding.proved for finding in failed(problem, QUICK_CHECKS, until)) or is_goal_closed_off(problem, until)

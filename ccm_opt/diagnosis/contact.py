@@ -10,7 +10,7 @@ from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.gaps import Gaps, ObstacleGap, gaps_of
-from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
+from ccm_opt.diagnosis.named_goals import NamedPose, NamedTipGoal, named_poses, named_tip_goals
 from ccm_opt.diagnosis.ranking import point
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.problem import Problem
@@ -28,7 +28,7 @@ Derived: of the order of the verifier's tolerances, and above all rounding.
 def contact_at_poses(problem: Problem) -> Iterator[Finding]:
     """Yield a finding per obstacle that the arm touches in required poses, deepest first, and for self-contact."""
     gaps = gaps_of(problem.workspace)
-    for pose in whole_poses(problem):
+    for pose in named_poses(problem):
         yield from _deepest_first(_touched_by_links(problem, gaps, pose))
         yield from _self_touched(problem.arm, pose)
 
@@ -36,7 +36,7 @@ def contact_at_poses(problem: Problem) -> Iterator[Finding]:
 def contact_at_tips(problem: Problem) -> Iterator[Finding]:
     """Yield a finding per obstacle that the tip, or the last link, touches at a tip goal, deepest first."""
     gaps = gaps_of(problem.workspace)
-    for place in tip_places(problem):
+    for place in named_tip_goals(problem):
         yield from _deepest_first(_touched_by_tip(problem, gaps, place))
 
 
@@ -49,7 +49,7 @@ def touching_overlap(arm: Arm) -> float:
     return _TOUCHING * arm.length
 
 
-def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:
+def _touched_by_links(problem: Problem, gaps: Gaps, pose: NamedPose) -> Iterator[Finding]:
     """Yield a finding per obstacle that the arm touches in a pose, at the link with the greatest overlap."""
     arm = problem.arm
     first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
@@ -60,11 +60,11 @@ def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator
         # One finding per obstacle; it is proved if the goal's tolerances cannot free all links.
         k = int(np.argmin(found.gaps))
         touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", found, k, 0.0)
-        lacking = need - found.gaps - found.error - pose.link_play(arm)[first:]
+        lacking = need - found.gaps - found.error - pose.displacement_bounds(arm)[first:]
         yield replace(touch, proved=bool(np.max(lacking) > touching_overlap(arm)))
 
 
-def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
+def _touched_by_tip(problem: Problem, gaps: Gaps, place: NamedTipGoal) -> Iterator[Finding]:
     """Yield a finding per obstacle that the tip touches wherever it is within the tolerances of its goal.
 
     If the goal has a direction, the whole last link is checked.
@@ -73,7 +73,7 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
     if arm.mount_length >= arm.length:
         return
     tip = place.goal.position
-    play = place.tolerances.position
+    allowance = place.tolerances.position
     what = "the tip"
     back = np.zeros_like(tip)
     if place.goal.direction is not None:
@@ -81,15 +81,15 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
         back = visible * place.goal.direction / np.linalg.norm(place.goal.direction)
         what = f"link {arm.links}"
         # The last link may be shifted by the position tolerance and turned about the tip by the heading tolerance.
-        play += visible * place.tolerances.heading
+        allowance += visible * place.tolerances.heading
     body = np.stack((tip - back, tip))[None]
     need = arm.radius + problem.workspace.clearance
     for found in gaps.touched(body, need):
-        if found.gaps[0] + found.error + play - need < -touching_overlap(arm):
-            yield _touch(problem, place.name, place.key, what, found, 0, play)
+        if found.gaps[0] + found.error + allowance - need < -touching_overlap(arm):
+            yield _touch(problem, place.name, place.key, what, found, 0, allowance)
 
 
-def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
+def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, allowance: float) -> Finding:
     """Return the finding of one contact, with the radius and the clearance that would just avoid the contact.
 
     Args:
@@ -99,7 +99,7 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         what: text that names the part of the arm in contact.
         found: gaps to the obstacle.
         k: index of the segment in contact.
-        play: amount by which tolerances may widen the gap [m].
+        allowance: amount by which tolerances may widen the gap [m].
     """
     radius = problem.arm.radius
     clearance = problem.workspace.clearance
@@ -116,9 +116,9 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         near = short_length(gap - radius if gap - radius > ROUNDING else 0.0)
         how = f"{what} has a clearance of {near} to '{found.name}' at {where}, {short_length(clearance)} is required"
     bounds = {}
-    if (thinnest := gap + play - clearance) > 0.0:
+    if (thinnest := gap + allowance - clearance) > 0.0:
         bounds["arm.radius"] = thinnest
-    if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
+    if (nearest := gap + allowance - radius) >= 0.0 and clearance > 0.0:
         bounds["workspace.clearance"] = nearest
     return Finding(
         "contact",
@@ -126,13 +126,13 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         key=key,
         place=point(found.places[k]),
         measured=radius + clearance - gap,
-        allowed=play,
+        allowed=allowance,
         obstacles=(found.name,),
         bounds=bounds,
     )
 
 
-def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
+def _self_touched(arm: Arm, pose: NamedPose) -> Iterator[Finding]:
     """Yield a finding for the pair of non-adjacent links that overlap most in a pose, if any do."""
     i, j = arm.self_pairs
     if len(i) == 0:
@@ -141,7 +141,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     distances = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
     k = int(np.argmin(distances))
     overlap = 2.0 * arm.radius - float(distances[k])
-    play = pose.link_play(arm)
+    allowance = pose.displacement_bounds(arm)
     # In the plane, even links of zero thickness cannot pass through each other.
     crossing = arm.dimension == 2 and distances[k] <= ROUNDING
     if overlap <= ROUNDING and not crossing:
@@ -149,7 +149,9 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     yield Finding(
         "contact",
         f"{pose.key}: {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {short_length(overlap)}",
-        proved=bool((crossing and not play.any()) or overlap > play[i[k]] + play[j[k]] + touching_overlap(arm)),
+        proved=bool(
+            (crossing and not allowance.any()) or overlap > allowance[i[k]] + allowance[j[k]] + touching_overlap(arm)
+        ),
         key=pose.key,
         place=point(points[i[k]]),
         measured=overlap,
@@ -158,7 +160,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     )
 
 
-def strong_enough(problem: Problem) -> Iterator[Finding]:
+def within_torque_limits(problem: Problem) -> Iterator[Finding]:
     """Yield a finding per required pose that a joint is too weak to hold; only for arms with a fixed base."""
     torque = problem.limits.torque
     # A guide tube carries part of the load, so fed arms are not checked.
@@ -166,7 +168,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         return
     arm = problem.arm
     model = InverseDynamics(arm, problem.simulation.gravity)
-    for pose in whole_poses(problem):
+    for pose in named_poses(problem):
         # At rest, inverse dynamics gives the gravity load of every joint.
         angles = revolute_angles(arm, pose.q[arm.coordinates.bends])
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
@@ -180,19 +182,19 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
             yield replace(overloaded(problem, reason, number, float(load[number])), proved=proved)
 
 
-def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
+def _lighter(problem: Problem, pose: NamedPose) -> FloatArray:
     """Return bounds on the decrease of each revolute's load within a pose's tolerances, (3 * links,) [N m]."""
     arm = problem.arm
-    play = pose.link_play(arm)
+    allowance = pose.displacement_bounds(arm)
     weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
     carried = np.cumsum(weights[::-1])[::-1][: arm.links]
     # Tolerances may move every weight beyond a joint towards the joint by the displacements of both.
-    moved = np.append(play, play[-1])
-    nearer = np.cumsum((weights * moved)[::-1])[::-1][: arm.links] + carried * play
+    moved = np.append(allowance, allowance[-1])
+    nearer = np.cumsum((weights * moved)[::-1])[::-1][: arm.links] + carried * allowance
     # In space, bends also tilt the joint's axes, which changes the load of a moment M by at most M times the angle.
     if arm.coordinates.bends_a_joint > 1:
         lever = arm.link_length * (arm.links - np.arange(arm.links))
-        nearer = nearer + carried * lever * pose.turn_play(arm)
+        nearer = nearer + carried * lever * pose.rotation_bounds(arm)
     return np.repeat(nearer, 3)
 
 

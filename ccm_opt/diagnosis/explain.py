@@ -8,13 +8,21 @@ import numpy as np
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, find_scaled, hopeless, no_way
+from ccm_opt.diagnosis.axis_paths import tight_passages
+from ccm_opt.diagnosis.checks import (
+    CHEAP_CHECKS,
+    NECESSARY_CHECKS,
+    QUICK_CHECKS,
+    failed,
+    find_scaled,
+    is_goal_closed_off,
+    provably_infeasible,
+)
 from ccm_opt.diagnosis.contact import overloaded
-from ccm_opt.diagnosis.keyed_poses import tip_goal
+from ccm_opt.diagnosis.named_goals import tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
-from ccm_opt.diagnosis.ranking import closed_off, listed, point, ranked, refuse
+from ccm_opt.diagnosis.ranking import listed, no_axis_path_error, point, rank_findings, refuse
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
-from ccm_opt.diagnosis.ways import tight_ways
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
@@ -41,9 +49,9 @@ _HARDLY_BENDS = 1.5707963267948966
 """Sum of all joint limits below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
 
 
-def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
+def suspected_causes(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     """Return likely but unproved obstructions found before a deadline, the tightest first."""
-    return find_scaled(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
+    return find_scaled(problem, lambda p: (*tight_passages(p, until), *_curve(p)))
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
@@ -122,15 +130,15 @@ Such tests replace trial solves if every trial solve failed. Taste.
 """
 
 
-def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
+def add_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
     """Return a planning error extended by findings that prove that there is no plan, if any; tries no changes."""
     old = error.diagnosis
-    findings = old.findings or ranked(failed(problem))
+    findings = old.findings or rank_findings(failed(problem))
     reason = findings[0].reason if findings and not old.findings else old.reason
     return type(error)(replace(old, reason=reason, findings=findings, advice=(*unit_hints(problem), *old.advice)))
 
 
-def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
+def explain_failure(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
     """Return a planning error extended by all known causes and by the changes with which the problem could be solved.
 
     Args:
@@ -142,16 +150,16 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
     stages = stages or Stages()
     checked = failed(problem)
     # Likely causes are of no use once there is a proof; an overload concerns only the path that was found.
-    known = checked or _overloads(problem, error) or likely(problem, trials.until)
+    known = checked or _overloads(problem, error) or suspected_causes(problem, trials.until)
     old = error.diagnosis
     hints = unit_hints(problem)
-    stages.tell(known=_diagnosis(old, ranked(known), (), (*hints, *(() if binding(known) else old.advice))))
+    stages.tell(known=_diagnosis(old, rank_findings(known), (), (*hints, *(() if binding(known) else old.advice))))
     solved: tuple[Relaxation, ...] = ()
     with stages("changes that would help"):
         telling = replace(trials, tell=stages.report_change)
         for relaxation in relaxations(problem, known, telling):
             solved = tuple(sorted((*solved, relaxation), key=lambda each: each.change))
-            stages.tell(known=_diagnosis(old, ranked(known, solved), solved, hints))
+            stages.tell(known=_diagnosis(old, rank_findings(known, solved), solved, hints))
         # Minimum requirements are of interest only if no change is known to help.
         advice = () if solved else _advice(problem, known, trials.until) or old.advice
     # What was tried and did not help is not advised, and no cause where it rests on no bound.
@@ -161,7 +169,7 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
         for each in known
         if each.proved or each.kind not in _GUESSED or not trials.failed.keys() & each.bounds.keys()
     )
-    final = _diagnosis(old, ranked(left, solved), solved, untried)
+    final = _diagnosis(old, rank_findings(left, solved), solved, untried)
     return type(error)(replace(final, failed_changes=tuple(trials.failed.values())[:_MOST_FAILED]))
 
 
@@ -195,7 +203,7 @@ def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) ->
         if enough.passed():
             break
         if isinstance(candidate, WholeChange):
-            words += [] if hopeless(candidate.changed(problem), enough) else [candidate.words]
+            words += [] if provably_infeasible(candidate.changed(problem), enough) else [candidate.words]
         elif (bound := candidate.bound or hardest_bound(candidate, proved)) is not None:
             value = _least_with_hope(problem, candidate, bound, enough)
             words += [] if value is None else [candidate.requirement(problem, value)]
@@ -212,7 +220,7 @@ def _least_with_hope(
     beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in _ADVISED_STEPS)
     for tried in candidate.tried or beyond:
         value = candidate.rounded(problem, tried)
-        if not hopeless(candidate.write(problem, value), until):
+        if not provably_infeasible(candidate.write(problem, value), until):
             return value
     return None
 
@@ -230,10 +238,10 @@ def refuse_impossible(problem: Problem) -> None:
     Raises:
         UnreachableGoal: there is no plan; carries the findings.
     """
-    refuse(ranked(failed(problem, AT_ONCE)))
+    refuse(rank_findings(failed(problem, CHEAP_CHECKS)))
 
 
-def refuse_hopeless(problem: Problem) -> None:
+def refuse_infeasible(problem: Problem) -> None:
     """Raise an error as soon as any necessary check proves that a problem has no plan.
 
     In space, or among many obstacles, the obstacles that close all axis paths are determined later, with the
@@ -244,9 +252,9 @@ def refuse_hopeless(problem: Problem) -> None:
             cause would take long.
     """
     at_once = problem.dimension == 2 and len(problem.workspace.obstacles) <= FEW_OBSTACLES
-    refuse(ranked(failed(problem, NECESSARY if at_once else BUT_WAYS)))
-    if not at_once and no_way(problem, Deadline.after(0.5 * problem.planner.time_limit)):
-        raise closed_off(problem)
+    refuse(rank_findings(failed(problem, NECESSARY_CHECKS if at_once else QUICK_CHECKS)))
+    if not at_once and is_goal_closed_off(problem, Deadline.after(0.5 * problem.planner.time_limit)):
+        raise no_axis_path_error(problem)
 
 
 def refuse_closed(problem: Problem) -> None:
@@ -255,4 +263,4 @@ def refuse_closed(problem: Problem) -> None:
     Raises:
         UnreachableGoal: there is no plan; carries the findings.
     """
-    refuse(ranked(failed(problem)))
+    refuse(rank_findings(failed(problem)))

@@ -14,13 +14,13 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length
 from ccm_opt.core.polyline import vector_heading
-from ccm_opt.diagnosis.checks import hopeless
+from ccm_opt.diagnosis.checks import provably_infeasible
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.gaps import SurfaceGaps
-from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_goal
+from ccm_opt.diagnosis.named_goals import NamedTipGoal, tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
-from ccm_opt.diagnosis.passages import beyond_hole
-from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, supple_enough
+from ccm_opt.diagnosis.planar_axis_paths import beyond_hole
+from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, within_bend_limits
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
 
@@ -78,13 +78,13 @@ def moved_goals(
     if towards is not None and goal.direction is not None:
         turn = angle_between(goal.direction, towards)
         yield _turned(goal, towards, turn, tuple(turn * (1.0 + step) for step in _STEPS))
-    hurried = until.within(_LONGEST_LOOK)
+    deadline = until.within(_LONGEST_LOOK)
     for place, inside in islice(_near_places(problem, goal), _MOST_LOOKED_AT):
         # Exactly on the edge of free space, the arm may be in contact by rounding.
         offset = place - goal.position
         beyond = 0.0 if inside else _STEPS[0] * min(1.0, problem.arm.length / float(np.linalg.norm(offset)))
-        refused = hopeless(replace(problem, goal=replace(goal, position=place + beyond * offset)), hurried)
-        if hurried.passed():
+        refused = provably_infeasible(replace(problem, goal=replace(goal, position=place + beyond * offset)), deadline)
+        if deadline.passed():
             return
         if not refused:
             yield _position(problem, goal, place, inside=inside)
@@ -103,7 +103,7 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
 
     def refused(direction: FloatArray) -> bool:
         turned = replace(problem, goal=replace(goal, direction=direction, heading=None))
-        return any(True for check in (contact_at_tips, supple_enough) for _ in check(turned))
+        return any(True for check in (contact_at_tips, within_bend_limits) for _ in check(turned))
 
     # If the tip itself is in contact, no direction helps.
     anyhow = replace(problem, goal=replace(goal, direction=None, heading=None))
@@ -171,26 +171,30 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
     across = _across(wanted, towards / np.linalg.norm(towards))
     planar = len(wanted) == 2
 
-    def told(by: float) -> FloatArray:
-        turned = np.cos(by) * wanted + np.sin(by) * across
+    def direction_at(angle: float) -> FloatArray:
+        turned = np.cos(angle) * wanted + np.sin(angle) * across
         # Rounded as in the problem file, so that the reported direction is the one that was solved.
         rounded = turned if planar else np.round(turned, _DECIMALS)
         return np.asarray(rounded)
 
-    def words(by: float) -> str:
+    def turn_goal(p: Problem, angle: float) -> Problem:
+        direction = direction_at(angle)
+        return replace(p, goal=replace(goal, direction=direction / np.linalg.norm(direction), heading=None))
+
+    def words(angle: float) -> str:
         if planar:
             sign = float(np.sign(wanted[0] * across[1] - wanted[1] * across[0]))
-            heading = np.rad2deg(vector_heading(wanted) + sign * by)
-            return f"goal.heading_deg turned by {np.rad2deg(by):.4g}°, to {heading:.2f}°"
-        components = ", ".join(f"{float(component):.{_DECIMALS}f}" for component in told(by))
-        return f"goal.direction turned by {np.rad2deg(by):.4g}°, to ({components})"
+            heading = np.rad2deg(vector_heading(wanted) + sign * angle)
+            return f"goal.heading_deg turned by {np.rad2deg(angle):.4g}°, to {heading:.2f}°"
+        components = ", ".join(f"{float(component):.{_DECIMALS}f}" for component in direction_at(angle))
+        return f"goal.direction turned by {np.rad2deg(angle):.4g}°, to ({components})"
 
     return Parameter(
         "goal.heading_deg" if planar else "goal.direction",
         +1,
         lambda _: 0.0,
-        lambda p, by: replace(p, goal=replace(goal, direction=told(by) / np.linalg.norm(told(by)), heading=None)),
-        lambda _, by: words(by),
+        turn_goal,
+        lambda _, angle: words(angle),
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
         bound=bound,
@@ -199,7 +203,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
     )
 
 
-def left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
+def omissions(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
     """Yield changes that drop the goal's direction, if the direction may cause all findings, or the goal's via points.
 
     Args:
@@ -242,15 +246,15 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: boo
     if not inside:
         beyond = [bound + step * spread for step in _STEPS]
 
-    def moved(by: float) -> FloatArray:
-        return np.asarray(goal.position + by / distance * offset)
+    def moved(shift: float) -> FloatArray:
+        return np.asarray(goal.position + shift / distance * offset)
 
     return Parameter(
         "goal.position",
         +1,
         lambda _: 0.0,
-        lambda p, by: replace(p, goal=replace(goal, position=moved(by))),
-        lambda p, by: f"goal.position moved by {file_length(by)}, to {_in_file(moved(by), p.length_unit)}",
+        lambda p, shift: replace(p, goal=replace(goal, position=moved(shift))),
+        lambda p, shift: f"goal.position moved by {file_length(shift)}, to {_in_file(moved(shift), p.length_unit)}",
         lambda p: 1.0 / METRES[p.length_unit],
         whole=problem.arm.length,
         bound=bound,
@@ -270,7 +274,7 @@ def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
     if problem.dimension == 3:
         yield from ((place, True) for place in _clear_places(problem, goal))
         return
-    asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
+    asked = NamedTipGoal("goal", "goal.position", goal, problem.tolerances)
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
     if fixed is not None:
         yield from _free_places(fixed, goal)
@@ -347,12 +351,12 @@ def _clear_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
     lacking = max((need - float(found.gaps[0]) for found in gaps.touched(here, need)), default=0.0)
     places = places[np.linalg.norm(places - goal.position, axis=1) >= lacking - ROUNDING]
     ordered = places[np.argsort(np.linalg.norm(places - goal.position, axis=1), kind="stable")]
-    told: list[FloatArray] = []
+    chosen: list[FloatArray] = []
     for place in ordered:
         apart = _APART * float(np.linalg.norm(place - goal.position))
         # Neighbouring positions are mostly rejected for the same reason.
-        if all(float(np.linalg.norm(place - other)) >= apart for other in told):
-            told.append(place)
+        if all(float(np.linalg.norm(place - other)) >= apart for other in chosen):
+            chosen.append(place)
             yield place
 
 

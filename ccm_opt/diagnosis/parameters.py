@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Finding, Relaxation
 from ccm_opt.core.length_words import METRES, file_length, in_unit
 from ccm_opt.diagnosis.gaps import WORKSPACE_NAMES
-from ccm_opt.diagnosis.keyed_poses import tip_places, whole_poses
+from ccm_opt.diagnosis.named_goals import named_poses, named_tip_goals
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
@@ -299,8 +299,8 @@ def larger_bounds(problem: Problem, findings: tuple[Finding, ...]) -> WholeChang
         return None
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance + _BOUNDS_MARGIN * arm.length
-    places = [arm.joint_positions_at(pose.q) for pose in whole_poses(problem)]
-    points = np.concatenate([*places, *(place.goal.position[None] for place in tip_places(problem))])
+    places = [arm.joint_positions_at(pose.q) for pose in named_poses(problem)]
+    points = np.concatenate([*places, *(place.goal.position[None] for place in named_tip_goals(problem))])
     step = 10.0 ** np.floor(np.log10(arm.length) - 3.0)
     low = np.floor(np.minimum(points.min(axis=0) - need, bounds[0]) / step) * step
     high = np.ceil(np.maximum(points.max(axis=0) + need, bounds[1]) / step) * step

@@ -35,7 +35,7 @@ REPAIRED_KINDS = {
 """Kinds of findings that relaxing a parameter may remove, by the key of the parameter."""
 
 
-def ranked(
+def rank_findings(
     findings: tuple[Finding, ...],
     relaxations: tuple[Relaxation, ...] = (),
     most: int = _FINDINGS,
@@ -74,7 +74,7 @@ def refuse(findings: tuple[Finding, ...]) -> None:
         raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
 
 
-def closed_off(problem: Problem) -> UnreachableGoal:
+def no_axis_path_error(problem: Problem) -> UnreachableGoal:
     """Return the error that no axis path is wide and short enough, without naming the obstructing obstacles."""
     length = "the arm reaches" if problem.arm.base_axes else f"its length of {long_length(problem.arm.length)}"
     reason = (

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import in_metres, long_length
 from ccm_opt.diagnosis.contact import touching_overlap
-from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
+from ccm_opt.diagnosis.named_goals import NamedTipGoal, named_poses, named_tip_goals
 from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
@@ -26,7 +26,7 @@ _DIRECTIONS_NEAR = 50
 def within_reach(problem: Problem) -> Iterator[Finding]:
     """Yield a finding per tip goal that is farther from all positions of the base than the arm is long."""
     arm = problem.arm
-    for place in tip_places(problem):
+    for place in named_tip_goals(problem):
         goal = place.goal.position
         distance = _from_base(arm, goal)
         least = distance - place.tolerances.position
@@ -59,7 +59,7 @@ def _from_base(arm: Arm, place: FloatArray) -> float:
     return float(np.linalg.norm(place - nearest_base(arm, place)))
 
 
-def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
+def _feed_that_reaches(arm: Arm, place: NamedTipGoal) -> dict[str, float]:
     """Return, by key, the least upper feed limit with which the arm reaches a goal [m]; empty if none does."""
     if arm.feed is None:
         return {}
@@ -77,7 +77,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
     arm = problem.arm
     limits = arm.bend_limits
     a_joint = arm.coordinates.bends_a_joint
-    for pose in whole_poses(problem):
+    for pose in named_poses(problem):
         bends = np.abs(pose.q[arm.coordinates.bends])
         worst = int(np.argmax(bends - limits))
         if bends[worst] - limits[worst] <= ROUNDING:
@@ -89,7 +89,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
             f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, but its limit is "
             f"{np.rad2deg(limits[worst]):.2f}°",
             key=pose.key,
-            proved=bool(np.max(bends - limits) > pose.bend_play + ROUNDING),
+            proved=bool(np.max(bends - limits) > pose.bend_tolerance + ROUNDING),
             measured=float(bends[worst]),
             allowed=float(limits[worst]),
             unit="rad",
@@ -97,13 +97,13 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
         )
 
 
-def supple_enough(problem: Problem) -> Iterator[Finding]:
+def within_bend_limits(problem: Problem) -> Iterator[Finding]:
     """Yield a finding per tip goal that the joint limits put out of reach."""
     arm = problem.arm
-    for place in tip_places(problem):
+    for place in named_tip_goals(problem):
         turned = list(_turned_far_enough(arm, place))
         yield from turned
-        curled = [] if arm.base_axes else list(_curled_enough(arm, place))
+        curled = [] if arm.base_axes else list(_can_curl(arm, place))
         yield from curled
         near = _from_base(arm, place.goal.position) - place.tolerances.position <= arm.length
         if near and not turned and not curled:
@@ -129,7 +129,7 @@ def least_limit(arm: Arm, turn: float) -> float:
     return turn
 
 
-def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
+def _turned_far_enough(arm: Arm, place: NamedTipGoal) -> Iterator[Finding]:
     """Yield a finding if the goal, or its direction, requires more turning than all joints together allow.
 
     The directions of the links form a chain on the unit sphere whose steps are the joint angles, and the direction from
@@ -162,7 +162,7 @@ def angle_between(one: FloatArray, other: FloatArray) -> float:
     return 2.0 * float(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
 
 
-def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: float) -> Iterator[Finding]:
+def _insufficient_turn(arm: Arm, place: NamedTipGoal, what: str, turn: float, base: float) -> Iterator[Finding]:
     """Yield a finding if a required turn exceeds the sum of all joint limits, with the limits that would suffice.
 
     Args:
@@ -191,7 +191,7 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
     )
 
 
-def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
+def _can_curl(arm: Arm, place: NamedTipGoal) -> Iterator[Finding]:
     """Yield a finding if the goal is nearer to the base than the tip can come with all bends at their limits.
 
     The bound is Schur's theorem for polygons.
@@ -241,9 +241,9 @@ class TurnCaps:
     """
 
     arm: Arm
-    place: TipPlace
+    place: NamedTipGoal
 
-    def farthest(self, ways: FloatArray) -> FloatArray:
+    def farthest(self, directions: FloatArray) -> FloatArray:
         """Return upper bounds on the arm's extent from base to tip along directions (k, d), shape (k,) [m].
 
         The direction of link i differs from the base's by at most the angles of the joints up to link i, and from the
@@ -253,24 +253,24 @@ class TurnCaps:
         arm = self.arm
         turn = most_turn(arm, arm.joint_limit)
         before = most_turn(arm, arm.base_limit) + turn * np.arange(arm.links)
-        outside = _angles(ways, arm.direction)[:, None] - before
+        outside = _angles(directions, arm.direction)[:, None] - before
         if self.place.goal.direction is not None:
             after = self.place.tolerances.heading + turn * np.arange(arm.links)[::-1]
-            outside = np.maximum(outside, _angles(ways, self.place.goal.direction)[:, None] - after)
+            outside = np.maximum(outside, _angles(directions, self.place.goal.direction)[:, None] - after)
         return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
 
-    def missing(self, ways: FloatArray) -> FloatArray:
+    def missing(self, directions: FloatArray) -> FloatArray:
         """Return the arm's shortfall from the goal along directions (k, d), for the best base position, (k,) [m]."""
         arm = self.arm
         ends = arm.base + np.outer(arm.base_range, arm.direction)
-        needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
-        return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
+        needed = ((self.place.goal.position - ends) @ directions.T).min(axis=0)
+        return np.asarray(needed - self.place.tolerances.position - self.farthest(directions))
 
     def worst(self) -> tuple[float, FloatArray]:
         """Return the greatest shortfall found over all directions [m], and the direction (d,) in which it occurs."""
         dimension = self.arm.dimension
-        ways = spread_directions(_DIRECTIONS, dimension)
-        best = ways[int(np.argmax(self.missing(ways)))]
+        directions = spread_directions(_DIRECTIONS, dimension)
+        best = directions[int(np.argmax(self.missing(directions)))]
         # The search need not be exhaustive, since a positive shortfall along any direction is a proof.
         spread = 4.0 / np.sqrt(_DIRECTIONS)
         for _ in range(_REFINEMENTS):
@@ -281,9 +281,9 @@ class TurnCaps:
         return float(self.missing(best[None])[0]), best
 
 
-def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
+def _angles(directions: FloatArray, direction: FloatArray) -> FloatArray:
     unit = direction / np.linalg.norm(direction)
-    return np.asarray(np.arccos(np.clip(ways @ unit, -1.0, 1.0)))
+    return np.asarray(np.arccos(np.clip(directions @ unit, -1.0, 1.0)))
 
 
 def spread_directions(count: int, dimension: int) -> FloatArray:
@@ -305,9 +305,9 @@ def spread_directions(count: int, dimension: int) -> FloatArray:
     return np.column_stack((aside * np.cos(turn), aside * np.sin(turn), height))
 
 
-def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
+def _both_at_once(arm: Arm, place: NamedTipGoal) -> Iterator[Finding]:
     """Yield a finding if the goal lies outside the convex hull of the tip positions that joint limits allow."""
-    missing, way = TurnCaps(arm, place).worst()
+    missing, direction = TurnCaps(arm, place).worst()
     if missing <= touching_overlap(arm):
         return
     reached = "with its direction " if place.goal.direction is not None else ""
@@ -320,18 +320,18 @@ def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
         place=point(place.goal.position),
         measured=missing,
         allowed=0.0,
-        bounds=_limits_that_reach(arm, place, way),
+        bounds=_limits_that_reach(arm, place, direction),
     )
 
 
-def _limits_that_reach(arm: Arm, place: TipPlace, way: FloatArray) -> dict[str, float]:
+def _limits_that_reach(arm: Arm, place: NamedTipGoal, direction: FloatArray) -> dict[str, float]:
     """Return, by key, the least value of each arm parameter with which the arm reaches the goal along a direction (d,).
 
     Parameters that cannot remove the shortfall alone are left out.
     """
 
     def missing(changed: Arm) -> float:
-        return float(TurnCaps(changed, place).missing(way[None])[0])
+        return float(TurnCaps(changed, place).missing(direction[None])[0])
 
     def least(changed: Callable[[float], Arm], low: float, high: float) -> float | None:
         if missing(changed(high)) > 0.0:

@@ -13,7 +13,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
 from ccm_opt.diagnosis.gaps import WORKSPACE_NAMES
-from ccm_opt.diagnosis.moved_goal import left_out, moved_goals
+from ccm_opt.diagnosis.moved_goal import moved_goals, omissions
 from ccm_opt.diagnosis.parameters import (
     PARAMETERS,
     Parameter,
@@ -97,7 +97,7 @@ class Trials:
         return time.process_time() - self.begun
 
     def succeeds(
-        self, problem: Problem, words: str, dropped: str = "", *, key: str = "", hurried: bool = False
+        self, problem: Problem, words: str, dropped: str = "", *, key: str = "", short_trial: bool = False
     ) -> bool:
         """Return whether a changed problem is solved within the time limit of one trial.
 
@@ -106,15 +106,15 @@ class Trials:
             words: description of the change.
             dropped: name of a user-defined constraint or cost to leave out; empty for none.
             key: key of the changed parameter, of which only the last failed change is kept; empty for whole changes.
-            hurried: whether another helpful change is already known.
+            short_trial: whether another helpful change is already known.
         """
         settings = self.settings
-        longest = settings.longest_further_try if hurried else settings.longest_try
+        longest = settings.longest_further_try if short_trial else settings.longest_try
         # Only a fraction of the remaining time, so that several changes can be tried.
         limit = min(_TRY_SHARE * self.until.left, longest)
         if limit < _LEAST_TIME:
             return False
-        limited = _in_haste(problem, limit)
+        limited = _with_short_limit(problem, limit)
         self.tell(words, self.spent, settings.longest_search)
         try:
             plan = self.solve(limited, dropped) if dropped else self.solve(limited)
@@ -133,7 +133,7 @@ class Trials:
         return True
 
 
-def _in_haste(problem: Problem, limit: float) -> Problem:
+def _with_short_limit(problem: Problem, limit: float) -> Problem:
     """Return a problem with a time limit [s] and without options that only improve motions."""
     # An arm that is barely strong enough may need the optimised motion.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
@@ -159,24 +159,26 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
         if found and trials.spent > settings.patience:
             break
         if isinstance(candidate, WholeChange):
-            relaxed = _as_little_as_helps(candidate, problem, trials, hurried=bool(found))
+            relaxed = _as_little_as_helps(candidate, problem, trials, short_trial=bool(found))
         else:
             bound = hardest_bound(candidate, certain) if candidate.bound is None else candidate.bound
-            relaxed = least_change(candidate, problem, bound, trials, hurried=bool(found))
+            relaxed = least_change(candidate, problem, bound, trials, short_trial=bool(found))
         if relaxed is not None:
             found += 1
             yield relaxed
 
 
-def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *, hurried: bool) -> Relaxation | None:
+def _as_little_as_helps(
+    change: WholeChange, problem: Problem, trials: Trials, *, short_trial: bool
+) -> Relaxation | None:
     """Return a change that solves a problem, or a smaller part that suffices; None if the change does not help."""
-    if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
+    if not trials.succeeds(change.changed(problem), change.words, change.term, short_trial=short_trial):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
     if part is None:
         return change.relaxation()
     # The plan of the fully changed problem also solves the problem with only the part of the change that it uses.
-    return least_change(part, problem, part.bound, trials, hurried=hurried, solved=True) or change.relaxation()
+    return least_change(part, problem, part.bound, trials, short_trial=short_trial, solved=True) or change.relaxation()
 
 
 def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
@@ -217,7 +219,7 @@ def candidates(
     if not fitting:
         yield from in_the_way
     yield from moved_goals(problem, proved, until)
-    yield from left_out(problem, relevant)
+    yield from omissions(problem, relevant)
     if fitting:
         yield from in_the_way
 
@@ -243,7 +245,7 @@ def least_change(
     bound: float | None,
     trials: Trials,
     *,
-    hurried: bool = False,
+    short_trial: bool = False,
     solved: bool = False,
 ) -> Relaxation | None:
     """Return the least change of a parameter, among stepwise larger ones, that solves a problem; None if none is found.
@@ -253,7 +255,8 @@ def least_change(
         problem: the problem without a plan.
         bound: the value that the parameter must at least reach, or None if unknown.
         trials: solves changed problems.
-        hurried: whether another helpful change is already known, so that the time limit for further changes applies.
+        short_trial: whether another helpful change is already known, so that the time limit for further changes
+            applies.
         solved: whether the last plan of the trials may also solve the problems that are tried.
     """
     settings = trials.settings
@@ -262,12 +265,14 @@ def least_change(
     failed = [begin]
     for tried in parameter.tried or tuple(begin * (1.0 + parameter.easier * step) for step in steps):
         value = parameter.rounded(problem, tried)
-        if trials.until.left < _LEAST_TIME or (hurried and trials.spent > settings.patience):
+        if trials.until.left < _LEAST_TIME or (short_trial and trials.spent > settings.patience):
             return None
         changed = parameter.write(problem, value)
         words = parameter.relaxation(problem, value, bound).words
-        if (solved and trials.holds(changed)) or trials.succeeds(changed, words, key=parameter.key, hurried=hurried):
-            nearest = _closed_in(parameter, problem, failed, value, trials, hurried=hurried)
+        if (solved and trials.holds(changed)) or trials.succeeds(
+            changed, words, key=parameter.key, short_trial=short_trial
+        ):
+            nearest = _closed_in(parameter, problem, failed, value, trials, short_trial=short_trial)
             trials.failed.pop(parameter.key, None)
             return parameter.relaxation(problem, nearest, bound)
         failed.append(value)
@@ -275,7 +280,7 @@ def least_change(
 
 
 def _closed_in(
-    parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
+    parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, short_trial: bool
 ) -> float:
     """Return a value that works close to one that failed, by bisection as long as time remains.
 
@@ -285,7 +290,8 @@ def _closed_in(
         failed: values without a plan, the easiest last; the first is the bound, which was not tried.
         worked: the value for which the last plan of the trials was found.
         trials: solves changed problems.
-        hurried: whether another helpful change is already known, so that the time limit for further changes applies.
+        short_trial: whether another helpful change is already known, so that the time limit for further changes
+            applies.
     """
     settings = trials.settings
     worst = failed[-1]
@@ -299,10 +305,10 @@ def _closed_in(
         words = parameter.relaxation(problem, middle, None).words
         # Refining a known relaxation is useful, but not worth waiting for.
         late = trials.spent > settings.patience
-        if hurried and late:
+        if short_trial and late:
             return worked
         solved = parameter.paths_stay and trials.holds(changed)
-        if solved or trials.succeeds(changed, words, key=parameter.key, hurried=hurried or late):
+        if solved or trials.succeeds(changed, words, key=parameter.key, short_trial=short_trial or late):
             worked = middle
         else:
             worst = middle

@@ -337,7 +337,7 @@ def solve(
             # The diagnosis names the survived error already, and searches for other changes ignore robustness.
             if failure.diagnosis.stage == STAGE:
                 raise
-            raise run.explained(failure, changes=explain) from failure
+            raise run.explain(failure, changes=explain) from failure
 
         # Clearance and simulation only assess the plan; no failure there discards it.
         return described(problem, plan, stages, numbers, figures)

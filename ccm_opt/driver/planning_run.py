@@ -11,7 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
+from ccm_opt.diagnosis.explain import add_proof, explain_failure, refuse_impossible, refuse_infeasible
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_terms
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
@@ -40,7 +40,7 @@ def default_planner(
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
         return HillClimbingPlanner(stages)
-    return MotionPlanner(stages, terms, refuse_hopeless, settings.curve, settings.space)
+    return MotionPlanner(stages, terms, refuse_infeasible, settings.curve, settings.space)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class PlanningRun:
         asked = replace(self.problem, joint_error=problem.joint_error)
         return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
 
-    def explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
+    def explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         """Return an error about a failure, of the type given, with proved causes and helpful changes added.
 
         Args:
@@ -96,13 +96,13 @@ class PlanningRun:
             changes: whether to search for changes of the problem with which a plan is found.
         """
         with self.stages("diagnosis" if changes else "necessary checks"):
-            return self._explained(failure, changes=changes)
+            return self._explain(failure, changes=changes)
 
-    def _explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
+    def _explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         begun = time.process_time()
         self.stages.tell(known=failure.diagnosis)
         if not changes:
-            return with_proof(self.problem, failure)
+            return add_proof(self.problem, failure)
         asked = self.settings.diagnosis
         settings = asked.space_trials if self.problem.dimension == 3 else asked.trials
         if self.problem.dimension == 2:
@@ -118,7 +118,7 @@ class PlanningRun:
             begun=begun,
             settings=settings,
         )
-        return explained(self.problem, failure, trials, self.stages)
+        return explain_failure(self.problem, failure, trials, self.stages)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> VerifiedPlan:
         """Return a verified plan of a problem that differs from the original one in one respect, reusing paths.

@@ -10,7 +10,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.diagnosis.ranking import rank_findings
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.goal_poses import GoalPoses
@@ -100,7 +100,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
         tries: poses found from all initial poses, none of them feasible.
     """
     problem = asked.problem
-    findings = ranked(failed(problem))
+    findings = rank_findings(failed(problem))
     missed = {} if findings else least_violations(tries)
     evidence: dict[str, object] = {
         "tried": [f"{each.beginning.name}: {each.reason}" for each in tries],

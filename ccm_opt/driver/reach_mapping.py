@@ -15,9 +15,9 @@ from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
+from ccm_opt.diagnosis.axis_paths import axis_path_exists
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.reach import spread_directions, supple_enough
-from ccm_opt.diagnosis.ways import wide_and_short_enough
+from ccm_opt.diagnosis.reach import spread_directions, within_bend_limits
 from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.planning.ends import contact_words
@@ -273,7 +273,7 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
     for some in _parts(np.flatnonzero(~closed)):
         closed[some[enclosed(problem.workspace, flat[some], arm.radius)]] = True
     for number in np.flatnonzero(~closed):
-        closed[number] = any(finding.proved for finding in supple_enough(_at(problem, flat[number])))
+        closed[number] = any(finding.proved for finding in within_bend_limits(_at(problem, flat[number])))
     return np.asarray(closed.reshape(places.shape[:-1]))
 
 
@@ -293,7 +293,7 @@ def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArr
     closed = np.zeros_like(unknown)
     for cell in np.argwhere(unknown):
         place = np.array([middles[number] for middles, number in zip(axes, cell, strict=True)])
-        closed[tuple(cell)] = bool(failed(_at(problem, place), (wide_and_short_enough,)))
+        closed[tuple(cell)] = bool(failed(_at(problem, place), (axis_path_exists,)))
     return closed
 
 

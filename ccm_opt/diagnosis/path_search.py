@@ -40,7 +40,7 @@ Answer: TypeAlias = Literal["closed", "open", "not known"]
 
 
 @dataclass(frozen=True)
-class WayEnds:
+class PathEnds:
     """Start and end of the axis paths that are searched for.
 
     Attributes:
@@ -61,7 +61,7 @@ class WayEnds:
 
 
 @dataclass(eq=False)
-class WaySearch:
+class PathSearch:
     """Search for axis paths through cubes of free space, in which cubes are split until the answer is known.
 
     Attributes:
@@ -74,7 +74,7 @@ class WaySearch:
     """
 
     workspace: Workspace
-    ends: WayEnds
+    ends: PathEnds
     box: FloatArray
     cells: CellTree
     until: Deadline = field(default_factory=Deadline.never)
@@ -84,21 +84,21 @@ class WaySearch:
         self.sides = np.zeros(len(self.cells), dtype=np.intp)
 
     # ------------------------------------------------------------ queries
-    def answer(self, room: float, length: float, more: int | None = None) -> Answer:
+    def answer(self, required_distance: float, length: float, more: int | None = None) -> Answer:
         """Return whether there is a path that keeps a distance from all surfaces and is no longer than a length.
 
         The answer "closed" is proved for both conditions. "open" means that a path that keeps the distance is known,
         which may be longer.
 
         Args:
-            room: distance from all surfaces [m].
+            required_distance: distance from all surfaces [m].
             length: length of the path [m].
             more: maximum number of cubes to add; None for up to the overall maximum.
         """
-        finest = FINEST * room
+        finest = FINEST * required_distance
         most = _MOST_CELLS if more is None else len(self.cells) + more
         for _ in range(_MOST_ROUNDS):
-            state = self._state(room, length)
+            state = self._state(required_distance, length)
             if state.apart:
                 return "closed"
             if state.freely_joined:
@@ -131,7 +131,7 @@ class WaySearch:
         return np.asarray(self.cells.middles[chain[least]])
 
     # ------------------------------------------------------------ search
-    def _state(self, room: float, length: float) -> "_State":
+    def _state(self, required_distance: float, length: float) -> "_State":
         """Return the open and free cubes for a required distance and a path length, both in metres.
 
         Reached cubes are tested for being inside bodies first.
@@ -139,9 +139,9 @@ class WaySearch:
         start, goal = self.end_cubes()
         within = self._within(length)
         while True:
-            passable = within & (self.cells.greatest >= room) & (self.sides < 1) | start
+            passable = within & (self.cells.greatest >= required_distance) & (self.sides < 1) | start
             pairs = self.cells.pairs[passable[self.cells.pairs].all(axis=1)]
-            free = passable & (self.cells.least >= room)
+            free = passable & (self.cells.least >= required_distance)
             state = _State(pairs, passable, free, start, goal & passable)
             if not self._insides_found(state):
                 return state
@@ -192,14 +192,14 @@ class WaySearch:
         # Parts of a cube that no surface crosses are on the same side as the cube; for other parts it is unknown.
         self.sides = self.sides[origins]
 
-    def _best_chain(self, room: FloatArray, length: float) -> tuple[float, IntArray]:
+    def _best_chain(self, required_distance: FloatArray, length: float) -> tuple[float, IntArray]:
         """Return the width of the widest chain of cubes from base to goal [m], and the indices of its cubes.
 
         The width is the least distance from surfaces along the chain. The chain lies in the maximum spanning tree of
         the touching pairs, weighted by their distances from surfaces.
 
         Args:
-            room: distance of each cube from the surfaces, shape (n,) [m].
+            required_distance: distance of each cube from the surfaces, shape (n,) [m].
             length: maximum length of paths through the cubes [m].
         """
         start, goal = self.end_cubes()
@@ -209,7 +209,7 @@ class WaySearch:
             return 0.0, np.zeros(0, dtype=np.intp)
         pairs = self.cells.pairs[np.all(usable[self.cells.pairs], axis=1)]
         # At the mount the arm may touch surfaces.
-        free = np.where(start, np.inf, room)
+        free = np.where(start, np.inf, required_distance)
         count = len(self.cells)
         ends = [np.column_stack((np.full(len(cubes), count + k), cubes)) for k, cubes in enumerate((sources, targets))]
         joined = np.concatenate((pairs, *ends)).astype(np.intp)

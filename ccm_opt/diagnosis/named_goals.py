@@ -14,7 +14,7 @@ GoalT = TypeVar("GoalT")
 
 
 @dataclass(frozen=True)
-class KeyedGoal(Generic[GoalT]):
+class NamedGoal(Generic[GoalT]):
     """A goal, for the tip or the whole arm, with its name in messages and its key in the problem file.
 
     Attributes:
@@ -30,17 +30,17 @@ class KeyedGoal(Generic[GoalT]):
     tolerances: Tolerances
 
 
-TipPlace: TypeAlias = KeyedGoal[TipGoal]
+NamedTipGoal: TypeAlias = NamedGoal[TipGoal]
 """A goal for the tip alone, with its name in messages and its key in the problem file."""
 
 
-def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
+def named_goals(problem: Problem) -> Iterator[NamedGoal[Goal]]:
     """Yield all goals of a problem in order, with their names in messages and keys in the problem file."""
     goals = (*problem.stops, Stop(problem.goal, problem.tolerances))
     for k, stop in enumerate(goals):
         several = len(goals) > 1
         name = f"goal {k + 1} of {len(goals)}" if several else "the goal"
-        yield KeyedGoal(name, f"goal[{k}]" if several else "goal", stop.goal, stop.tolerances)
+        yield NamedGoal(name, f"goal[{k}]" if several else "goal", stop.goal, stop.tolerances)
 
 
 def tip_goal(problem: Problem) -> TipGoal | None:
@@ -48,51 +48,51 @@ def tip_goal(problem: Problem) -> TipGoal | None:
     return problem.goal.for_tip
 
 
-def tip_places(problem: Problem) -> Iterator[TipPlace]:
+def named_tip_goals(problem: Problem) -> Iterator[NamedTipGoal]:
     """Yield every goal of a problem that is for the tip, with its name and key."""
-    for asked in keyed_goals(problem):
-        if asked.goal.for_tip:
-            yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal.for_tip, asked.tolerances)
+    for goal in named_goals(problem):
+        if goal.goal.for_tip:
+            yield NamedGoal(goal.name, f"{goal.key}.position", goal.goal.for_tip, goal.tolerances)
 
 
 @dataclass(frozen=True)
-class WholePose:
+class NamedPose:
     """A required pose of the whole arm, with its name, key and tolerances.
 
     Attributes:
         name: name of the pose in messages.
         key: key of the pose in the problem file.
         q: configuration, shape (c,) [rad, m].
-        bend_play: tolerance of each bend [rad]; infinite if the pose is a curve, since another mapping from curve to
-            joints may give other bends.
-        base_play: tolerance of the base's position on its axis [m].
+        bend_tolerance: tolerance of each bend [rad]; infinite if the pose is a curve, since another mapping from curve
+            to joints may give other bends.
+        base_tolerance: tolerance of the base's position on its axis [m].
     """
 
     name: str
     key: str
     q: FloatArray
-    bend_play: float = 0.0
-    base_play: float = 0.0
+    bend_tolerance: float = 0.0
+    base_tolerance: float = 0.0
 
-    def turn_play(self, arm: Arm) -> FloatArray:
+    def rotation_bounds(self, arm: Arm) -> FloatArray:
         """Return bounds on the rotation of each link within the tolerances of the pose, shape (links,) [rad]."""
         # A link is rotated by all bends before it, and their angles at most add up.
         bends = arm.coordinates.bends_a_joint * np.arange(1.0, arm.links + 1.0)
-        return np.asarray(np.minimum(self.bend_play * bends, np.pi))
+        return np.asarray(np.minimum(self.bend_tolerance * bends, np.pi))
 
-    def link_play(self, arm: Arm) -> FloatArray:
+    def displacement_bounds(self, arm: Arm) -> FloatArray:
         """Return bounds on the displacement of each link within the tolerances of the pose, shape (links,) [m]."""
         # The displacements of all links up to link j add up at its end; a rotation moves a link by at most its chord.
-        chords = 2.0 * np.sin(0.5 * self.turn_play(arm))
-        return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
+        chords = 2.0 * np.sin(0.5 * self.rotation_bounds(arm))
+        return np.asarray(self.base_tolerance + arm.link_length * np.cumsum(chords))
 
 
-def whole_poses(problem: Problem) -> Iterator[WholePose]:
+def named_poses(problem: Problem) -> Iterator[NamedPose]:
     """Yield the start pose of a problem, then the pose of every whole-arm goal, with names, keys and tolerances."""
     arm = problem.arm
-    yield WholePose("the start", "start", problem.start.configuration(arm))
-    for asked in keyed_goals(problem):
-        pose = asked.goal.for_joints
+    yield NamedPose("the start", "start", problem.start.configuration(arm))
+    for goal in named_goals(problem):
+        pose = goal.goal.for_joints
         if pose:
-            play = asked.tolerances.heading if pose.curve is None else np.inf
-            yield WholePose(asked.name, asked.key, pose.configuration(arm), play, asked.tolerances.position)
+            tolerance = goal.tolerances.heading if pose.curve is None else np.inf
+            yield NamedPose(goal.name, goal.key, pose.configuration(arm), tolerance, goal.tolerances.position)

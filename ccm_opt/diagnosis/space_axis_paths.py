@@ -14,12 +14,12 @@ from scipy.sparse import csgraph
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.diagnosis.axis_paths import AxisPaths, WidestPath, polyline_length
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.gaps import SurfaceGaps, beside
-from ccm_opt.diagnosis.keyed_poses import tip_places
-from ccm_opt.diagnosis.way_search import FINEST, Answer, WayEnds, WaySearch
-from ccm_opt.diagnosis.ways import Ways, WidestWay, way_length
+from ccm_opt.diagnosis.named_goals import named_tip_goals
+from ccm_opt.diagnosis.path_search import FINEST, Answer, PathEnds, PathSearch
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem
@@ -59,16 +59,16 @@ _PULL_STEPS = 5
 """Number of halvings of a corner's displacement when an axis path is shortened. Taste."""
 
 
-def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
-    """Yield an ``AxisWays`` per tip goal, for axis paths from the base or from all fed base positions."""
-    for place in tip_places(problem):
+def space_axis_paths(problem: Problem, until: Deadline) -> Iterator["SpaceAxisPaths"]:
+    """Yield a ``SpaceAxisPaths`` per tip goal, for axis paths from the base or from all fed base positions."""
+    for place in named_tip_goals(problem):
         # CPU time makes the result independent of other load on the machine.
         own = time.process_time() + _SECONDS
-        yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall))
+        yield SpaceAxisPaths(problem, place, Deadline(min(own, until.cpu), until.wall))
 
 
 @dataclass(frozen=True, eq=False)
-class AxisWays(Ways):
+class SpaceAxisPaths(AxisPaths):
     """Axis paths in space from the base, or from the positions to which the base is fed, to the tolerance of a goal."""
 
     shortest_is_proved = False
@@ -86,13 +86,13 @@ class AxisWays(Ways):
         return SurfaceGaps(self.problem.workspace)
 
     @property
-    def room(self) -> float:
+    def required_distance(self) -> float:
         """Distance that the axis must keep from surfaces, less the surfaces' excess over the obstacles [m]."""
         need = self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out
         return max(need, 0.0) - touching_overlap(self.arm)
 
     @cached_property
-    def ends(self) -> WayEnds:
+    def ends(self) -> PathEnds:
         """Start and end of the axis paths; with a feed axis, paths may begin anywhere in the guide tube."""
         arm = self.arm
         low, high = arm.base_range
@@ -100,24 +100,26 @@ class AxisWays(Ways):
         goal = self.place.goal.position
         first = arm.base + low * arm.direction
         last = arm.base + until * arm.direction
-        return WayEnds(first, last, arm.mount_length, goal, self.place.tolerances.position, arm.length)
+        return PathEnds(first, last, arm.mount_length, goal, self.place.tolerances.position, arm.length)
 
     @cached_property
-    def search(self) -> WaySearch:
+    def search(self) -> PathSearch:
         """Search of the region that an arm longer by a fixed factor could reach."""
         return self._search_in(self.problem.workspace, self.gaps.tree)
 
-    def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> WaySearch:
+    def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> PathSearch:
         longer = replace(self.arm, link_length=_DETOUR * self.arm.link_length)
         box = reach_box(longer, workspace.bounds)
-        need = max(self.room, 1e-3 * self.arm.length)
+        need = max(self.required_distance, 1e-3 * self.arm.length)
         cells = CellTree.over(tree, box, _CELLS, _REACH * need)
-        return WaySearch(workspace, self.ends, box, cells, self.until)
+        return PathSearch(workspace, self.ends, box, cells, self.until)
 
     @cached_property
     def answer(self) -> Answer:
         """Whether an axis path that is wide and short enough exists; "not known" for an arm of zero width."""
-        return self.search.answer(self.room, self.arm.length) if self.room > 0.0 else "not known"
+        return (
+            self.search.answer(self.required_distance, self.arm.length) if self.required_distance > 0.0 else "not known"
+        )
 
     @property
     def closed(self) -> bool:
@@ -128,18 +130,21 @@ class AxisWays(Ways):
     def shortest(self) -> FloatArray | None:
         """Corners of a short axis path that is wide enough, shape (m, 3) [m]; None if none was found."""
         longest = _DETOUR * self.arm.length
-        if self.answer != "open" and self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
+        if self.answer != "open" and self.search.answer(self.required_distance, longest, _DETOUR_CELLS) != "open":
             return None
-        return shortest_in(self.search, self.gaps.tree, self.room)
+        return shortest_in(self.search, self.gaps.tree, self.required_distance)
 
     @property
     def least(self) -> float:
         """Length of ``shortest``, an upper bound on the least length of wide enough axis paths [m]; 0 without one."""
-        return 0.0 if self.shortest is None else way_length(self.shortest)
+        return 0.0 if self.shortest is None else polyline_length(self.shortest)
 
     def all_longer_than(self, length: float) -> bool:
         """Return whether it is proved that every wide enough axis path is longer than a length [m]."""
-        return self.room > 0.0 and self.search.answer(self.room, length, _DETOUR_CELLS) == "closed"
+        return (
+            self.required_distance > 0.0
+            and self.search.answer(self.required_distance, length, _DETOUR_CELLS) == "closed"
+        )
 
     def bound(self, known: float) -> float:
         """Return an upper bound on the distance from surfaces that any axis path keeps, at most `room` [m].
@@ -147,21 +152,30 @@ class AxisWays(Ways):
         Args:
             known: distance from surfaces that the widest known axis path keeps [m].
         """
-        if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, _MORE_CELLS) != "closed":
-            return self.room
-        return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
+        if (
+            self.required_distance <= 0.0
+            or self.search.answer(self.required_distance, self.arm.length, _MORE_CELLS) != "closed"
+        ):
+            return self.required_distance
+        return self.widest_between(known, self.required_distance, 0.5 * (known + self.required_distance)).most
 
-    def widest(self, most: float) -> WidestWay:
+    def widest(self, most: float) -> WidestPath:
         """Return the axis path farthest from surfaces, where distances beyond `most` [m] count as equal."""
         length = self.arm.length
-        if most > self.room and self.search.answer(most, length, _MORE_CELLS) != "closed":
+        if most > self.required_distance and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)
-            return WidestWay(most, exact=False, closed=False, place=place, walls=())
-        low = self.room if self.answer == "open" else 0.0
-        trial = 0.5 * (low + most) if low else self.room if most > self.room else _LEAST * self.room
+            return WidestPath(most, exact=False, closed=False, place=place, walls=())
+        low = self.required_distance if self.answer == "open" else 0.0
+        trial = (
+            0.5 * (low + most)
+            if low
+            else self.required_distance
+            if most > self.required_distance
+            else _LEAST * self.required_distance
+        )
         return self.widest_between(low, most, trial)
 
-    def widest_between(self, low: float, high: float, trial: float) -> WidestWay:
+    def widest_between(self, low: float, high: float, trial: float) -> WidestPath:
         """Return the axis path farthest from surfaces among those no longer than the arm, by bisection of the distance.
 
         Args:
@@ -171,7 +185,7 @@ class AxisWays(Ways):
         """
         length = self.arm.length
         high = min(self.search.widest(high, length), high)
-        while high - low > _FINENESS * self.room:
+        while high - low > _FINENESS * self.required_distance:
             more = _MORE_CELLS if low else _FLOOR_CELLS
             answer = self.search.answer(trial, length, more)
             # Whatever the answer, no path is wider than the widest chain of possibly open cubes.
@@ -180,13 +194,13 @@ class AxisWays(Ways):
             if answer == "not known" or (answer == "closed" and low == 0.0):
                 break
             trial = 0.5 * (low + high)
-        closed = low == 0.0 and high <= _LEAST * self.room
+        closed = low == 0.0 and high <= _LEAST * self.required_distance
         narrow = self.search.narrowest(length)
         # A path found through free cubes remains, since cubes are only ever split.
-        way = shortest_in(self.search, self.gaps.tree, low) if low else None
-        exact = high - low <= _FINENESS * self.room
-        walls = beside(self.gaps, narrow, FINEST * max(self.room, 0.0))
-        return WidestWay(high, exact, closed, narrow, walls, way=way)
+        path = shortest_in(self.search, self.gaps.tree, low) if low else None
+        exact = high - low <= _FINENESS * self.required_distance
+        walls = beside(self.gaps, narrow, FINEST * max(self.required_distance, 0.0))
+        return WidestPath(high, exact, closed, narrow, walls, path=path)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
         """Return the obstacles whose removal alone opens an axis path to the goal.
@@ -197,20 +211,20 @@ class AxisWays(Ways):
         """
         if closed:
             return self._closing
-        walls = beside(self.gaps, place, FINEST * max(self.room, 0.0))
+        walls = beside(self.gaps, place, FINEST * max(self.required_distance, 0.0))
         return self._opened(walls) or self._closing
 
     def _opened(self, names: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(name for name in names if self._without(name) is not None)
 
     @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
-    def _without(self, name: str) -> WaySearch | None:
+    def _without(self, name: str) -> PathSearch | None:
         """Return a search without one obstacle; None if no axis path is found, or no obstacle has the name."""
         workspace = self.problem.workspace.without(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
         search = self._search_in(workspace, SurfaceTree.from_triangles(workspace.triangle_soup))
-        answer = search.answer(self.room, self.arm.length)
+        answer = search.answer(self.required_distance, self.arm.length)
         # An obstacle counts as opening a path only if there was time to find out.
         return None if answer == "closed" or self.until.passed() else search
 
@@ -232,12 +246,12 @@ class AxisWays(Ways):
             place: position that is returned if there is no path without the obstacle, shape (3,) [m].
         """
         search = self._without(name)
-        way = None if search is None else shortest_in(search, search.cells.tree, self.room)
-        if way is None:
+        path = None if search is None else shortest_in(search, search.cells.tree, self.required_distance)
+        if path is None:
             return place
         body = next(each.body for each in self.problem.workspace.obstacles if each.name == name)
         share = np.linspace(0.0, 1.0, _PLACES)[:, None, None]
-        along = (way[:-1] + share * (way[1:] - way[:-1])).reshape(-1, 3)
+        along = (path[:-1] + share * (path[1:] - path[:-1])).reshape(-1, 3)
         return np.asarray(along[int(np.argmax([depth_inside(body, each) for each in along]))])
 
     def length_remedies(self) -> dict[str, float]:
@@ -246,24 +260,24 @@ class AxisWays(Ways):
         high = self.least
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            if self.search.answer(self.room, middle, _MORE_CELLS) == "closed":
+            if self.search.answer(self.required_distance, middle, _MORE_CELLS) == "closed":
                 low = middle
             else:
                 high = middle
         return {"arm.link_length": low / self.arm.links}
 
 
-def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray | None:
+def shortest_in(search: PathSearch, tree: SurfaceTree, required_distance: float) -> FloatArray | None:
     """Return the corners of a short path through cubes away from surfaces, shape (m, 3) [m]; None without one.
 
     Args:
         search: the search, with its cubes.
         tree: surfaces of the scene.
-        room: distance from the surfaces that every point of the cubes must keep [m].
+        required_distance: distance from the surfaces that every point of the cubes must keep [m].
     """
     cells = search.cells
     start, goal = search.end_cubes()
-    usable = (cells.least >= room) & (search.sides < 1) | start
+    usable = (cells.least >= required_distance) & (search.sides < 1) | start
     pairs = cells.pairs[np.all(usable[cells.pairs], axis=1)]
     middles = cells.middles
     apart = np.linalg.norm(middles[pairs[:, 0]] - middles[pairs[:, 1]], axis=1)
@@ -285,30 +299,30 @@ def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray
     square = float(axis @ axis)
     share = 0.0 if square == 0.0 else float(np.clip((first - ends.start) @ axis / square, 0.0, 1.0))
     corners = np.concatenate(((ends.start + share * axis)[None], middles[cubes[::-1]], ends.goal[None]))
-    way = shortened(tree, corners, room, 0.5 * room)
+    path = shortened(tree, corners, required_distance, 0.5 * required_distance)
     for _ in range(_PULLS):
-        way = _pulled(tree, way, room, _PULL_STEPS)
-    return way
+        path = _pulled(tree, path, required_distance, _PULL_STEPS)
+    return path
 
 
-def _pulled(tree: SurfaceTree, way: FloatArray, room: float, steps: int) -> FloatArray:
+def _pulled(tree: SurfaceTree, path: FloatArray, required_distance: float, steps: int) -> FloatArray:
     """Return a path shortened by moving its corners and midpoints towards the line between their neighbours.
 
     Args:
         tree: surfaces of the scene.
-        way: corners of the path, shape (m, 3) [m].
-        room: distance that the moved parts must keep from the surfaces [m].
+        path: corners of the path, shape (m, 3) [m].
+        required_distance: distance that the moved parts must keep from the surfaces [m].
         steps: number of halvings of a corner's displacement.
     """
-    fine = np.empty((2 * len(way) - 1, 3))
-    fine[::2] = way
-    fine[1::2] = 0.5 * (way[:-1] + way[1:])
+    fine = np.empty((2 * len(path) - 1, 3))
+    fine[::2] = path
+    fine[1::2] = 0.5 * (path[:-1] + path[1:])
     for k in range(1, len(fine) - 1):
         straight = 0.5 * (fine[k - 1] + fine[k + 1])
         for halvings in range(steps):
             here = fine[k] + 0.5**halvings * (straight - fine[k])
             legs = np.array([[fine[k - 1], here], [here, fine[k + 1]]])
-            if float(tree.distances(legs, room).min()) >= room:
+            if float(tree.distances(legs, required_distance).min()) >= required_distance:
                 fine[k] = here
                 break
-    return shortened(tree, fine, room, 0.5 * room)
+    return shortened(tree, fine, required_distance, 0.5 * required_distance)

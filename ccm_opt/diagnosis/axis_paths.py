@@ -18,7 +18,7 @@ from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.gaps import Gaps, beside, depth_beyond
-from ccm_opt.diagnosis.keyed_poses import TipPlace
+from ccm_opt.diagnosis.named_goals import NamedTipGoal
 from ccm_opt.diagnosis.ranking import degrees, diameter_words, listed, point
 from ccm_opt.diagnosis.reach import angle_between, most_turn, within_reach
 from ccm_opt.problem import Problem
@@ -39,7 +39,7 @@ _SPANNED = 0.99
 
 
 @dataclass(frozen=True, eq=False)
-class WidestWay:
+class WidestPath:
     """Bounds on the width of the widest axis path that is no longer than the arm.
 
     Attributes:
@@ -49,7 +49,7 @@ class WidestWay:
         place: position of the narrowest passage, shape (d,) [m].
         walls: names of the obstacles nearest to ``place``, the nearest first.
         unbounded_excess: distance from obstacles kept by the widest path of any length, if known [m].
-        way: corners of a short path among the widest known, shape (m, d) [m]; None if none was found.
+        path: corners of a short path among the widest known, shape (m, d) [m]; None if none was found.
     """
 
     most: float
@@ -58,11 +58,11 @@ class WidestWay:
     place: FloatArray
     walls: tuple[str, ...]
     unbounded_excess: float = 0.0
-    way: FloatArray | None = None
+    path: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Ways(ABC):
+class AxisPaths(ABC):
     """Paths of an arm's axis from its base, or from all fed base positions, to the tolerance of a tip goal.
 
     Attributes:
@@ -76,7 +76,7 @@ class Ways(ABC):
     shortest_is_proved: ClassVar[bool]
     fed_from: ClassVar[str]
     problem: Problem
-    place: TipPlace
+    place: NamedTipGoal
     until: Deadline
 
     @property
@@ -96,7 +96,7 @@ class Ways(ABC):
 
     @property
     @abstractmethod
-    def room(self) -> float:
+    def required_distance(self) -> float:
         """Distance that the arm's axis must keep from all obstacles [m]."""
 
     @property
@@ -124,7 +124,7 @@ class Ways(ABC):
         """Return whether it is proved that every wide enough axis path is longer than a length [m]."""
 
     @abstractmethod
-    def widest(self, most: float) -> WidestWay:
+    def widest(self, most: float) -> WidestPath:
         """Return the axis path farthest from obstacles, where distances beyond `most` [m] count as equal."""
 
     @abstractmethod
@@ -159,107 +159,107 @@ class Ways(ABC):
         """Return, by key, the parameter values with which a too short arm would be long enough [SI units]."""
 
 
-def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
+def axis_paths(problem: Problem, until: Deadline) -> Iterator[AxisPaths]:
     """Yield, per tip goal of a problem, the paths of the arm's axis to that goal, searchable until a deadline."""
     # Imported on demand: only one of the two is ever needed, and most problems need neither.
     if problem.dimension == 2:
-        from ccm_opt.diagnosis.passages import passages  # noqa: PLC0415
+        from ccm_opt.diagnosis.planar_axis_paths import planar_axis_paths  # noqa: PLC0415
 
-        yield from passages(problem, until)
+        yield from planar_axis_paths(problem, until)
     else:
-        from ccm_opt.diagnosis.axis_ways import axis_ways  # noqa: PLC0415
+        from ccm_opt.diagnosis.space_axis_paths import space_axis_paths  # noqa: PLC0415
 
-        yield from axis_ways(problem, until)
+        yield from space_axis_paths(problem, until)
 
 
-def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding]:
+def axis_path_exists(problem: Problem, until: Deadline) -> Iterator[Finding]:
     """Yield a finding per tip goal to which no axis path is wide and short enough for the arm."""
-    for ways in _closed_ways(problem, until):
-        yield _too_long(ways) if ways.shortest is not None and ways.least > ways.arm.length else _too_thick(ways)
+    for paths in _closed_off_goals(problem, until):
+        yield _too_long(paths) if paths.shortest is not None and paths.least > paths.arm.length else _too_thick(paths)
 
 
-def any_way_closed(problem: Problem, until: Deadline) -> bool:
+def is_any_goal_closed_off(problem: Problem, until: Deadline) -> bool:
     """Return whether any tip goal has no axis path that is wide and short enough, without finding the cause."""
-    return next(_closed_ways(problem, until), None) is not None
+    return next(_closed_off_goals(problem, until), None) is not None
 
 
-def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
+def _closed_off_goals(problem: Problem, until: Deadline) -> Iterator[AxisPaths]:
     # Goals where the tip is in contact or out of reach are reported by other checks.
     touched = {finding.key for finding in contact_at_tips(problem)}
     far = {finding.key for finding in within_reach(problem)}
-    for ways in tip_ways(problem, until):
-        key = ways.place.key
-        if key in touched or not ways.closed:
+    for paths in axis_paths(problem, until):
+        key = paths.place.key
+        if key in touched or not paths.closed:
             continue
-        if key not in far or not ways.closed_to_short_arms or _is_detour(ways):
-            yield ways
+        if key not in far or not paths.closed_to_short_arms or _is_detour(paths):
+            yield paths
 
 
-def _is_detour(ways: Ways) -> bool:
+def _is_detour(paths: AxisPaths) -> bool:
     """Return whether the shortest axis path is known and not straight, so that more than reach alone is lacking."""
-    straight = float(np.linalg.norm(ways.place.goal.position - ways.arm.base)) - ways.place.tolerances.position
-    return ways.shortest_is_proved and ways.least > (1.0 + _DETOUR) * straight
+    straight = float(np.linalg.norm(paths.place.goal.position - paths.arm.base)) - paths.place.tolerances.position
+    return paths.shortest_is_proved and paths.least > (1.0 + _DETOUR) * straight
 
 
-def way_length(way: FloatArray) -> float:
+def polyline_length(path: FloatArray) -> float:
     """Return the length of a polyline given by its corners (m, d) [m]."""
-    return float(leg_lengths(way).sum())
+    return float(leg_lengths(path).sum())
 
 
-def way_corners(way: FloatArray | None) -> tuple[tuple[float, ...], ...]:
+def path_corners(path: FloatArray | None) -> tuple[tuple[float, ...], ...]:
     """Convert the corners of an axis path to the form that findings store."""
-    return () if way is None else tuple(point(place) for place in way)
+    return () if path is None else tuple(point(place) for place in path)
 
 
-def _too_long(ways: Ways) -> Finding:
+def _too_long(paths: AxisPaths) -> Finding:
     """Return the finding that all wide enough axis paths are longer than the arm, or than its part beyond the hole."""
-    arm = ways.arm
-    way = ways.shortest
-    assert way is not None  # noqa: S101 - said by who asks
-    corner = _farthest_off(way)
-    turns = simplified(way, ways.room)[1:-1]
-    walls = tuple(dict.fromkeys(name for turn in turns for name in beside(ways.gaps, turn, 0.0)[:1]))
+    arm = paths.arm
+    path = paths.shortest
+    assert path is not None  # noqa: S101 - said by who asks
+    corner = _farthest_off(path)
+    turns = simplify_polyline(path, paths.required_distance)[1:-1]
+    walls = tuple(dict.fromkeys(name for turn in turns for name in beside(paths.gaps, turn, 0.0)[:1]))
     round_what = f" round {listed(walls)}" if walls else ""
-    lacking = f"{long_length(ways.least - arm.length)} too short; the shortest way"
-    if not ways.shortest_is_proved:
+    lacking = f"{long_length(paths.least - arm.length)} too short; the shortest way"
+    if not paths.shortest_is_proved:
         lacking = (
             f"too short: every way that is wide enough is longer than its {long_length(arm.length)}; the shortest found"
         )
-    only = "the arm is only" if arm.length == ways.problem.arm.length else "beyond the hole the arm reaches only"
+    only = "the arm is only" if arm.length == paths.problem.arm.length else "beyond the hole the arm reaches only"
     return Finding(
         "too short",
-        f"{ways.place.key}: the arm is {lacking}{ways.begin} to the goal{round_what} is {long_length(ways.least)} "
+        f"{paths.place.key}: the arm is {lacking}{paths.begin} to the goal{round_what} is {long_length(paths.least)} "
         f"long; {only} {long_length(arm.length)}{' long' * only.endswith('is only')}",
-        key=ways.place.key,
+        key=paths.place.key,
         place=point(corner),
-        measured=ways.least,
+        measured=paths.least,
         allowed=arm.length,
-        obstacles=tuple(dict.fromkeys((*ways.opening(corner, closed=False), *walls))),
-        way=way_corners(way),
-        bounds=ways.length_remedies(),
+        obstacles=tuple(dict.fromkeys((*paths.opening(corner, closed=False), *walls))),
+        way=path_corners(path),
+        bounds=paths.length_remedies(),
     )
 
 
-def _farthest_off(way: FloatArray) -> FloatArray:
+def _farthest_off(path: FloatArray) -> FloatArray:
     """Return the corner of a polyline that is farthest from the straight line between its ends, shape (d,) [m]."""
-    along = way[-1] - way[0]
+    along = path[-1] - path[0]
     along = along / max(float(np.linalg.norm(along)), 1e-300)
-    off = way - way[0]
+    off = path - path[0]
     aside = np.linalg.norm(off - np.outer(off @ along, along), axis=1)
-    return np.asarray(way[int(np.argmax(aside))])
+    return np.asarray(path[int(np.argmax(aside))])
 
 
-def _too_thick(ways: Ways) -> Finding:
+def _too_thick(paths: AxisPaths) -> Finding:
     """Return the finding that no axis path is wide enough, with the widest path if there is any."""
-    widest = ways.widest(ways.room)
-    opened = ways.opening(widest.place, closed=widest.closed)
-    arm = ways.problem.arm
-    clearance = ways.problem.workspace.clearance
+    widest = paths.widest(paths.required_distance)
+    opened = paths.opening(widest.place, closed=widest.closed)
+    arm = paths.problem.arm
+    clearance = paths.problem.workspace.clearance
     bounds = {}
     if widest.closed:
         who = opened[:3] or widest.walls
         if opened:
-            widest = replace(widest, place=ways.blocking_place(opened[0], widest.place))
+            widest = replace(widest, place=paths.blocking_place(opened[0], widest.place))
         thin = (
             f"even for an arm of {short_length(2.0 * widest.most)} in diameter"
             if widest.most > 0.0
@@ -276,7 +276,7 @@ def _too_thick(ways: Ways) -> Finding:
         known = short_length(gap) if widest.exact else f"{short_length(gap)} at most"
         reason = (
             f"the arm is too thick for every way to the goal; the widest leads through a gap of {known} "
-            f"{between(widest.walls)} at {at(widest.place)}; the arm has {diameter_words(ways.problem)}"
+            f"{between(widest.walls)} at {at(widest.place)}; the arm has {diameter_words(paths.problem)}"
         )
         if 0.0 < 2.0 * widest.most < _SPANNED * gap:
             within = short_length(2.0 * widest.most)
@@ -287,13 +287,13 @@ def _too_thick(ways: Ways) -> Finding:
             bounds["workspace.clearance"] = widest.most - arm.radius
     return Finding(
         "blocked" if widest.closed else "too thick",
-        f"{ways.place.key}: {reason}",
-        key=ways.place.key,
+        f"{paths.place.key}: {reason}",
+        key=paths.place.key,
         place=point(widest.place),
         measured=gap,
         allowed=2.0 * (arm.radius + clearance),
         obstacles=tuple(dict.fromkeys((*opened, *widest.walls))),
-        way=way_corners(widest.way),
+        way=path_corners(widest.path),
         bounds=bounds,
     )
 
@@ -303,26 +303,26 @@ def between(walls: tuple[str, ...]) -> str:
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
 
 
-def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
+def tight_passages(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     """Return likely but unproved obstructions on axis paths, the tightest first."""
     found: list[Finding] = []
-    for ways in tip_ways(problem, until):
-        found += _narrow(ways)
-        found += _short(ways)
-        found += _stiff(ways)
+    for paths in axis_paths(problem, until):
+        found += _narrow(paths)
+        found += _short(paths)
+        found += _stiff(paths)
     return tuple(sorted(found, key=lambda finding: (finding.measured or 0.0) / max(finding.allowed or 0.0, 1e-300)))
 
 
-def _narrow(ways: Ways) -> Iterator[Finding]:
+def _narrow(paths: AxisPaths) -> Iterator[Finding]:
     """Yield a finding if the widest axis path is hardly wider than the arm's diameter plus clearance."""
-    if ways.room <= 0.0:
+    if paths.required_distance <= 0.0:
         return
-    widest = ways.widest(_NARROW * ways.room)
+    widest = paths.widest(_NARROW * paths.required_distance)
     most = max(widest.most, widest.unbounded_excess)
-    if not 0.0 < most < _NARROW * ways.room:
+    if not 0.0 < most < _NARROW * paths.required_distance:
         return
     gap = 2.0 * most
-    need = 2.0 * ways.room
+    need = 2.0 * paths.required_distance
     yield Finding(
         "too thick",
         f"the arm has little clearance: no way to the goal within its length is wider than {short_length(gap)}, "
@@ -332,43 +332,43 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
         measured=gap,
         allowed=need,
         obstacles=widest.walls,
-        way=way_corners(widest.way),
-        bounds={"arm.radius": ways.problem.arm.radius},
+        way=path_corners(widest.path),
+        bounds={"arm.radius": paths.problem.arm.radius},
     )
 
 
-def _short(ways: Ways) -> Iterator[Finding]:
+def _short(paths: AxisPaths) -> Iterator[Finding]:
     """Yield a finding if the arm is proved to be hardly longer than every wide enough axis path.
 
     The length of a path that was merely found is no evidence, since a shorter path may exist.
     """
-    length = ways.arm.length / _SHORT
-    if ways.all_longer_than(length):
+    length = paths.arm.length / _SHORT
+    if paths.all_longer_than(length):
         yield Finding(
             "too short",
             f"the arm has little length to spare: every way to the goal that is wide enough is longer than "
-            f"{long_length(length)}, and the arm is {long_length(ways.arm.length)} long",
+            f"{long_length(length)}, and the arm is {long_length(paths.arm.length)} long",
             proved=False,
-            measured=ways.arm.length,
+            measured=paths.arm.length,
             allowed=length,
-            bounds={"arm.link_length": ways.problem.arm.link_length},
+            bounds={"arm.link_length": paths.problem.arm.link_length},
         )
 
 
-def _stiff(ways: Ways) -> Iterator[Finding]:
+def _stiff(paths: AxisPaths) -> Iterator[Finding]:
     """Yield a finding for each turn of a short axis path that the arm, at its tightest bend, can hardly follow.
 
     A turn by α around an inner corner with clearance h on the outside admits an arc of radius h cos(α/2) / (1 −
     cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
     """
-    arm = ways.problem.arm
-    way = ways.shortest
+    arm = paths.problem.arm
+    path = paths.shortest
     # In space the path found may be longer than the arm and lead round another side than one that the arm can follow.
-    if way is None or (way_length(way) > ways.arm.length and not ways.shortest_is_proved):
+    if path is None or (polyline_length(path) > paths.arm.length and not paths.shortest_is_proved):
         return
     # Angles near half a turn are capped, since tangent and cosine degenerate there.
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(most_turn(arm, arm.joint_limit), 0.99 * np.pi))
-    corners = simplified(way, ways.room)
+    corners = simplify_polyline(path, paths.required_distance)
     for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
         turn = angle_between(corner - before, after - corner)
         if turn < _LEAST_TURN:
@@ -378,9 +378,9 @@ def _stiff(ways: Ways) -> Iterator[Finding]:
         )
         outwards /= np.linalg.norm(outwards)
         half = np.cos(0.5 * min(turn, 0.95 * np.pi))
-        radius = depth_beyond(ways.gaps, corner, outwards, ways.room, arm.length) * half / (1.0 - half)
+        radius = depth_beyond(paths.gaps, corner, outwards, paths.required_distance, arm.length) * half / (1.0 - half)
         if radius <= _STIFF * tightest:
-            walls = beside(ways.gaps, corner, 0.0)[:1]
+            walls = beside(paths.gaps, corner, 0.0)[:1]
             compared = "less than" if radius < tightest else "hardly more than"
             yield Finding(
                 "too stiff",
@@ -396,23 +396,23 @@ def _stiff(ways: Ways) -> Iterator[Finding]:
             )
 
 
-def simplified(way: FloatArray, tolerance: float) -> FloatArray:
+def simplify_polyline(path: FloatArray, tolerance: float) -> FloatArray:
     """Return a polyline without the corners that lie near the straight lines between the others, shape (k, d) [m].
 
     A path shortened around an obstacle has many corners with small turns, which are merged into one. Source: D. Douglas
     and T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
 
     Args:
-        way: corners of the polyline, shape (m, d) [m].
+        path: corners of the polyline, shape (m, d) [m].
         tolerance: largest distance of removed corners from the straight lines [m].
     """
-    if len(way) < 3:
-        return way
-    along = way[-1] - way[0]
-    share = np.clip((way - way[0]) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
-    off = np.linalg.norm(way - way[0] - share[:, None] * along, axis=1)
+    if len(path) < 3:
+        return path
+    along = path[-1] - path[0]
+    share = np.clip((path - path[0]) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
+    off = np.linalg.norm(path - path[0] - share[:, None] * along, axis=1)
     farthest = int(np.argmax(off))
     if off[farthest] <= tolerance:
-        return way[[0, -1]]
-    first = simplified(way[: farthest + 1], tolerance)
-    return np.concatenate((first[:-1], simplified(way[farthest:], tolerance)))
+        return path[[0, -1]]
+    first = simplify_polyline(path[: farthest + 1], tolerance)
+    return np.concatenate((first[:-1], simplify_polyline(path[farthest:], tolerance)))

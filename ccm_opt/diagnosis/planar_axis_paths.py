@@ -15,10 +15,10 @@ import shapely
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polygons import cross, mitred
+from ccm_opt.diagnosis.axis_paths import AxisPaths, WidestPath
 from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.gaps import Gaps, WallGaps
-from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places
-from ccm_opt.diagnosis.ways import Ways, WidestWay
+from ccm_opt.diagnosis.named_goals import NamedTipGoal, named_tip_goals
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
@@ -40,7 +40,7 @@ _MOST_CORNERS = 2000
 """Largest number of corners of free space for which the shortest axis path is proved. Taste."""
 
 
-def shortest_way(
+def shortest_path_length(
     space: shapely.Polygon, start: FloatArray, goal: FloatArray, longest: float, most_corners: int
 ) -> float | None:
     """Return the length of the shortest path through planar free space [m], capped at ``longest``.
@@ -170,7 +170,7 @@ class WideSpace(FreeSpace):
         if not self.connected:
             return longest
         piece, _ = self.components_of_ends
-        found = shortest_way(piece, self.base, self.goal, longest + self.tolerance, most_corners)
+        found = shortest_path_length(piece, self.base, self.goal, longest + self.tolerance, most_corners)
         return None if found is None else min(max(found - self.tolerance, 0.0), longest)
 
 
@@ -182,15 +182,15 @@ def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
     return disc
 
 
-def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
-    """Yield a ``PassageWays`` per tip goal, for axis paths from the base or from the hole of the guide tube."""
-    for place in tip_places(problem):
+def planar_axis_paths(problem: Problem, until: Deadline) -> Iterator["PlanarAxisPaths"]:
+    """Yield a ``PlanarAxisPaths`` per tip goal, for axis paths from the base or from the hole of the guide tube."""
+    for place in named_tip_goals(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is not None:
-            yield PassageWays(problem, place, until, fixed)
+            yield PlanarAxisPaths(problem, place, until, fixed)
 
 
-def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
+def beyond_hole(problem: Problem, place: NamedTipGoal) -> Problem | None:
     """Return a problem for the part of a fully fed arm beyond its guide tube, with a fixed base and one tip goal.
 
     The fixed base is at the hole, the end of the tube. The tube holds the arm straight up to the hole, so the axis of
@@ -225,7 +225,7 @@ def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
 
 
 @dataclass(frozen=True)
-class PassageWays(Ways):
+class PlanarAxisPaths(AxisPaths):
     """Axis paths in the plane from the base, or from the hole of the guide tube, to the tolerance of a goal.
 
     Attributes:
@@ -247,14 +247,14 @@ class PassageWays(Ways):
         return WallGaps(self.problem.workspace)
 
     @property
-    def room(self) -> float:
+    def required_distance(self) -> float:
         """Distance that the arm's axis must keep from walls [m]."""
         return self.problem.arm.radius + self.problem.workspace.clearance
 
     @cached_property
     def space(self) -> WideSpace:
         """Free space for an axis with the arm's own radius and clearance, in the unchanged workspace."""
-        return self.at(self.room)
+        return self.at(self.required_distance)
 
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
         """Return the free space for another inflation of the walls [m], or in another workspace."""
@@ -302,15 +302,15 @@ class PassageWays(Ways):
         """
         # Near the hole of a guide tube, the arm may be closer to walls.
         if self.problem.arm.base_axes or self.space.connected:
-            return self.room
-        return max(self._largest(self.room, lambda inflation: self.at(inflation).connected), known)
+            return self.required_distance
+        return max(self._largest(self.required_distance, lambda inflation: self.at(inflation).connected), known)
 
-    def widest(self, most: float) -> WidestWay:
+    def widest(self, most: float) -> WidestPath:
         """Return the axis path farthest from walls, where distances beyond `most` [m] count as equal."""
         of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
         within = self._largest(of_any, self._short_enough) if of_any else 0.0
         place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
-        return WidestWay(
+        return WidestPath(
             within, exact=True, closed=not of_any, place=place, walls=self._beside(place), unbounded_excess=of_any
         )
 
@@ -356,7 +356,8 @@ class PassageWays(Ways):
             name
             for name in near
             # An obstacle counts as opening a path only if there was time to find out.
-            if not self.until.passed() and self.at(self.room, workspace.without(name)).shortest <= self.arm.length
+            if not self.until.passed()
+            and self.at(self.required_distance, workspace.without(name)).shortest <= self.arm.length
         )
 
     def length_remedies(self) -> dict[str, float]:
@@ -366,7 +367,7 @@ class PassageWays(Ways):
         bounds = {"arm.link_length": (asked.length + lacking) / asked.links}
         if asked.feed is not None:
             bounds["arm.feed.range"] = asked.feed.high + lacking
-        thinner = self._largest(self.room, self._short_enough) - self.problem.workspace.clearance
+        thinner = self._largest(self.required_distance, self._short_enough) - self.problem.workspace.clearance
         if thinner > 0.0:
             bounds["arm.radius"] = thinner
         return bounds
