@@ -34,7 +34,7 @@ def back_and_onward(triangle_soup: TriangleSoup) -> tuple[SpaceTask, CurveMap, F
     return task, curve, back, onward[::-1]
 
 
-@pytest.mark.parametrize("soup", [TriangleSoup.joined([]), WALL], ids=["open", "wall"])
+@pytest.mark.parametrize("triangle_soup", [TriangleSoup.joined([]), WALL], ids=["open", "wall"])
 def test_an_arm_goes_back_no_farther_than_it_must(triangle_soup: TriangleSoup) -> None:
     """Nowhere in the open, but to the edge of a wall between the two shapes; all of it is certified."""
     task, curve, back, onward = back_and_onward(triangle_soup)
