@@ -34,7 +34,7 @@ _LACK_RISE = 2.0
 """Factor by which the price of slack rises per step in intervals that lack clearance. Taste."""
 _PRICE_RISE = 4.0
 """Factor of the price of slack in intervals for which the certificate fails. Taste."""
-_FIRST_DAMPING = 0.3
+FIRST_DAMPING = 0.3
 """Weight on the squared rotations of the links in the first step. Taste."""
 _REFUSED_GROWTH = 6.0
 """Factor by which the damping grows after a refused optimisation step. Taste."""
@@ -266,7 +266,7 @@ class _Iterate(Generic[SweepType]):
 
     motion: _Certified[SweepType]
     prices: FloatArray
-    damping: float = _FIRST_DAMPING
+    damping: float = FIRST_DAMPING
     curvature: RowCurvature | None = None
     gained: float = 0.0
 
@@ -422,6 +422,9 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
             damping = _damping(iterate.damping, share, gain)
             return _Iterate(found, prices, damping, curvature, gained), failed
         failed = failing
+        if share == 1.0 and not program.curve.affine:
+            # The links of a fed arm move far; a single interval that fails would else refuse or shorten the whole step.
+            shares.insert(1, _yielding_shares(program, start, step.change))
     return None, failed
 
 
@@ -441,7 +444,7 @@ def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
 def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
     """Return the fraction of a step that each keyframe takes, shape (K + 1, 1), reduced near uncertified intervals.
 
-    In a narrow gate, a few intervals block a step that all other intervals could take in full.
+    In a narrow passage, a few intervals block a step that all other intervals could take in full.
 
     Args:
         program: the optimisation problem.
