@@ -11,16 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.planning.limits.clearance_rows import sweep_regions
+from ccm_opt.planning.limits.limit import KeyframeRows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows, representatives
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import JointPose, OptimiserName
+from ccm_opt.problem.solution import ClearanceLimit
 from tests.oracles.interior_point import interior_point
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, rows_of, sweep_gaps, swept
 
@@ -187,6 +189,43 @@ def test_step_in_free_space_straightens_the_motion() -> None:
     gradient = objective.gradient(replace(sweep, unknowns=sweep.unknowns + step.change))[1:-1]
     assert np.allclose(step.change[[0, -1]], 0.0, atol=1e-6)
     assert np.abs(gradient).max() < 1e-3 * np.abs(objective.gradient(sweep)).max()
+
+
+@pytest.mark.parametrize(
+    ("limit", "interval", "price", "opposite", "held"),
+    [
+        ("walls", 2, 1e4, STILL, False),
+        ("links", 2, 1e4, 0, False),
+        ("joint limits", 2, 1e4, None, True),
+        ("goal", 5, 1e4, None, False),
+        ("length", 2, 1e-3, None, False),
+        ("steps", 2, 1e4, None, False),
+    ],
+)
+def test_what_limits_clearance_is_what_pushes_against_it(
+    limit: ClearanceLimit, interval: int, price: float, opposite: int | None, *, held: bool
+) -> None:
+    """A tip that lacks clearance on one side is held by what was put on the other side, or by nothing but its cost."""
+    sweep = random_sweep(4, 6, size=0.0)
+    unit, p = sweep.space.nominal_length, sweep.unknowns.shape[1]
+    tip = sweep.points[0, -3]
+    sides = [(STILL, 1.0, 0.5 * unit)] + ([] if opposite is None else [(opposite, -1.0, 0.3 * unit)])
+    normal = np.array([[0.0, side] for _, side, _ in sides])
+    minus = np.array([other for other, _, _ in sides])
+    lacks = np.array([lack for _, _, lack in sides])
+    where = np.full(len(sides), interval)
+    same = np.full(len(sides), sweep.space.arm.links)
+    away = tip - np.where((minus == STILL)[:, None], 0.0, sweep.points[0, minus])
+    rows = IntervalRows(
+        where, np.ones(len(sides)), same, minus, same, same, normal, lacks - np.einsum("md,md->m", normal, away)
+    )
+    keyframe = np.repeat(np.arange(1, 7), p)
+    fixed = KeyframeRows(keyframe, np.tile(np.eye(p), (6, 1)), np.full(6 * p, -1e-6), np.full(6 * p, 1e-6))
+    objective = Objective(sweep.space, 6)
+    motion = LinearMotion(
+        sweep, objective, (), rows, rows, (fixed,) if held else (), (), np.eye(p), end_fixed=True, unit=unit
+    )
+    assert KeyframeProgram(motion, np.full(6, price), None, 0.1).clearance_limit(0.3) == limit
 
 
 @settings(max_examples=20, deadline=None)

@@ -31,6 +31,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
     ClearanceRecord,
+    JointPath,
     JointTrajectory,
     PossibleGap,
     SimulatedMotion,
@@ -85,6 +86,7 @@ def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
 
 def clearance_record(
     problem: Problem,
+    path: JointPath,
     trajectory: JointTrajectory,
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
@@ -93,6 +95,7 @@ def clearance_record(
 
     Args:
         problem: the problem as posed.
+        path: path of the motion, which says what limits its clearance.
         trajectory: the motion.
         checks: verifier's checks, which hold the minimum clearances.
         settings: settings of all stages.
@@ -103,6 +106,9 @@ def clearance_record(
     if not room.short:
         # The motion keeps the preferred clearance, so the preferred clearance is possible.
         return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
+    if any(part.cause == "passage" for part in room.short):
+        limits = (part.clearance_limit for part in path.parts or (path,))
+        room = replace(room, limited_by=tuple(dict.fromkeys(limit for limit in limits if limit is not None)))
     if problem.dimension == 3:
         # Flooding the workspace for the widest way takes as long as planning.
         return room
@@ -204,7 +210,7 @@ def described(
 
     try:
         with stages("clearance"):
-            of_clearance = partial(clearance_record, problem, plan.trajectory, plan.checks, settings)
+            of_clearance = partial(clearance_record, problem, plan.path, plan.trajectory, plan.checks, settings)
             room = kept(of_clearance, "the clearance of the motion was not measured", lambda _: None)
         with stages("tolerance"):
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)

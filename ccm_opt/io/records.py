@@ -123,6 +123,7 @@ def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
         "possible_gap": None if possible is None else possible.value,
         "possible_by": None if possible is None else possible.by,
         "possible_between": [] if possible is None else list(possible.walls),
+        "limited_by": list(room.limited_by),
         "price": room.price,
     }
 

@@ -17,7 +17,7 @@ is solved by the Gauss–Newton method with a banded matrix. Bends at the ends o
 are kept.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -229,17 +229,25 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
         if spline is not None and task.violated_place(spline) is None:
             keyframes, spline, curves = task.keyframes_along(keyframes, spline, legs=False)
             name = f"{motion.candidate}, on the path of the tip"
-            return JointPath(spline, keyframes, curves, name, spare=certified_spare(spline, task.certificate))
+            spare = certified_spare(spline, task.certificate)
+            path = JointPath(spline, keyframes, curves, name, spare=spare)
+            lacks = _lacking(keyframes, task) > _GAINED_ROOM * task.wanted_gap
+            return replace(path, clearance_limit="path of the tip") if lacks else path
     return None
 
 
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
     """Return whether ``_worth`` prefers a motion, keyframes (K, c), to any other motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
-    lacking = task.room_lacking(behind)
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
-    roomy = np.max(lacking) - np.max(lacking[[0, -1]]) <= _LOST_ROOM * task.wanted_gap
-    return bool(roomy) and _time(behind, task) <= _LONGER * fastest
+    roomy = _lacking(behind, task) <= _LOST_ROOM * task.wanted_gap
+    return roomy and _time(behind, task) <= _LONGER * fastest
+
+
+def _lacking(q: FloatArray, task: SpaceTask) -> float:
+    """Return how much more of the preferred clearance a motion, keyframes (K, c), lacks on its way than at its ends."""
+    lacking = task.room_lacking(q)
+    return float(np.max(lacking) - np.max(lacking[[0, -1]]))
 
 
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:

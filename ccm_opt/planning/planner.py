@@ -42,7 +42,7 @@ from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
+from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_room
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
@@ -416,7 +416,14 @@ def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...
     kept = [motion for motion in motions if not any(len(limit.failures(motion.configurations)) for limit in limits)]
     if not kept:
         raise MotionNotFound(not_behind_tip(task, limits[0], motions[0]))
-    return joint_path(bounded, *kept, legs=problem.planner.retiming == "paul")
+    legs = problem.planner.retiming == "paul"
+    try:
+        path = joint_path(bounded, kept[0], legs=legs)
+    except MotionNotFound:
+        if len(kept) == 1:
+            raise
+        return replace(joint_path(bounded, *kept[1:], legs=legs), clearance_limit="smooth path")
+    return replace(path, clearance_limit=clearance_limit(kept[0], bounded))
 
 
 def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:

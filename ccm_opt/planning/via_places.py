@@ -116,7 +116,11 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
         slopes = sweep.moving[keyframe, sweep.space.arm.links] / sweep.space.nominal_length
         return (
             KeyframeRows(
-                np.repeat(keyframe, d), slopes.reshape(len(off) * d, -1), (-most - off).ravel(), (most - off).ravel()
+                np.repeat(keyframe, d),
+                slopes.reshape(len(off) * d, -1),
+                (-most - off).ravel(),
+                (most - off).ravel(),
+                "via places",
             ),
         )
 

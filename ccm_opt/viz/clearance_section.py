@@ -1,7 +1,7 @@
 """Clearance and tolerated errors of a plan in words, as a section of the HTML report, and as chart data."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import shapely
@@ -9,6 +9,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
+    ClearanceLimit,
     ClearanceRecord,
     JointTrajectory,
     NearPlace,
@@ -27,6 +28,20 @@ _BOUNDS = {
     "start": "the start pose allows no more",
     "goal": "the goal allows no more",
     "passage": "the widest passage to the goal allows no more",
+}
+_LIMITS: Mapping[ClearanceLimit, str] = {
+    "walls": "obstacles on the other side hold the arm where it is",
+    "links": "other links hold the arm where it is",
+    "joint limits": "joints are at their limits",
+    "goal": "the goal fixes the end of the motion",
+    "via places": "goal.via fixes where the tip passes",
+    "constraints": "constraints hold the arm where it is",
+    "length": "more would make the motion longer than it is worth",
+    "steps": "a better motion was expected, but none was certified",
+    "time": "planning ended before the motion was as good as it could be",
+    "smooth path": "the motion with more clearance has no smooth path that is certified",
+    "path of the tip": "the arm follows the path of its tip, which the pose at the goal fixes",
+    "not optimised": "the motion was not optimised",
 }
 _CAUSES = {
     "start": "at the start pose",
@@ -51,6 +66,8 @@ def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) 
     left = len(room.short) - len(worst)
     if left:
         yield f"and {left} more stretch{'es' if left > 1 else ''} below the preferred clearance"
+    if room.limited_by:
+        yield f"on the way, {'; '.join(_LIMITS[limit] for limit in room.limited_by)}"
     if room.short and room.possible is not None and room.possible.by != "wanted gap":
         yield _bound(room.possible, units)
     if room.price is not None and room.price < 0.0:

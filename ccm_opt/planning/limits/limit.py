@@ -25,6 +25,7 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.problem.solution import ClearanceLimit
 
 if TYPE_CHECKING:
     from typing import Self
@@ -96,12 +97,14 @@ class KeyframeRows:
         slopes: derivatives a with respect to the coordinates of the keyframe, shape (m, p).
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
+        kind: what the rows are for, where they keep clearance from growing.
     """
 
     keyframe: IntArray
     slopes: FloatArray
     lower: FloatArray
     upper: FloatArray
+    kind: ClearanceLimit = "joint limits"
 
 
 @dataclass(frozen=True)

@@ -377,7 +377,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
             keyframes += [k] * len(scale)
         lower = np.concatenate(least)
         upper = np.full(len(lower), UNBOUNDED)
-        return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
+        return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper, "constraints"),)
 
     def costs(self, space: CurveUnknowns, u: FloatArray) -> tuple[MotionCost, ...]:
         """Return the user's costs of a motion, including soft constraints, for keyframes at path parameters ``u``."""

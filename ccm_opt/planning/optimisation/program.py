@@ -17,6 +17,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep
 from ccm_opt.planning.optimisation.objective import Objective
+from ccm_opt.problem.solution import ClearanceLimit
 
 _DAMPING_RIDGE = 1e-3
 """Additional damping of the unknowns, relative to that of the link rotations. Taste."""
@@ -153,8 +154,50 @@ class KeyframeProgram:
         multipliers = np.maximum(multipliers[: len(motion.active)], 0.0) / motion.unit
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
+    def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
+        """Return what keeps the least clearance of the motion from growing, or None if the solver fails.
+
+        At the solution of the QP the forces λ ∇g of all active rows, and the negative gradient of the cost, add up to
+        zero. Of the forces against that of the row that lacks most clearance, those of one kind are largest.
+
+        Args:
+            improvement: share of the lacking clearance that the step has to gain for the answer ``"steps"``: the motion
+                could still be improved, but no step that does so was accepted.
+        """
+        motion = self.motion
+        result, multipliers = self._solved()
+        if result is None:
+            return None
+        x = np.asarray(result.x)
+        unknown = np.tile(np.arange(self.width) < self.width - motion.sweep.parts, self._intervals)
+        matrix, _, _ = self.inequalities()
+        count = len(motion.active)
+        # Rows of one part share their slack; the one that lacks most carries the largest multiplier.
+        part = int(np.argmax(motion.worst_rows(motion.sweep)))
+        of_part = np.flatnonzero(motion.active.part(motion.sweep) == part)
+        worst = of_part[np.argmax(multipliers[of_part])]
+        slack = x[~unknown][part]
+        if slack < (1.0 - improvement) * float(motion.worst_rows(motion.sweep)[part]) / motion.unit:
+            return "steps"
+        force = np.where(unknown, multipliers[worst] * matrix[[worst]].toarray()[0], 0.0)
+        rows = multipliers * (matrix @ force)
+        rows[worst] = 0.0
+        against: dict[ClearanceLimit, float] = {
+            "walls": _opposing(rows[:count][motion.active.against_walls]),
+            "links": _opposing(rows[:count][~motion.active.against_walls]),
+            "goal": _opposing(np.asarray(result.y) * (self.equations() @ force)),
+            "length": _opposing(np.atleast_1d((self.hessian() @ x + self.gradient()) @ force)),
+        }
+        for kept in motion.keyframe_rows:
+            own = rows[count : count + len(kept.keyframe)]
+            against[kept.kind] = against.get(kept.kind, 0.0) + _opposing(own)
+            count += len(kept.keyframe)
+        return max(against, key=against.__getitem__)
+
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the result of PIQP, or None if the solver fails, and the multipliers of the upper bounds of all rows.
+        """Return the result of PIQP, or None if the solver fails, and the multipliers of all rows.
+
+        Multipliers are positive at upper and negative at lower bounds.
 
         If there are many rows, the tightest enter the QP first, then rows that the solution violates, until no row is
         violated.
@@ -179,7 +222,7 @@ class KeyframeProgram:
             violated = np.flatnonzero(excess > _VIOLATED)
             if len(violated) == 0:
                 multipliers = np.zeros(len(upper))
-                multipliers[entered] = np.asarray(result.z_u)
+                multipliers[entered] = np.asarray(result.z_u) - np.asarray(result.z_l)
                 return result, multipliers
             entered = np.union1d(entered, violated[_largest(excess[violated], stage[violated], _TIGHTEST)])
 
@@ -295,6 +338,11 @@ class KeyframeProgram:
 
         row, place = np.nonzero(data)
         return data[row, place], row, columns[row, place]
+
+
+def _opposing(products: FloatArray) -> float:
+    """Return the sum of the forces against a force, from their scalar products with it, shape (m,)."""
+    return -float(np.sum(np.minimum(products, 0.0)))
 
 
 @lru_cache(maxsize=8)

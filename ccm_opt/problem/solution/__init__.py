@@ -1,6 +1,7 @@
 """Immutable results: paths, trajectories, simulated motions, checks, poses, reachability maps and Pareto plans."""
 
 from ccm_opt.problem.solution.records import (
+    ClearanceLimit,
     ClearanceRecord,
     GoalPoseRecord,
     NearPlace,
@@ -27,6 +28,7 @@ from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates
 __all__ = [
     "BindingSide",
     "Check",
+    "ClearanceLimit",
     "ClearanceRecord",
     "GoalErrors",
     "GoalPoseRecord",

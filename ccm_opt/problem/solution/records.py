@@ -144,6 +144,21 @@ class GoalPoseRecord:
 ShortCause = Literal["start", "stop", "goal", "passage"]
 # Cause of an upper bound on the minimum clearance of any motion.
 GapBound = Literal["wanted gap", "start", "goal", "passage"]
+# What keeps the least clearance on the way from growing, in the optimisation of a motion.
+ClearanceLimit = Literal[
+    "walls",
+    "links",
+    "joint limits",
+    "goal",
+    "via places",
+    "constraints",
+    "length",
+    "steps",
+    "time",
+    "smooth path",
+    "path of the tip",
+    "not optimised",
+]
 
 
 @dataclass(frozen=True)
@@ -225,6 +240,8 @@ class ClearanceRecord:
         short: time intervals with less than the preferred clearance, in order.
         possible: upper bound on the clearance of any motion; None where unknown.
         price: additional duration compared with a plan without preferred clearance [s]; None where unknown.
+        limited_by: what kept the clearance between start and goal from growing, of each leg that lacks clearance there;
+            empty where unknown.
     """
 
     time: FloatArray
@@ -238,6 +255,7 @@ class ClearanceRecord:
     short: tuple[ShortStretch, ...] = ()
     possible: PossibleGap | None = None
     price: float | None = None
+    limited_by: tuple[ClearanceLimit, ...] = ()
 
     @property
     def gaps(self) -> FloatArray:

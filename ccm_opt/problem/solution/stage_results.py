@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.solution.records import FOLLOWED, GoalPoseRecord, NearPlace, SimulationVerdict
+from ccm_opt.problem.solution.records import FOLLOWED, ClearanceLimit, GoalPoseRecord, NearPlace, SimulationVerdict
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 
@@ -35,6 +35,7 @@ class JointPath:
         goal_pose: solution of the nonlinear program for the final pose; None where none was found or solved.
         parts: the paths that were joined into this path, where there are several; between successive parts the spline
             has a corner, at which the arm must rest.
+        clearance_limit: what keeps the clearance on the way from growing; None where it is enough, or unknown.
     """
 
     spline: "BSpline"
@@ -44,6 +45,7 @@ class JointPath:
     spare: float = 0.0
     goal_pose: GoalPoseRecord | None = None
     parts: "tuple[JointPath, ...]" = ()
+    clearance_limit: ClearanceLimit | None = None
 
     def reversed(self) -> "JointPath":
         """Return the path traversed backwards, from its end to its start, for example to retract the arm."""
