@@ -30,7 +30,7 @@ def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
         between = (1.0 - share) * keyframes[:-1] + share * keyframes[1:]
         held = held_bends(arm, arm.coordinates.advance(between) + 1e-7)
         assert np.all(np.abs(between[:, :12][held]) < 1e-9)
-    drawn = joints.drawn(keyframes[0])
+    drawn = joints.sample(keyframes[0])
     assert drawn is not None
     assert np.allclose(joints.configuration(drawn), keyframes[0])
 

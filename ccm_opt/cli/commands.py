@@ -101,16 +101,16 @@ def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., 
                     print_document(out.document(code))
             raise typer.Exit(code)
 
-        own = list(inspect.signature(function, eval_str=True).parameters.values())
-        reads_problems = any(each.name in {"changes", "item"} for each in own) or name == "compare"
+        parameters = list(inspect.signature(function, eval_str=True).parameters.values())
+        reads_problems = any(each.name in {"changes", "item"} for each in parameters) or name == "compare"
         options_of_all = _PRINTING | ({"allow_outside": _ALLOW_OUTSIDE} if reads_problems else {})
         shared = [
             inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
             for key, kind in options_of_all.items()
         ]
         # Typer reads the options from both.
-        run.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
-        run.__annotations__ = {each.name: each.annotation for each in [*own, *shared]}
+        run.__signature__ = inspect.Signature([*parameters, *shared])  # type: ignore[attr-defined]
+        run.__annotations__ = {each.name: each.annotation for each in [*parameters, *shared]}
         epilog = "Examples:\n\n" + "\n\n".join(f"  {line}" for line in examples) if examples else None
         app.command(name, epilog=epilog)(run)
         return function

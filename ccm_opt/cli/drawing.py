@@ -19,7 +19,7 @@ from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.io.result_folders import folder_of
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlans, Solution
-from ccm_opt.viz.saved_plans import drawn, load
+from ccm_opt.viz.saved_plans import load, plan_drawing
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
@@ -122,7 +122,7 @@ def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind =
         ProblemError: the folder is not readable, a figure exists for planar arms only, or ffmpeg is missing.
         VerificationError: the folder holds no plan.
     """
-    plan = drawn(load(folder))
+    plan = plan_drawing(load(folder))
     from ccm_opt.viz import paper_figures  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415
     from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415

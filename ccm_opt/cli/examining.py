@@ -291,9 +291,9 @@ def tolerance_table(problem: Problem, errors: Sequence[ToleratedError]) -> Table
     table.columns[-1].no_wrap = False
     units = result_units(problem)
     in_space = problem.dimension == 3
-    asked = problem.joint_error
+    required = problem.joint_error
     for error in errors:
         wrong, size, where = tolerated_error_words(error, units, in_space=in_space)
-        limit = f"≥ {units.given(asked, 'rad')}" if error.name == "joints" and asked > 0.0 else ""
+        limit = f"≥ {units.given(required, 'rad')}" if error.name == "joints" and required > 0.0 else ""
         table.add_row(wrong, size, limit, escape(where))
     return table

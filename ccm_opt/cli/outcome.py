@@ -125,15 +125,15 @@ def report_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
     """
     shown = diagnosis if last else replace(diagnosis, advice=())
     item = output()
-    told = item.told
+    reported = item.reported
     # A reason printed earlier may have become a secondary one ("also: …"); it is not printed again.
-    new = [line for line in str(shown).splitlines() if line.removeprefix("  also: ").split("; ")[0] not in told]
-    if new and not told:
+    new = [line for line in str(shown).splitlines() if line.removeprefix("  also: ").split("; ")[0] not in reported]
+    if new and not reported:
         _print_on_stderr("error:", "red", "\n".join((f"{item.item}: {new[0]}", *new[1:])))
     elif new:
         first = new[0] if new[0].startswith(" ") else f"  more precisely: {new[0]}"
         _print_on_stderr("", "red", "\n".join((first, *new[1:])))
-    item.told = [*told, *(line.removeprefix("  also: ").split("; ")[0] for line in new)]
+    item.reported = [*reported, *(line.removeprefix("  also: ").split("; ")[0] for line in new)]
     item.note({"diagnosis": asdict(diagnosis), "errors": [f"{item.item}: {diagnosis}"]})
 
 

@@ -24,7 +24,7 @@ class Output:
         verbose: whether every stage, the package's log, and every check are printed.
         allow_outside: whether drawings outside the folder of a problem file may be read.
         results: one result per item (file or folder) so far; the last one may be in progress.
-        told: lines already printed about why no plan was found for the current item.
+        reported: lines already printed about why no plan was found for the current item.
     """
 
     command: str = ""
@@ -33,7 +33,7 @@ class Output:
     verbose: bool = False
     allow_outside: bool = False
     results: list[dict[str, object]] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
+    reported: list[str] = field(default_factory=list)
 
     @property
     def tables(self) -> bool:
@@ -43,7 +43,7 @@ class Output:
     def begin(self, item: str) -> None:
         """Begin the result of an item, a file or folder."""
         self.results.append({"item": item})
-        self.told = []
+        self.reported = []
 
     @property
     def item(self) -> str:
@@ -63,8 +63,8 @@ class Output:
             kind: ``errors`` or ``warnings``.
             message: text of the message.
         """
-        told = self.results[-1].get(kind, []) if self.results else []
-        earlier = list(told) if isinstance(told, Sequence) else []
+        reported = self.results[-1].get(kind, []) if self.results else []
+        earlier = list(reported) if isinstance(reported, Sequence) else []
         self.note({kind: [*earlier, message]})
 
     def document(self, exit_code: int) -> dict[str, object]:

@@ -70,13 +70,13 @@ def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pict
         with failures_recorded(problem, out, clock, pictures=False, write=write_pose_failure) as progress:
             found = find_pose(problem, progress=progress, **arguments)
         clock.begin("writing")
-        drawn = {}
+        picture_files = {}
         if pictures:
             from ccm_opt.viz.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
 
-            drawn = {"pose.png": pose_png(found)}
+            picture_files = {"pose.png": pose_png(found)}
         last_steps_uninterrupted()
-        folder = write_pose(found, out, drawn)
+        folder = write_pose(found, out, picture_files)
         clock.finish()
     return print_result(lambda: _print_pose(found, clock, folder), SOLVED, lambda: _pose_data(found, folder))
 
@@ -184,13 +184,13 @@ def reach_files(
 
         with _cells_display(problem.name) as shown, _watched(problem, crew, shown) as progress:
             found = reach_map(problem, step=step, headings=headings, workers=crew, progress=progress)
-        drawn = {}
+        picture_files = {}
         if pictures:
             from ccm_opt.viz.pose_picture import reach_png  # noqa: PLC0415 - loads matplotlib
 
-            drawn = {"reach.png": reach_png(found)}
+            picture_files = {"reach.png": reach_png(found)}
         last_steps_uninterrupted()
-        folder = write_reach(found, out, drawn)
+        folder = write_reach(found, out, picture_files)
         return print_result(lambda: _print_reach(found, folder), SOLVED, lambda: _reach_data(found, folder))
 
     return run_all(files, reach_one)

@@ -188,13 +188,13 @@ def _solve(
         clock.begin("writing")
         files: Mapping[str, bytes] = files_of(found)
         try:
-            drawn: Mapping[str, bytes] = pictures_of(found, figure_format) if pictures else {}
+            picture_files: Mapping[str, bytes] = pictures_of(found, figure_format) if pictures else {}
         except BaseException:
             # If drawing fails or is cancelled, the plan is written without pictures before the error is raised again.
             write_unfinished(target, files)
             raise
         last_steps_uninterrupted()
-        write_folder(target, {**files, **drawn})
+        write_folder(target, {**files, **picture_files})
         clock.finish()
     best = found.best if several else found
     code = simulation_exit_code(problem.name, best.simulation.verdict)

@@ -120,7 +120,7 @@ def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
     due = time.monotonic() + FIRST_LINE_AFTER
     stage = ""
 
-    def told(progress: Progress) -> None:
+    def listener(progress: Progress) -> None:
         nonlocal due, stage
         new_stage, stage = progress.stage != stage, progress.stage
         if (everything and new_stage) or time.monotonic() >= due:
@@ -129,7 +129,7 @@ def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
                 sys.stderr.write(f"{title}: {progress}\n")
                 sys.stderr.flush()
 
-    return told
+    return listener
 
 
 Recorder = Callable[[str, Diagnosis], None]
@@ -179,7 +179,7 @@ def ended_when_silent(
         _listen(command, hears, longest, name, record)
     hears.close()
 
-    def told(*news: object) -> None:
+    def record_news(*news: object) -> None:
         known = [each.known for each in news if isinstance(each, Progress)]
         with suppress(OSError):
             tells.send(known[0] if known else None)
@@ -187,7 +187,7 @@ def ended_when_silent(
 
     try:
         with _ended_by_signal():
-            yield told
+            yield record_news
     finally:
         # The end of the pipe tells the watchdog that it is done.
         tells.close()

@@ -45,8 +45,8 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     units = result_units(problem)
     in_space = problem.dimension == 3
     words = checks_in_words(solution.checks, units, in_space=in_space)
-    told = words if output().verbose else [check for check in words if not check.of_itself]
-    table = checks_table(f"{problem.name}: solved", told)
+    shown_checks = words if output().verbose else [check for check in words if not check.of_itself]
+    table = checks_table(f"{problem.name}: solved", shown_checks)
     table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
     if problem.limits.torque is None:
         peak = peak_torque(solution.joints.torques, None, solution.joints.names, in_space=in_space)

@@ -55,20 +55,20 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
     recorded = recorded_results(folder)
-    own = verify(problem, motion.trajectory, motion.joints)
+    plan_checks = verify(problem, motion.trajectory, motion.joints)
     of_terms = _constraint_checks(problem, motion, constraints) if constraints else ()
     # For a malformed motion the verifier stops after these checks, and nothing else can be checked either.
-    whole = len(own) > len(MALFORMED)
-    room = clearance_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
+    whole = len(plan_checks) > len(MALFORMED)
+    room = clearance_over_time(problem, motion.trajectory, problem.wanted_gap, plan_checks) if whole else None
     left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
-    checks = (*own, *of_terms)
+    checks = (*plan_checks, *of_terms)
     if room is not None:
         from ccm_opt.driver.record_agreement import record_checks  # noqa: PLC0415 - loads the simulation
 
         # Everything else that the folder records about the motion is checked too.
         of_data = record_data_check(recorded.data, problem, motion.trajectory, room, left_out)
-        of_texts = text_checks(folder, problem, motion.trajectory, motion.joints, own)
-        checks = (*checks, *record_checks(problem, motion, recorded, own, room), of_data, *of_texts)
+        of_texts = text_checks(folder, problem, motion.trajectory, motion.joints, plan_checks)
+        checks = (*checks, *record_checks(problem, motion, recorded, plan_checks, room), of_data, *of_texts)
     passed = all(check.passed for check in checks)
     left_out = left_out if passed else ()
     verdict = "every check holds" if passed else "refused"
@@ -87,10 +87,10 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     def show() -> None:
         console = report_console()
         words = checks_in_words(checks, result_units(problem), in_space=problem.dimension == 3)
-        told = [check for check in words if output().verbose or not check.of_itself or not check.passed]
-        console.print(checks_table(f"{problem.name}: {verdict}", told))
-        if len(told) < len(words):
-            console.print(f"and {len(words) - len(told)} checks of the plan's consistency passed")
+        shown_checks = [check for check in words if output().verbose or not check.of_itself or not check.passed]
+        console.print(checks_table(f"{problem.name}: {verdict}", shown_checks))
+        if len(shown_checks) < len(words):
+            console.print(f"and {len(words) - len(shown_checks)} checks of the plan's consistency passed")
         print_clearance(console, room, result_units(problem))
         print_not_checked(console, left_out)
 

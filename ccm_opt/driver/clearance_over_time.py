@@ -106,10 +106,10 @@ def clearance_over_time(
     verification = verification.for_problem(problem)
     if checks is None:
         motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
-        made = [check_walls(motion, problem.workspace, verification)]
+        computed = [check_walls(motion, problem.workspace, verification)]
         if problem.arm.self_collision:
-            made.append(check_self_collision(motion, verification))
-        checks = made
+            computed.append(check_self_collision(motion, verification))
+        checks = computed
     return _Room(problem, trajectory, wanted, tuple(checks), settings, verification).record()
 
 

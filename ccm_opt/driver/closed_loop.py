@@ -111,9 +111,9 @@ def simulate_and_check(
     Returns:
         The simulated motion with its outcome, and figures of merit by names that end in their unit.
     """
-    asked = simulated_once(problem, trajectory, joints)
-    best = asked
-    before = asked
+    requested = simulated_once(problem, trajectory, joints)
+    best = requested
+    before = requested
     step = problem.simulation.step
     for _ in range(_STEP_HALVINGS):
         if best.rank == 0:
@@ -122,12 +122,12 @@ def simulate_and_check(
         finer = replace(problem, simulation=replace(problem.simulation, step=step))
         judged = simulated_once(finer, trajectory, joints)
         # Among equals the smaller step is the more exact one.
-        if judged.rank < asked.rank and judged.rank <= best.rank:
+        if judged.rank < requested.rank and judged.rank <= best.rank:
             best = judged
         if _alike(before, judged, _SAME_ERROR):
             break
         before = judged
-    motion = best.motion if best is asked else _at_a_smaller_step(best.motion, asked.motion.verdict)
+    motion = best.motion if best is requested else _at_a_smaller_step(best.motion, requested.motion.verdict)
     return motion, _figures(trajectory, motion, best.seen)
 
 
@@ -197,20 +197,24 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
     )
 
 
-def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
+def _at_a_smaller_step(motion: SimulatedMotion, requested: SimulationVerdict) -> SimulatedMotion:
     """Return a run with a smaller step than the problem's, with an outcome that states both steps.
 
     Args:
         motion: the run with the smaller step.
-        asked: outcome with the problem's step.
+        requested: outcome with the problem's step.
     """
     verdict = motion.verdict
     if verdict.followed:
         # Details of the run at too long a step say nothing about an arm that follows.
-        failed = "the integration diverged" if asked.outcome == "diverged" else f"{asked.outcome}: {asked.reason}"
-        reason = f"with steps of {verdict.step:g} s; with simulation.step = {asked.step:g} s, {failed}"
+        failed = (
+            "the integration diverged"
+            if requested.outcome == "diverged"
+            else f"{requested.outcome}: {requested.reason}"
+        )
+        reason = f"with steps of {verdict.step:g} s; with simulation.step = {requested.step:g} s, {failed}"
         return replace(motion, verdict=replace(verdict, reason=reason))
-    before = f"with simulation.step = {asked.step:g} s, {asked.outcome}: {asked.reason}"
+    before = f"with simulation.step = {requested.step:g} s, {requested.outcome}: {requested.reason}"
     return replace(motion, verdict=replace(verdict, reason=f"{verdict.reason}; {before}" if verdict.reason else before))
 
 

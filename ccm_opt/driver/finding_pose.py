@@ -119,26 +119,28 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
     """
     deadline = Deadline.after(problem.planner.time_limit)
     with stages("necessary checks"):
-        asked, beginnings = (_in_plane if problem.dimension == 2 else _in_space)(problem, terms, settings, deadline)
-    asked = replace(asked, settings=replace(asked.settings, rounds=settings.poses.rounds))
+        goal_poses, beginnings = (_in_plane if problem.dimension == 2 else _in_space)(
+            problem, terms, settings, deadline
+        )
+    goal_poses = replace(goal_poses, settings=replace(goal_poses.settings, rounds=settings.poses.rounds))
     with stages("configuration"):
         tries: list[PoseTry] = []
         for beginning in beginnings:
-            tries.append(improved_poses(asked, beginning, deadline))
+            tries.append(improved_poses(goal_poses, beginning, deadline))
             if deadline.passed() and any(each.best is not None for each in tries):
                 break
         tries.sort(key=lambda each: each.cost)
         if not tries or tries[0].best is None:
-            raise no_pose(asked, tries)
+            raise no_pose(goal_poses, tries)
     best = tries[0]
     pose = best.poses[best.best or 0]
     return StaticPose(
         problem=problem,
-        pose=pose_record(asked.wanted_gap, pose, len(tries)),
+        pose=pose_record(goal_poses.wanted_gap, pose, len(tries)),
         configuration=pose.q,
         curve=pose.curve,
         nearest=GapsAtSamples.nearest_words(problem, pose.q),
-        binding=tuple(binding_sides(asked, pose, best.begun(best.best or 0))),
+        binding=tuple(binding_sides(goal_poses, pose, best.begun(best.best or 0))),
         residuals={} if terms is None else terms.residuals_at_goal(pose.q),
         outcomes=tuple(each.outcome for each in tries),
         timings=dict(stages.timings),
@@ -152,8 +154,8 @@ _Question = tuple[GoalPoses, Iterator[PoseBeginning]]
 def _in_plane(problem: Problem, terms: UserTerms | None, settings: Settings, _: Deadline) -> _Question:
     ends = resolve_ends(problem)
     problem = for_arm(problem, clamped_arm(problem.arm) if ends.clamped else problem.arm)
-    asked = poses_at_goal(problem, ends, ends.start, terms, settings.curve.goal_pose)
-    return asked, in_plane(problem, ends, settings.poses, settings.curve)
+    goal_poses = poses_at_goal(problem, ends, ends.start, terms, settings.curve.goal_pose)
+    return goal_poses, in_plane(problem, ends, settings.poses, settings.curve)
 
 
 def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, deadline: Deadline) -> _Question:
@@ -165,35 +167,35 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
     return GoalPoses(problem, tree, near=task.start, terms=terms), in_space(task, settings.poses)
 
 
-def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
+def binding_sides(goal_poses: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
     """Yield the region sides that are active constraints of an optimised pose, in order of decreasing multiplier.
 
     Args:
-        asked: the nonlinear program (NLP) for the pose.
+        goal_poses: the nonlinear program (NLP) for the pose.
         pose: a solution of the NLP.
         start: configuration around which the convex regions were built, with c coordinates, shape (c,) [rad, m].
     """
-    points = asked.problem.arm.joint_positions_at(pose.q)
-    drawn = [asked.regions(start, settings) for settings in asked.settings.widening]
-    allowed = _LEANING * asked.problem.arm.length
+    points = goal_poses.problem.arm.joint_positions_at(pose.q)
+    region_sets = [goal_poses.regions(start, settings) for settings in goal_poses.settings.widening]
+    allowed = _LEANING * goal_poses.problem.arm.length
     for name, multiplier in pose.answer.multipliers.items():
         row = _ROW.fullmatch(name)
         if row is None:
             continue
         link = int(row[1])
         joint = link if row[3] == "end" else link - 1
-        normal = _normal(drawn, joint, int(row[2]) - 1, points[joint], pose.gap, allowed)
+        normal = _normal(region_sets, joint, int(row[2]) - 1, points[joint], pose.gap, allowed)
         if normal is not None:
             yield BindingSide(link, tuple(points[joint].tolist()), tuple(normal.tolist()), multiplier)
 
 
 def _normal(
-    drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, allowed: float
+    region_sets: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, allowed: float
 ) -> FloatArray | None:
     """Return the outward unit normal of the region side whose distance to a joint equals the pose's clearance.
 
     Args:
-        drawn: convex regions around the joints, for each widening step.
+        region_sets: convex regions around the joints, for each widening step.
         joint: index of the joint.
         side: index of the side among those of the joint's region.
         place: position of the joint, shape (d,) with d = 2 or 3.
@@ -203,7 +205,7 @@ def _normal(
     Returns:
         The normal, shape (d,); None if no region has such a side.
     """
-    for regions in drawn:
+    for regions in region_sets:
         for each in np.flatnonzero((regions.joint == joint) & (regions.number == side)):
             inwards = regions.normals[each]
             if abs(float(inwards @ place - regions.offsets[each]) - gap) <= allowed:

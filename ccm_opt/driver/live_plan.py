@@ -42,7 +42,7 @@ _END_ROUNDS = 3
 """Maximum number of optimisation steps with fixed final pose. Taste: the next change continues from the result."""
 
 
-def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
+def _dragging_settings(curve: CurvePlannerSettings) -> CurvePlannerSettings:
     """Return planner settings with few optimisation steps, for planar plans made during a drag."""
     optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
     return replace(curve, motion=replace(curve.motion, optimisation=optimisation))
@@ -56,13 +56,13 @@ class _FollowingPlanner:
         thorough: planner used for plans from scratch.
         quick: planner used while a goal or obstacle is dragged.
         known: the last planar motion; None before the first.
-        hurried: whether a goal or obstacle is being dragged.
+        dragging: whether a goal or obstacle is being dragged.
     """
 
     thorough: MotionPlanner
     quick: MotionPlanner
     known: Motion | None = None
-    hurried: bool = False
+    dragging: bool = False
 
     def plan(self, problem: Problem) -> JointPath:
         """Return a certified path for a problem.
@@ -71,7 +71,7 @@ class _FollowingPlanner:
             ProblemError: the start is in contact.
             NoPlanFound: no path was found; the last motion is kept.
         """
-        planner = self.quick if self.hurried else self.thorough
+        planner = self.quick if self.dragging else self.thorough
         if problem.dimension == 3:
             return planner.plan(problem)
         with planning_units(problem) as units:
@@ -148,7 +148,7 @@ class LivePlan:
             # In space, a proof that there is no way takes longer than is tolerable while dragging.
             thorough = replace(thorough, refuse=refuse_closed)
         self._planner = _FollowingPlanner(
-            thorough, replace(thorough, plane=_hurried(self.settings.curve), first_found=True)
+            thorough, replace(thorough, plane=_dragging_settings(self.settings.curve), first_found=True)
         )
         with on_one_thread(), words_in(problem.length_unit):
             refuse_impossible(problem)
@@ -230,7 +230,7 @@ class LivePlan:
         plan = self.plan
         verified = self._verified
         planner = self._planner
-        self._planner = replace(planner, known=None, hurried=False)
+        self._planner = replace(planner, known=None, dragging=False)
         self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
         shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
         if followed and not shorter:
@@ -256,7 +256,7 @@ class LivePlan:
         """Replan a changed problem and return the result; if no plan is found, the last plan is kept."""
         begin = time.process_time()
         self.problem = problem
-        self._planner.hurried = True
+        self._planner.dragging = True
         if not self._kept():
             in_space = problem.dimension == 3
             self._attempt(self._within(_PATIENCE_IN_SPACE if in_space else _PATIENCE))

@@ -91,9 +91,9 @@ def pareto(
     numbers = settings or DEFAULT_SETTINGS
 
     def solved(wanted_gap: float, number: int, *, explain: bool = False) -> Solution:
-        def numbered(told: Progress) -> None:
+        def numbered(news: Progress) -> None:
             if progress is not None:
-                progress(replace(told, stage=f"plan {number}: {told.stage}"))
+                progress(replace(news, stage=f"plan {number}: {news.stage}"))
 
         options = replace(problem.planner, wanted_gap=wanted_gap)
         return solve(

@@ -124,15 +124,15 @@ def best_try(
         VerificationError: no attempt found a plan, and the verifier rejected that of the first.
         CancelledWithPlan: Ctrl-C was pressed after an attempt found a plan; the error holds the best so far.
     """
-    asked = problem.planner.tries
+    requested = problem.planner.tries
     deadline = Deadline.after(problem.planner.time_limit)
     tries = _Tries(problem.wanted_gap)
     try:
-        for number in range(asked):
+        for number in range(requested):
             if number > 0 and deadline.passed():
                 break
             seed = problem.planner.seed + number
-            options = replace(problem.planner, seed=seed, time_limit=deadline.left / (asked - number))
+            options = replace(problem.planner, seed=seed, time_limit=deadline.left / (requested - number))
             try:
                 tries.plans[seed] = planned(replace(problem, planner=options), terms)
             except UnreachableGoal:
@@ -198,15 +198,15 @@ def _reason(failure: NoPlanFound | VerificationError) -> str:
 
 def insufficient_robustness(problem: Problem, best: ToleratedError) -> Diagnosis:
     """Return the diagnosis for a motion that tolerates smaller joint errors than the problem requires."""
-    asked = float(np.rad2deg(problem.joint_error))
+    requested = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
     if not best.limited:
-        reason = f"joint errors are checked up to {reached:.3g}°, but tolerance.joint_error_deg is {asked:.3g}"
+        reason = f"joint errors are checked up to {reached:.3g}°, but tolerance.joint_error_deg is {requested:.3g}"
         return Diagnosis(reason, STAGE, (f"lower tolerance.joint_error_deg to {_below(reached)}",))
     # Near contact gaps fall in proportion to errors, and the clearance adds to what they may use up.
     reason = (
-        f"no motion was found that tolerates joint errors of {asked:.3g}°: the best tolerates "
-        f"{reached:.3g}°, limited by {best.where}, where it would need {asked / max(reached, 1e-9):.2g} "
+        f"no motion was found that tolerates joint errors of {requested:.3g}°: the best tolerates "
+        f"{reached:.3g}°, limited by {best.where}, where it would need {requested / max(reached, 1e-9):.2g} "
         "times the clearance"
     )
     advice = (
@@ -214,7 +214,13 @@ def insufficient_robustness(problem: Problem, best: ToleratedError) -> Diagnosis
         *clearance_advice(problem.arm.radius, problem.workspace.clearance),
         "move the limiting obstacle or the goal",
     )
-    evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}
+    evidence = {
+        "asked_deg": requested,
+        "survived_deg": reached,
+        "where": best.where,
+        "link": best.link,
+        "time": best.time,
+    }
     return Diagnosis(reason, STAGE, advice, evidence)
 
 

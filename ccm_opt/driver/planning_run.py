@@ -85,8 +85,8 @@ class PlanningRun:
         self.recorded.clear()
         planner = self.planner or default_planner(problem, self.stages, terms, self.settings)
         legs = plan_legs(problem, planner, self.recorded, retrace=self.terms is None)
-        asked = replace(self.problem, joint_error=problem.joint_error)
-        return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
+        requested = replace(self.problem, joint_error=problem.joint_error)
+        return timed_and_verified(requested, legs, self.stages, self.retimer, self.terms, self.settings)
 
     def explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         """Return an error about a failure, of the type given, with proved causes and helpful changes added.
@@ -103,8 +103,8 @@ class PlanningRun:
         self.stages.tell(known=failure.diagnosis)
         if not changes:
             return add_proof(self.problem, failure)
-        asked = self.settings.diagnosis
-        settings = asked.space_trials if self.problem.dimension == 3 else asked.trials
+        requested = self.settings.diagnosis
+        settings = requested.space_trials if self.problem.dimension == 3 else requested.trials
         if self.problem.dimension == 2:
             from ccm_opt.driver.pose_failure import with_constraint_first  # noqa: PLC0415 - likewise
 

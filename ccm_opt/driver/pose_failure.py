@@ -38,18 +38,18 @@ class PoseTry:
 
     Attributes:
         beginning: the initial pose.
-        asked: the NLP.
+        goal_poses: the NLP.
         poses: successive solutions of the NLP, each started from the one before; empty without an initial pose.
     """
 
     beginning: PoseBeginning
-    asked: GoalPoses
+    goal_poses: GoalPoses
     poses: tuple[ArmPose, ...] = ()
 
     @property
     def best(self) -> int | None:
         """Index of the feasible pose of minimum cost; None where no pose is feasible."""
-        feasible = [k for k, pose in enumerate(self.poses) if self.asked.feasible(pose)]
+        feasible = [k for k, pose in enumerate(self.poses) if self.goal_poses.feasible(pose)]
         return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
 
     @property
@@ -75,31 +75,31 @@ class PoseTry:
         if not self.poses:
             return "" if self.beginning.missing is None else self.beginning.missing.reason
         pose = min(self.poses, key=lambda pose: pose.answer.violation)
-        if pose.answer.violation > self.asked.settings.feasible:
+        if pose.answer.violation > self.goal_poses.settings.feasible:
             worst = list(pose.answer.broken.items())[:3]
-            return f"it violates {', '.join(_row_words(name, by, self.asked) for name, by in worst)}"
-        return f"it is in contact: {GapsAtSamples.nearest_words(self.asked.problem, pose.q)}"
+            return f"it violates {', '.join(_row_words(name, by, self.goal_poses) for name, by in worst)}"
+        return f"it is in contact: {GapsAtSamples.nearest_words(self.goal_poses.problem, pose.q)}"
 
 
-def improved_poses(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
+def improved_poses(goal_poses: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
     """Return the poses at the goal found from one initial pose.
 
     Args:
-        asked: the nonlinear program for poses at the goal.
+        goal_poses: the nonlinear program for poses at the goal.
         beginning: the initial pose.
         deadline: time limit; None for no limit.
     """
-    return PoseTry(beginning, asked, () if beginning.q is None else asked.improved(beginning.q, deadline))
+    return PoseTry(beginning, goal_poses, () if beginning.q is None else goal_poses.improved(beginning.q, deadline))
 
 
-def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound:
+def no_pose(goal_poses: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound:
     """Return an error that states why no pose at the goal was found.
 
     Args:
-        asked: the nonlinear program for poses at the goal.
+        goal_poses: the nonlinear program for poses at the goal.
         tries: poses found from all initial poses, none of them feasible.
     """
-    problem = asked.problem
+    problem = goal_poses.problem
     findings = rank_findings(failed(problem))
     missed = {} if findings else least_violations(tries)
     evidence: dict[str, object] = {
@@ -150,8 +150,8 @@ def with_constraint_first(
         return failure
     scaled = OwnUnits(problem.arm.length).scaled(problem)
     ends = resolve_ends(scaled)
-    asked = poses_at_goal(scaled, ends, ends.start, terms, settings.curve.goal_pose)
-    tries = [improved_poses(asked, each) for each in along_routes(scaled, ends)]
+    goal_poses = poses_at_goal(scaled, ends, ends.start, terms, settings.curve.goal_pose)
+    tries = [improved_poses(goal_poses, each) for each in along_routes(scaled, ends)]
     missed = {} if any(each.best is not None for each in tries) else least_violations(tries)
     if not missed:
         return failure
@@ -185,14 +185,14 @@ def _goal_violations(each: PoseTry) -> dict[str, float] | None:
 
     The result is None if no pose is found, or there are no constraints.
     """
-    terms = each.asked.terms
+    terms = each.goal_poses.terms
     if terms is None or not terms.hard_at_goal:
         return None
     q = each.begun(0)
     found = None
     for weight in _ELASTIC_WEIGHTS:
         softened = terms.softened(q, weight)
-        pose = replace(each.asked, terms=softened).best(q)
+        pose = replace(each.goal_poses, terms=softened).best(q)
         if pose is None:
             break
         q = pose.q
@@ -226,9 +226,9 @@ def _violation(each: PoseTry) -> float:
     return min((pose.answer.violation for pose in each.poses), default=np.inf)
 
 
-def _row_words(name: str, violation: float, asked: GoalPoses) -> str:
+def _row_words(name: str, violation: float, goal_poses: GoalPoses) -> str:
     """Return words about a violated constraint row of the nonlinear program, given the row's name and violation."""
-    length = asked.problem.arm.length
+    length = goal_poses.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":
         return f"constraint '{rest}' by {violation:.4g}"

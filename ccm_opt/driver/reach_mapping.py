@@ -201,12 +201,12 @@ def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[Floa
     return tuple(axes)
 
 
-def _directions(problem: Problem, asked: int | None, settings: ReachSettings) -> tuple[FloatArray, FloatArray]:
+def _directions(problem: Problem, requested: int | None, settings: ReachSettings) -> tuple[FloatArray, FloatArray]:
     """Return the K directions of the last link that are tried in every cell of a reachability map.
 
     Args:
         problem: the problem.
-        asked: requested number K; None for the default.
+        requested: requested number K; None for the default.
         settings: settings, which give the default.
 
     Returns:
@@ -217,8 +217,8 @@ def _directions(problem: Problem, asked: int | None, settings: ReachSettings) ->
         ProblemError: fewer than one heading is requested in the plane.
     """
     if problem.dimension == 3:
-        return np.zeros(0), spread_directions(settings.directions if asked is None else asked, 3)
-    count = settings.headings if asked is None else asked
+        return np.zeros(0), spread_directions(settings.directions if requested is None else requested, 3)
+    count = settings.headings if requested is None else requested
     if count < 1:
         raise ProblemError(f"--headings must be at least 1, got {count}")
     angles: FloatArray = problem.arm.base_heading + 2.0 * np.pi * np.arange(count) / count
@@ -270,8 +270,8 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
         points = np.repeat(in_space(flat)[:, None], 2, axis=1)
         tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
         closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
-    for some in _parts(np.flatnonzero(~closed)):
-        closed[some[enclosed(problem.workspace, flat[some], arm.radius)]] = True
+    for part in _parts(np.flatnonzero(~closed)):
+        closed[part[enclosed(problem.workspace, flat[part], arm.radius)]] = True
     for number in np.flatnonzero(~closed):
         closed[number] = any(finding.proved for finding in within_bend_limits(_at(problem, flat[number])))
     return np.asarray(closed.reshape(places.shape[:-1]))

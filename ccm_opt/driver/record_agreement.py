@@ -114,11 +114,11 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
     # If the arm does not follow its plan, only the outcome is reproducible; details of the verdict vary with the run.
     held = [field for field in verdict if again.verdict.followed or field == "outcome"]
     for field in held:
-        told = recorded.get(field, verdict[field])
+        value = recorded.get(field, verdict[field])
         wanted = list(verdict[field]) if isinstance(verdict[field], tuple) else verdict[field]
-        if told != wanted:
+        if value != wanted:
             return Check(
-                name, np.inf, 0.0, "rad", f"{field}: recorded {told!r:.60}, recomputed {wanted!r}", passed=False
+                name, np.inf, 0.0, "rad", f"{field}: recorded {value!r:.60}, recomputed {wanted!r}", passed=False
             )
     peak = float(np.max(np.abs(again.torques), initial=0.0))
     sources = (

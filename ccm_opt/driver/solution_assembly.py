@@ -162,7 +162,7 @@ def draft_solution(
     """
     if simulated is None:
         simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "skipped")
-    own = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
+    plan_metrics = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
         problem=problem,
         path=plan.path,
@@ -170,7 +170,7 @@ def draft_solution(
         joints=plan.joints,
         simulation=simulated,
         checks=(*plan.checks, *plan.of_terms.checks),
-        metrics={**own, **figures, **plan.of_terms.figures},
+        metrics={**plan_metrics, **figures, **plan.of_terms.figures},
         timings=dict(stages.timings),
         versions=dict(versions()),
         room=room,

@@ -45,20 +45,20 @@ def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -
         ProblemError: the function fails, or returns no expression of numbers in these symbols.
     """
     try:
-        made = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
+        result = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
     except ProblemError as error:
         if any(said in str(error) for said in _SYMBOLS_USED_AS_NUMBERS):
             raise ProblemError(f"{kind} '{term.name}': a quantity is used as a number; {_USE_CASADI}") from error
         raise
     try:
-        column = ca.vec(ca.SX(made))
+        column = ca.vec(ca.SX(result))
     except (NotImplementedError, RuntimeError, TypeError) as error:
-        got = f"{type(made).__module__}.{type(made).__name__}"
+        got = f"{type(result).__module__}.{type(result).__name__}"
         raise ProblemError(
             f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {got}"
         ) from error
 
-    if isinstance(made, bool) or any(_is_comparison(column[k]) for k in range(column.numel())):
+    if isinstance(result, bool) or any(_is_comparison(column[k]) for k in range(column.numel())):
         bounded = ", and bound it by lower= and upper=" if kind == "constraint" else ""
         raise ProblemError(
             f"{kind} '{term.name}': expected a number, got a comparison, which is true or false; "

@@ -74,8 +74,8 @@ class JointRegions:
         held = np.vstack((starts, points[-1:]))[self.joint]
         inside = np.einsum("rd,rd->r", held, self.normals) - self.offsets
         # A side that requires no gap says nothing about it.
-        asked = self.gap_shares > 0.0
-        return float(np.min(inside[asked] / self.gap_shares[asked], initial=np.inf))
+        required = self.gap_shares > 0.0
+        return float(np.min(inside[required] / self.gap_shares[required], initial=np.inf))
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:

@@ -231,8 +231,8 @@ def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: 
         by_blocks: whether the derivatives are built block by block, which is faster where blocks share few variables.
     """
     kept = _solvers.setdefault(program, {})
-    asked = tuple(options.items())
-    if asked not in kept:
+    options_key = tuple(options.items())
+    if options_key not in kept:
         symbols = {
             "x": program.variables,
             "p": program.parameters.column,
@@ -240,8 +240,8 @@ def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: 
             "g": program.constraints,
         }
         derivatives = block_derivatives(program) if by_blocks else {}
-        kept[asked] = ca.nlpsol("goal_pose", "ipopt", symbols, {**options, **derivatives})
-    return kept[asked]
+        kept[options_key] = ca.nlpsol("goal_pose", "ipopt", symbols, {**options, **derivatives})
+    return kept[options_key]
 
 
 def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:

@@ -188,8 +188,8 @@ def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> A
     except TimeoutError:
         raise ProblemError(f"{what} has not returned after {limit:g} s; does it wait for something?") from None
     if error is not None:
-        told = str(error) if isinstance(error, CcmError) else f"{type(error).__name__}: {error}"
-        raise ProblemError(f"{what} fails: {told}") from error
+        reason = str(error) if isinstance(error, CcmError) else f"{type(error).__name__}: {error}"
+        raise ProblemError(f"{what} fails: {reason}") from error
     return answer.result()
 
 

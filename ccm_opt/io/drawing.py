@@ -228,12 +228,12 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
     return ImportedScene(named, _summary(path, named, room, found), room)
 
 
-def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> list[Part]:
+def _of_each(shapes: Iterable[Shape], convert: Callable[[Shape], list[Part]]) -> list[Part]:
     """Return the concatenated results of a function of each shape, with the errors for all shapes raised as one.
 
     Args:
         shapes: the shapes.
-        made: function of one shape that returns a list, or raises ``ProblemError``.
+        convert: function of one shape that returns a list, or raises ``ProblemError``.
 
     Raises:
         ProblemError: the function raised for any shape; the message lists these shapes by name.
@@ -242,7 +242,7 @@ def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> li
     refusals: list[str] = []
     for shape in shapes:
         try:
-            found += made(shape)
+            found += convert(shape)
         except ProblemError as error:
             refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
     if refusals:
@@ -484,20 +484,23 @@ def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, obje
         ProblemError: the obstacle cannot be expressed in a problem file.
     """
     core = obstacle.core
-    own: dict[str, object] = {}
+    entries: dict[str, object] = {}
     if isinstance(core, shapely.LineString):
-        own["wall"] = WallTable.from_object(None, points=_points(core), thickness=2.0 * obstacle.rounding)
+        entries["wall"] = WallTable.from_object(None, points=_points(core), thickness=2.0 * obstacle.rounding)
     elif isinstance(core, shapely.Polygon) and obstacle.rounding == 0.0:
-        own = {"polygon": _points(core.exterior)[:-1], "holes": [_points(ring)[:-1] for ring in core.interiors] or None}
+        entries = {
+            "polygon": _points(core.exterior)[:-1],
+            "holes": [_points(ring)[:-1] for ring in core.interiors] or None,
+        }
     elif isinstance(core, shapely.Point) and obstacle.rounding > 0.0:
-        own["circle"] = CircleTable.from_object(None, center=_points(core)[0], radius=obstacle.rounding)
+        entries["circle"] = CircleTable.from_object(None, center=_points(core)[0], radius=obstacle.rounding)
     else:  # a rounded polygon has no table of its own, and a point without rounding is no obstacle
         raise ProblemError(
             f"obstacle '{obstacle.name}', a {type(core).__name__} with rounding {obstacle.rounding:g} m, "
             "cannot be written to a problem file; expected a polygon without rounding, a point with "
             "rounding, or a line"
         )
-    return ObstacleTable.from_object(obstacle, **own).written(unit)
+    return ObstacleTable.from_object(obstacle, **entries).written(unit)
 
 
 def _points(geometry: shapely.Geometry) -> list[list[float]]:

@@ -190,7 +190,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
         raise ProblemError(
             f"the DXF file has {len(content)} bytes; at most {_MOST_DXF_BYTES} can be read; simplify the drawing"
         )
-    with collected_warnings("ezdxf") as told:
+    with collected_warnings("ezdxf") as messages:
         try:
             if content.startswith(_BINARY):
                 drawing = Drawing.load(binary_tags_loader(content))
@@ -205,7 +205,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
         except Exception as error:  # whatever the parser stumbles over
             raise ProblemError(f"not readable as DXF: {error}") from error
     # The parser only logs that it skips parts of a damaged file, and obstacles may be among them.
-    for message in told:
+    for message in messages:
         if "ignor" in message.lower():
             raise ProblemError(f"the DXF file is damaged: {message} Save it again from a CAD program.")
     # The parser repairs an undefined block by deleting its references; here that is a lost obstacle.

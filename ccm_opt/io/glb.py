@@ -385,8 +385,8 @@ class _Scene:
         if self._visits > self.settings.most_parts or depth > _DEEPEST_NODES:
             raise ProblemError("it has too many nodes, or they are nested too deeply or in a cycle")
         node = self.document["nodes"][number]
-        own = 0 if "mesh" not in node else self._of_mesh(node["mesh"])
-        return own + sum(self._below(child, depth + 1) for child in node.get("children", []))
+        count = 0 if "mesh" not in node else self._of_mesh(node["mesh"])
+        return count + sum(self._below(child, depth + 1) for child in node.get("children", []))
 
     def _of_mesh(self, number: int) -> int:
         if number not in self._counts:

@@ -93,7 +93,7 @@ class _Scanner:
 
     def __init__(self, text: str) -> None:
         self.tokens = _tokens(text)
-        self.at = 0
+        self.position = 0
         self.lines: dict[KeyPath, int] = {}
         self.table: KeyPath = ()
         self.counts: dict[KeyPath, int] = {}
@@ -101,12 +101,12 @@ class _Scanner:
     @property
     def token(self) -> _Token:
         """The next token of the text, or the ``end`` token once all others are consumed."""
-        return self.tokens[min(self.at, len(self.tokens) - 1)]
+        return self.tokens[min(self.position, len(self.tokens) - 1)]
 
     def run(self) -> dict[KeyPath, int]:
         while self.token.kind != "end":
             if self.token.kind == "newline":
-                self.at += 1
+                self.position += 1
             elif self.token.text == "[":
                 self._header()
             else:
@@ -115,10 +115,10 @@ class _Scanner:
 
     def _header(self) -> None:
         line = self.token.line
-        brackets = 2 if self.tokens[self.at + 1].text == "[" else 1
-        self.at += brackets
+        brackets = 2 if self.tokens[self.position + 1].text == "[" else 1
+        self.position += brackets
         keys = self._key()
-        self.at += brackets
+        self.position += brackets
         path: KeyPath = ()
         for depth, key in enumerate(keys):
             path = (*path, key)
@@ -136,7 +136,7 @@ class _Scanner:
         for key in self._key():
             path = (*path, key)
             self.lines.setdefault(path, line)
-        self.at += 1  # the equals sign
+        self.position += 1  # the equals sign
         self._value(path)
 
     def _key(self) -> list[str]:
@@ -145,7 +145,7 @@ class _Scanner:
         while self.token.kind in {"bare", "string"}:
             text = self.token.text
             parts += [text[1:-1]] if self.token.kind == "string" else [part for part in text.split(".") if part]
-            self.at += 1
+            self.position += 1
         return parts
 
     def _value(self, path: KeyPath) -> None:
@@ -153,19 +153,19 @@ class _Scanner:
         opening = self.token.text
         if opening not in {"[", "{"}:
             while self.token.kind in {"bare", "string"}:  # a date followed by a time consists of two tokens
-                self.at += 1
+                self.position += 1
             return
-        self.at += 1
+        self.position += 1
         index = 0
         while self.token.kind != "end" and self.token.text not in {"]", "}"}:
             if self.token.text in {"\n", ","}:
-                self.at += 1
+                self.position += 1
             elif opening == "[":
                 self._value((*path, index))
                 index += 1
             else:
                 self._assignment(path)
-        self.at += 1
+        self.position += 1
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -408,11 +408,11 @@ def collected_warnings(name: str) -> Iterator[list[str]]:
     Args:
         name: name of the logger of the library.
     """
-    told: list[str] = []
+    messages: list[str] = []
 
     class _Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            told.append(record.getMessage())
+            messages.append(record.getMessage())
 
     collector = _Collector(logging.WARNING)
     logger = logging.getLogger(name)
@@ -420,7 +420,7 @@ def collected_warnings(name: str) -> Iterator[list[str]]:
     logger.addHandler(collector)
     logger.propagate = False
     try:
-        yield told
+        yield messages
     finally:
         logger.removeHandler(collector)
         logger.propagate = propagates

@@ -114,12 +114,12 @@ def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -
     unit = next((name for name, length in METRES.items() if length == metres), "m")
     scale = metres * (1.0 if table.scale is None else table.scale)
     if mesh.metres is not None:
-        own = f"one unit of the file is {mesh.metres / metres:.6g} {unit}"
+        scale_note = f"one unit of the file is {mesh.metres / metres:.6g} {unit}"
         if table.scale is None:
             scale = mesh.metres
-            notes += [own] if scale != metres else []
+            notes += [scale_note] if scale != metres else []
         elif abs(scale - mesh.metres) > _SAME * mesh.metres:
-            notes.append(f"{own}, but scale = {table.scale:g} sets it to {table.scale:g} {unit}")
+            notes.append(f"{scale_note}, but scale = {table.scale:g} sets it to {table.scale:g} {unit}")
     elif Path(file).suffix.lower() == ".glb" and table.scale is None and metres != 1.0:
         notes.append(
             f"GLB files are in metres, but one unit is taken as 1 {unit}; set scale = {1.0 / metres:g} if "

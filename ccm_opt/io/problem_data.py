@@ -154,14 +154,16 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     """Return an arm as the table ``[arm]`` of a problem file, with lengths in ``unit``."""
-    own: dict[str, object] = {
+    entries: dict[str, object] = {
         "inertia": InertiaTable.from_object(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
         "feed": next((FeedTable.from_object(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
     }
-    own |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
+    entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
-        return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **own).written(unit)
-    return ArmTable.from_object(arm, **own).written(unit)
+        return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **entries).written(
+            unit
+        )
+    return ArmTable.from_object(arm, **entries).written(unit)
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
@@ -187,18 +189,18 @@ def goal_table(
         fed: whether the base is on a feed axis (a linear axis that advances the arm).
         tolerances: tolerances of the goal; None for a start, which has none.
     """
-    own: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
+    entries: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
     if tolerances:
         angle = "direction" if in_space else "heading"
-        own |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}
+        entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}
     if (pose := goal.for_joints) is not None:
-        own["feed"] = pose.feed if fed else None
+        entries["feed"] = pose.feed if fed else None
         if pose.curve is None:
-            own["joints_deg"] = pose.bends
+            entries["joints_deg"] = pose.bends
         else:
-            own |= {"heading_deg": pose.curve.base_heading, "segments": pose.curve.segments}
+            entries |= {"heading_deg": pose.curve.base_heading, "segments": pose.curve.segments}
     table = SpaceGoalTable if in_space else GoalTable
-    return table.from_object(goal, **own).written(unit)
+    return table.from_object(goal, **entries).written(unit)
 
 
 def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:
@@ -216,21 +218,21 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
         file: path of the mesh file; ignored for other solids.
         unit: unit of the lengths in the table.
     """
-    own: dict[str, object] = {body.kind: body}
+    entries: dict[str, object] = {body.kind: body}
     if body.kind == "mesh":
         # A mesh made in Python is written in metres, in world coordinates.
-        own = {"mesh": file, "scale": 1.0 / METRES[unit], "solid": None if body.solid else False}
+        entries = {"mesh": file, "scale": 1.0 / METRES[unit], "solid": None if body.solid else False}
         if body.content:
-            own |= {"scale": body.scale / METRES[unit], "sha256": body.digest}
+            entries |= {"scale": body.scale / METRES[unit], "sha256": body.digest}
             # A GLB without the key ``up`` causes a warning that its y axis may be up, so "z" is written explicitly.
-            own["up"] = body.up if body.up == "y" or body.file.lower().endswith(".glb") else None
+            entries["up"] = body.up if body.up == "y" or body.file.lower().endswith(".glb") else None
     elif body.kind == "box":
-        own = {"box": [body.low, body.high]}
+        entries = {"box": [body.low, body.high]}
     if body.kind == "box" or (body.kind == "mesh" and body.content):
         where = body.placement
         pose = PlacementTable.from_object(None, position=where.position, quaternion=where.quaternion)
-        own["pose"] = None if where.is_identity else pose
-    return SpaceObstacleTable.from_object(None, name=name, **own).written(unit)
+        entries["pose"] = None if where.is_identity else pose
+    return SpaceObstacleTable.from_object(None, name=name, **entries).written(unit)
 
 
 def stored_mesh_paths(problem: Problem) -> list[str]:

@@ -54,8 +54,8 @@ def pose_json(found: StaticPose) -> str:
         "timings": dict(found.timings),
     }
     if found.problem.dimension == 3:
-        own = {"feed": found.feed, "goal": asdict(found.goal_errors), "curve": curve_record(found.curve)}
-        return strict_text(record | own | {"meshes": mesh_data(found.problem)})
+        entries = {"feed": found.feed, "goal": asdict(found.goal_errors), "curve": curve_record(found.curve)}
+        return strict_text(record | entries | {"meshes": mesh_data(found.problem)})
     binding = [asdict(side) for side in found.binding]
     return strict_text(record | {"curve": curve_record(found.curve), "binding": binding})
 

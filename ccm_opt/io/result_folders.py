@@ -73,9 +73,9 @@ def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None
 
     Arrays are named after the fields of the map. Arguments, return value and errors are those of ``write_pose``.
     """
-    own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
+    heading_keys = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
     arrays = dict(zip("xyz", found.axes, strict=False))
-    arrays |= {name: getattr(found, name) for name in ("reachable", "proved", "gap", "taken", *own)}
+    arrays |= {name: getattr(found, name) for name in ("reachable", "proved", "gap", "taken", *heading_keys)}
     files = {REACH_RECORD: reach_json(found).encode(), "reach.npz": arrays_npz(arrays), **(pictures or {})}
     return write_folder(out / found.problem.name, files | stored_meshes(found.problem), REACH_RECORD)
 
@@ -95,10 +95,10 @@ def reach_json(found: ReachMap) -> str:
     }
     if found.problem.dimension == 3:
         meshes = mesh_data(found.problem)
-        own: dict[str, object] = {"directions": len(found.directions), "volume": found.size, "meshes": meshes}
+        entries: dict[str, object] = {"directions": len(found.directions), "volume": found.size, "meshes": meshes}
     else:
-        own = {"headings": len(found.headings), "area": found.size}
-    return strict_text(record | own)
+        entries = {"headings": len(found.headings), "area": found.size}
+    return strict_text(record | entries)
 
 
 FAILED = ".failed"

@@ -252,7 +252,7 @@ def outside_message(
     """
     scale_key, place_key = keys.split()
     place = (origin + room.mean(axis=0) - box.mean(axis=0)) / METRES[unit]
-    told = (
+    message = (
         f"{file} lies entirely outside the workspace: it spans {_span(box, unit)}, the workspace "
         f"{_span(room, unit)}; {place_key} = [{', '.join(f'{value:.6g}' for value in place)}] would centre "
         "it"
@@ -261,8 +261,8 @@ def outside_message(
         slipped = origin + slip * (box - origin)
         fits = np.all(slipped[0] >= room[0]) and np.all(slipped[1] <= room[1])
         if fits and np.ptp(slipped, axis=0).max() > _TINY_SHARE * np.ptp(room, axis=0).max():
-            return f"{told}, {scale_key} = {scale * slip:.6g} would bring it inside"
-    return told
+            return f"{message}, {scale_key} = {scale * slip:.6g} would bring it inside"
+    return message
 
 
 def _span(box: FloatArray, unit: str) -> str:
@@ -305,8 +305,10 @@ def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthU
         box = box_about(body.vertices)
         if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
             boxes = box, body.placement.position, room
-            told = outside_message(body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position")
-            issues.add(("workspace", "obstacles", number, "mesh"), told)
+            message = outside_message(
+                body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position"
+            )
+            issues.add(("workspace", "obstacles", number, "mesh"), message)
 
 
 def check_base(
@@ -342,8 +344,8 @@ def check_base(
     rounding = _DEPTH_ROUNDING * size
     for k, depth in enumerate(depths):
         if depth > rounding:
-            told = f"{where} is {file_length(depth)} inside '{workspace.obstacles[k].name}'"
-            issues.add(("arm", "base"), f"{told}; {_way_out(workspace, k, drawing)}")
+            message = f"{where} is {file_length(depth)} inside '{workspace.obstacles[k].name}'"
+            issues.add(("arm", "base"), f"{message}; {_way_out(workspace, k, drawing)}")
     if outside > rounding:
         advice = "move the base inside"
         if drawing is not None:

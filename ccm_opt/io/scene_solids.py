@@ -124,9 +124,9 @@ def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
     low, high = bounds
     for axis in range(3):
         # Each wall extends beyond the room by the thickness on all sides, so that the corners are closed.
-        own = np.arange(3) == axis
-        yield BoxBody(low - thickness, np.where(own, low, high + thickness))
-        yield BoxBody(np.where(own, high, low - thickness), high + thickness)
+        along_axis = np.arange(3) == axis
+        yield BoxBody(low - thickness, np.where(along_axis, low, high + thickness))
+        yield BoxBody(np.where(along_axis, high, low - thickness), high + thickness)
 
 
 def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shapely.Geometry]:

@@ -165,8 +165,8 @@ def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
             raise ProblemError(f"not readable as OBJ: its line {number} {error}") from None
     vertices = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
     faces = triangulate_faces(vertices, np.array(corners, dtype=np.intp), np.array(counts, dtype=np.intp))
-    told = tuple(counted(number, what) for what, number in passed_over.items() if number)
-    return RawMesh(vertices, faces, passed_over=told)
+    skipped = tuple(counted(number, what) for what, number in passed_over.items() if number)
+    return RawMesh(vertices, faces, passed_over=skipped)
 
 
 def _place(words: list[bytes]) -> list[float]:
@@ -457,6 +457,6 @@ def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
     counts = faces.lengths[name]
     few = int(np.count_nonzero(counts < 3))
     edges = max((len(rows) for rows in read["edge"].values.values()), default=0) if "edge" in read else 0
-    told = ((few, "two-corner face"), (edges, "edge"))
-    passed_over = tuple(counted(number, what) for number, what in told if number)
+    skipped = ((few, "two-corner face"), (edges, "edge"))
+    passed_over = tuple(counted(number, what) for number, what in skipped if number)
     return RawMesh(vertices, triangulate_faces(vertices, whole, counts), passed_over=passed_over)

@@ -191,16 +191,16 @@ def checks_section(solution: Solution, units: PageUnits) -> Markup:
         units: units of the page.
     """
     checks = checks_in_words(solution.checks, units, in_space=solution.problem.dimension == 3)
-    asked = [check for check in checks if not check.of_itself]
-    own = [check for check in checks if check.of_itself]
-    failed = sum(not check.passed for check in own)
-    words = f"{len(own)} checks of the plan's consistency" + (f", {failed} failed" if failed else ", all passed")
-    folded = element("details", element("summary", words), _table(own), open=failed > 0) if own else None
+    demanded = [check for check in checks if not check.of_itself]
+    internal = [check for check in checks if check.of_itself]
+    failed = sum(not check.passed for check in internal)
+    words = f"{len(internal)} checks of the plan's consistency" + (f", {failed} failed" if failed else ", all passed")
+    folded = element("details", element("summary", words), _table(internal), open=failed > 0) if internal else None
     verdict = solution.simulation.verdict
     return element(
         "section",
         element("h2", "Checks: every limit and its use"),
-        _table(asked),
+        _table(demanded),
         _simulation(verdict),
         folded,
     )

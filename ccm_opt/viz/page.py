@@ -252,8 +252,8 @@ def tolerance_section(errors: Sequence[ToleratedError], units: PageUnits, *, in_
     """
     if not errors:
         return None
-    told = (tolerated_error_words(error, units, in_space=in_space) for error in errors)
-    items = (element("li", f"{wrong.capitalize()} {size}: limited by {where}.") for wrong, size, where in told)
+    rows = (tolerated_error_words(error, units, in_space=in_space) for error in errors)
+    items = (element("li", f"{wrong.capitalize()} {size}: limited by {where}.") for wrong, size, where in rows)
     return element("section", element("h2", "Tolerated errors, one at a time"), element("ul", *items))
 
 

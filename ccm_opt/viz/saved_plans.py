@@ -91,7 +91,7 @@ def plot(plan: Solution | SavedPlan) -> "Figure":
     """
     from ccm_opt.viz.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
-    return plan_figure(drawn(plan))
+    return plan_figure(plan_drawing(plan))
 
 
 def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
@@ -113,12 +113,12 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     place = Path(file)
     if place.suffix not in {".gif", ".mp4"}:
         raise ProblemError(f"a film ends with .gif or .mp4, got '{place.name}'")
-    shown = drawn(plan)
+    shown = plan_drawing(plan)
     put_file_or_refuse(place, motion_gif(shown) if place.suffix == ".gif" else motion_mp4(shown))
     return place
 
 
-def drawn(plan: Solution | SavedPlan) -> "PlanDrawing":
+def plan_drawing(plan: Solution | SavedPlan) -> "PlanDrawing":
     """Return the data of a plan that pictures show, with the simulated arm for a planar plan loaded from a folder."""
     from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
 

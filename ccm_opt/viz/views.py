@@ -160,22 +160,22 @@ class SceneViews:
         ends = side(np.concatenate([np.zeros((0, 2, 3)), *self.edges]))
         axes.add_collection(LineCollection(list(ends), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5))
 
-    def draw_cut(self, axes: Axes, side: Side, across: int, at: float) -> None:
+    def draw_cut(self, axes: Axes, side: Side, across: int, level: float) -> None:
         """Draw the outlines in which an axis-parallel plane intersects the obstacles.
 
         Args:
             axes: axes to draw in.
             side: projection to the picture plane.
             across: index of the coordinate axis normal to the cutting plane.
-            at: coordinate of the cutting plane on that axis [m].
+            level: coordinate of the cutting plane on that axis [m].
         """
         for vertices, faces in self.bodies:
             corners = vertices[faces]
-            above = corners[..., across] > at
+            above = corners[..., across] > level
             cut = corners[above.any(axis=1) & ~above.all(axis=1)]
             # Two of the three sides of such a triangle pass through the plane.
             following = np.roll(cut, -1, axis=1)
-            height, next_height = cut[..., across] - at, following[..., across] - at
+            height, next_height = cut[..., across] - level, following[..., across] - level
             through = (height > 0.0) != (next_height > 0.0)
             share = (height[through] / (height - next_height)[through])[:, None]
             ends = (cut[through] + share * (following - cut)[through]).reshape(-1, 2, 3)

@@ -113,12 +113,12 @@ class OmplPlanner:
 
     def _path(self, query: "_Query") -> JointPath:
         joints = query.joints
-        start = joints.drawn(query.start)
+        start = joints.sample(query.start)
         if start is None:
             raise ProblemError(
                 "the start bends joints that have barely left the guide tube, which the method ompl does not support"
             )
-        goals = [drawn for q in query.goals() if (drawn := joints.drawn(q)) is not None]
+        goals = [sample for q in query.goals() if (sample := joints.sample(q)) is not None]
         if not goals:
             reason = "no collision-free pose with the tip at the goal was sampled"
             raise MotionNotFound(Diagnosis(reason, "goal", _ADVICE))
@@ -143,21 +143,21 @@ class OmplPlanner:
         # OMPL's generators are seeded from this one when they are made; seed 0 is not valid.
         util.RNG.setSeed(planner_options.seed + 1)
         information = _information(base, query)
-        asked = base.ProblemDefinition(information)
-        asked.addStartState(_state(information, start))
+        definition = base.ProblemDefinition(information)
+        definition.addStartState(_state(information, start))
         there = base.GoalStates(information)
         for goal in goals:
             there.addState(_state(information, goal))
-        asked.setGoal(there)
+        definition.setGoal(there)
         planner = geometric.RRTConnect(information)
-        planner.setProblemDefinition(asked)
+        planner.setProblemDefinition(definition)
         planner.setup()
         until = Deadline.after(query.deadline.left - self.settings.simplifying_share * planner_options.time_limit)
         planner.solve(base.PlannerTerminationCondition(until.passed))
-        if not asked.hasExactSolution():
+        if not definition.hasExactSolution():
             reason = f"{until.what_passed()} before {NAME} found a path; goal poses: {len(goals)}"
             raise TimeLimitReached(Diagnosis(reason, "motion", _ADVICE, {"goal_poses": len(goals)}))
-        path = asked.getSolutionPath()
+        path = definition.getSolutionPath()
         shortening = base.PlannerTerminationCondition(query.deadline.passed)
         geometric.PathSimplifier(information).simplify(path, shortening)
         return np.array([_drawn(state, len(start)) for state in path.getStates()])
@@ -195,23 +195,23 @@ class SampledJoints:
         """Upper limits of the sampler coordinates, shape (c,)."""
         return self.upper / self._units
 
-    def configuration(self, drawn: FloatArray) -> FloatArray:
+    def configuration(self, sample: FloatArray) -> FloatArray:
         """Return the configurations, shape (..., c) [rad, m], that sampler coordinates of shape (..., c) represent."""
-        q = drawn * self._units
+        q = sample * self._units
         q[..., self.arm.coordinates.bends] *= self._out(q)
         return q
 
-    def drawn(self, q: FloatArray) -> FloatArray | None:
+    def sample(self, q: FloatArray) -> FloatArray | None:
         """Return the sampler coordinates, shape (c,), of a configuration, shape (c,) [rad, m], or None.
 
         The result is None if the coordinates would be outside the range of the sampler or would not represent this
         configuration.
         """
         out = np.append(self._out(q), np.ones(len(self.arm.base_axes)))
-        drawn = np.where(out > 0.0, q / np.where(out > 0.0, out, 1.0), 0.0) / self._units
+        sample = np.where(out > 0.0, q / np.where(out > 0.0, out, 1.0), 0.0) / self._units
         slack = 1e-9
-        fits = np.all(drawn >= self.low - slack) and np.all(drawn <= self.high + slack)
-        return np.clip(drawn, self.low, self.high) if fits and np.allclose(self.configuration(drawn), q) else None
+        fits = np.all(sample >= self.low - slack) and np.all(sample <= self.high + slack)
+        return np.clip(sample, self.low, self.high) if fits and np.allclose(self.configuration(sample), q) else None
 
     def keyframes(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return configurations along a segment in sampler coordinates, with both ends, shape (k ≥ 2, c) [rad, m].
@@ -281,11 +281,11 @@ class _InPlane:
         rng = np.random.default_rng(self.problem.planner.seed)
         check = SampledCheck.of(arm, self.problem.workspace)
         shapes = _any_shape(self.problem, self._ends)
-        drawn = GoalDraws(shapes, self._ends.goal, check).poses(rng)
+        samples = GoalDraws(shapes, self._ends.goal, check).poses(rng)
         until = Deadline.after(settings.goal_share * self.problem.planner.time_limit)
         found = 0
         while found < settings.goal_poses and not until.passed() and not self.deadline.passed():
-            free = [q for q in arm.bends(next(drawn)) if _stands_free(self._searched, q)]
+            free = [q for q in arm.bends(next(samples)) if _stands_free(self._searched, q)]
             yield from free[: settings.goal_poses - found]
             found += len(free)
 
@@ -372,7 +372,7 @@ class _InSpace:
             found = find_by_ways(self._task_within(self._settings.goal_share)).configurations[-1]
         except NoPlanFound:
             return None
-        return None if self.joints.drawn(found) is None else found
+        return None if self.joints.sample(found) is None else found
 
     def goals(self) -> Iterator[FloatArray]:
         """Yield several configurations at the goal from which trees grow, each of shape (c,) [rad, m]."""
@@ -387,7 +387,7 @@ class _InSpace:
         rng = np.random.default_rng(self.problem.planner.seed)
         found = 0
         for pose in goal_poses(task, task.stepper(curve), rng):
-            found += self.joints.drawn(pose.q) is not None
+            found += self.joints.sample(pose.q) is not None
             yield pose.q
             if found == self._settings.goal_poses:
                 return
@@ -448,10 +448,10 @@ def _information(base: Any, query: _Query) -> Any:
     return information
 
 
-def _state(information: Any, drawn: FloatArray) -> Any:
+def _state(information: Any, sample: FloatArray) -> Any:
     """Return an OMPL state with given sampler coordinates, shape (c,)."""
     state = information.allocState()
-    for k, value in enumerate(drawn):
+    for k, value in enumerate(sample):
         state[k] = float(value)
     return state
 

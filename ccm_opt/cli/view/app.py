@@ -39,12 +39,14 @@ class Replanner:
 
     Args:
         live: plan that is changed.
-        told: function called in the planning thread with the result of a change, or the reason why it is invalid.
+        on_answer: function called in the planning thread with the result of a change, or the reason why it is invalid.
         settings: viewer settings, which say when and for how long to plan from scratch.
     """
 
-    def __init__(self, live: LivePlan, told: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW) -> None:
-        self._live, self._told, self._settings = live, told, settings
+    def __init__(
+        self, live: LivePlan, on_answer: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW
+    ) -> None:
+        self._live, self._on_answer, self._settings = live, on_answer, settings
         self._requested: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
 
     def start(self) -> None:
@@ -77,9 +79,9 @@ class Replanner:
             if change is None:
                 return
             try:
-                self._told(change())
+                self._on_answer(change())
             except CcmError as error:
-                self._told(str(error))
+                self._on_answer(str(error))
 
 
 def direction_of(wxyz: FloatArray) -> FloatArray:
@@ -98,13 +100,13 @@ class Handles:
     Args:
         scene: scene that contains the handle.
         live: plan that is changed.
-        told: function called with the plan and the result of a change, or the reason why it is invalid.
+        on_answer: function called with the plan and the result of a change, or the reason why it is invalid.
     """
 
-    def __init__(self, scene: Scene, live: LivePlan, told: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
+    def __init__(self, scene: Scene, live: LivePlan, on_answer: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
         self._scene = scene
         self._live = live
-        self._replanner = Replanner(live, lambda answer: told(live, answer))
+        self._replanner = Replanner(live, lambda answer: on_answer(live, answer))
         self._replanner.start()
         names = [obstacle.name for obstacle in live.problem.workspace.obstacles]
         movable = [GOAL, *names] if live.problem.goal.whole(live.problem.arm) is None else names
@@ -412,8 +414,8 @@ class ViewerApp:
             self.time = share * self.frames.duration
             self._pose()
             self._slider.max = self._end
-        told = f"planned and verified in {answer.cpu:.2f} s"
-        self._status.content = f"{_summary(self.frames, plan.checks)}\n\n{told}"
+        message = f"planned and verified in {answer.cpu:.2f} s"
+        self._status.content = f"{_summary(self.frames, plan.checks)}\n\n{message}"
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
