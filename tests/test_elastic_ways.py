@@ -59,7 +59,7 @@ def test_links_on_a_band_keep_their_distance_and_bends(links: int, y: float, z: 
     track = ArmTrack.behind(np.array([[-LENGTH, 0.0, 0.0], way.places[0]]), way.places)
     link = band.arm.link_length
     for tip in np.linspace(track.start + link, track.length, 40):
-        joints = track.at(track.joints_behind(float(tip), link, links))
+        joints = track.at(track.joints_behind(float(tip), np.full(links, link)))
         segments = np.stack((joints[:-1], joints[1:]), axis=1)
         # Pieces may be a little longer or shorter than an even part of a link.
         assert PLATES.distances(segments, 1.0).min() > KEPT + way.gap - 0.05 * UNIT

@@ -289,7 +289,7 @@ def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
     track = ArmTrack.behind(np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), way)
     link = 2.0 / links
     tip = float(random.uniform(1.0, track.length))
-    arcs = track.joints_behind(tip, link, links)
+    arcs = track.joints_behind(tip, np.full(links, link))
     assert arcs[-1] == tip
     apart = np.linalg.norm(np.diff(track.at(arcs), axis=0), axis=1)
     # Headings wander by less than a right angle over a link of a fifth of a metre or less.

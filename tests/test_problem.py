@@ -43,7 +43,9 @@ def test_all_defects_are_reported_together(problem: Problem) -> None:
 @pytest.mark.parametrize("links", [0, 7])
 def test_odd_or_absent_links_are_refused(problem: Problem, links: int) -> None:
     """An arm has an even number of links, at least two."""
-    with pytest.raises(ProblemError, match=f"arm.links must be even and at least 2, got {links}"):
+    with pytest.raises(
+        ProblemError, match=f"arm.links must be at least 2, and even where all links are equal, got {links}"
+    ):
         replace(problem, arm=replace(problem.arm, links=links))
 
 

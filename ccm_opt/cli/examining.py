@@ -16,7 +16,7 @@ from ccm_opt.cli.tables import columned_table, peak_torque, report_console, resu
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import put_file_or_refuse
-from ccm_opt.core.length_words import in_unit
+from ccm_opt.core.length_words import in_unit, span_words
 from ccm_opt.driver.verified_plan import failed_checks
 from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data
@@ -90,9 +90,10 @@ def arm_lines(problem: Problem) -> list[str]:
         return f"{number(length)} {unit}"
 
     base = f"({', '.join(number(value) for value in arm.base)}) {unit}, {_pointing(problem)}"
+    each = span_words(arm.lengths, words)
     lines = [
-        f"{problem.name}: {arm.links} links of {words(arm.link_length)}, {3 * arm.links} revolutes, axes {arm.axes}",
-        f"base at {base}; radius {words(arm.radius)}, length {words(arm.length)}",
+        f"{problem.name}: {arm.links} links of {each}, {3 * arm.links} revolutes, axes {arm.axes}",
+        f"base at {base}; radius {span_words(arm.radii, words)}, length {words(arm.length)}",
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
     along = "the base's direction" if problem.dimension == 3 else "the base heading"

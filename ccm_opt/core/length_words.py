@@ -7,11 +7,13 @@ planner's unit where the planner switches to that unit.
 For a problem in metres, gaps are still stated in millimetres; for millimetres or inches, all lengths use that unit.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
+
+import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 
@@ -189,3 +191,9 @@ def curvature(value: float) -> str:
     """Return text for a curvature, given in the unit in force, with its unit, to three significant digits."""
     current = _FORMAT.get()
     return f"{value / current.metres * METRES[current.unit]:.3g} 1/{current.unit}"
+
+
+def span_words(lengths: FloatArray, words: Callable[[float], str]) -> str:
+    """Return a length in words, or the least and the greatest of lengths (n,) [m] that differ."""
+    least, greatest = float(np.min(lengths)), float(np.max(lengths))
+    return words(least) if least == greatest else f"{words(least)} to {words(greatest)}"

@@ -302,13 +302,15 @@ QUICK_CHECKS = tuple(check for check in NECESSARY_CHECKS if check is not axis_pa
 def failed(
     problem: Problem, checks: tuple[Check, ...] = NECESSARY_CHECKS, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
-    """Return the findings of necessary checks, in the order of the checks.
+    """Return the findings of necessary checks, in the order of the checks; none for an arm of unequal links.
 
     Args:
         problem: the problem to check.
         checks: the checks to run.
         until: deadline after which no search is started; slow checks also have their own deadlines.
     """
+    if problem.arm.proportions is not None:
+        return ()  # the proofs take all links to be equal
     last = until or Deadline.never()
     return find_scaled(problem, lambda p: (each for check in checks for each in _found(check, p, last)))
 
@@ -331,6 +333,8 @@ def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]
 
 def is_goal_closed_off(problem: Problem, until: Deadline) -> bool:
     """Return whether it is proved for any goal that no path of the arm's axis is wide and short enough."""
+    if problem.arm.proportions is not None:
+        return False  # the proof takes all links to be equally thick
     scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
     return is_any_goal_closed_off(scaled, until)
 

@@ -147,6 +147,8 @@ def explain_failure(problem: Problem, error: NoPlanFound, trials: Trials, stages
         trials: solves changed problems in the remaining time.
         stages: receives the diagnosis as it grows.
     """
+    if problem.arm.proportions is not None:
+        return error  # causes and changes are known for arms of equal links
     stages = stages or Stages()
     checked = failed(problem)
     # Likely causes are of no use once there is a proof; an overload concerns only the path that was found.

@@ -57,12 +57,12 @@ def _goal_gaps(problem: Problem, record: ClearanceRecord) -> Iterator[float]:
     tip.
     """
     gaps = gaps_of(problem.workspace)
-    kept = problem.arm.radius + problem.workspace.clearance
+    kept = problem.arm.tip_radius + problem.workspace.clearance
     places = {place.key: place.goal for place in named_tip_goals(problem)}
     for asked, end in zip(named_goals(problem), record.ends[1:], strict=True):
         goal = places.get(f"{asked.key}.position")
         if goal is not None:
-            back = 0.0 if goal.direction is None else problem.arm.link_length * goal.direction
+            back = 0.0 if goal.direction is None else float(problem.arm.lengths[-1]) * goal.direction
             fixed = np.stack((goal.position - back, goal.position))
             yield float(gaps.distances(fixed[None], problem.arm.length)[0]) - kept
         elif end.link:

@@ -109,7 +109,7 @@ def motion_figures(
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
         "joint_path_length_rad": path_length(bends),
         # The bend at the base turns the whole arm and curves nothing, so it does not count.
-        "largest_curvature_per_m": float(np.max(turns[:, 1:], initial=0.0) / problem.arm.link_length),
+        "largest_curvature_per_m": float(np.max(turns[:, 1:] / _around_joints(problem.arm), initial=0.0)),
         # The error at the goal is that of the recorded motion, not of the planned path.
         **ends,
         **_leader_figures(problem, trajectory),
@@ -161,3 +161,8 @@ def total_bends(pairs: FloatArray) -> FloatArray:
     """Return the angle between the links at each joint, shape (...) [rad], from two bend angles, shape (..., 2)."""
     cos = np.cos(pairs[..., 0]) * np.cos(pairs[..., 1])
     return np.asarray(np.arccos(np.clip(cos, -1.0, 1.0)))
+
+
+def _around_joints(arm: Arm) -> FloatArray:
+    """Return the mean length of the two links at every joint but the first, shape (links - 1,) [m]."""
+    return np.asarray(0.5 * (arm.lengths[1:] + arm.lengths[:-1]))

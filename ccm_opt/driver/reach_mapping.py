@@ -80,6 +80,8 @@ def reach_map(
     plane = problem.dimension == 2
     if plane and arm.base_axes:
         raise ProblemError("the reach is mapped for a fixed base only, not on a feed axis; leave arm.feed out")
+    if arm.proportions is not None:
+        raise ProblemError("the reach is mapped for an arm of equal links only; leave arm.sections out")
     stages = Stages()
     with words_in(problem.length_unit):
         width = _width(problem, numbers.step if plane else numbers.step_in_space, step)

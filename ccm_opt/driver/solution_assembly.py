@@ -61,7 +61,7 @@ def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> Poss
         The bound with the names of the obstacles; None where the pose passes between no obstacles that close together.
     """
     arm = problem.arm
-    body = arm.radius + problem.workspace.clearance
+    body = float(np.min(arm.radii)) + problem.workspace.clearance
     link, share = arm.mount_end
     exposed = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
     axis = shapely.LineString(exposed)

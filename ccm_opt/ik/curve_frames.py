@@ -54,7 +54,7 @@ def bend_matrix(links: int, knots: int, shares: tuple[float, ...] = ()) -> Float
 
 def _arcs(shares: tuple[float, ...]) -> FloatArray:
     """Return the arc lengths of the joints and the tip for given lengths of the links, shape (links + 1,)."""
-    return np.minimum(np.append(0.0, np.cumsum(shares)), 1.0)
+    return np.asarray(np.minimum(np.append(0.0, np.cumsum(shares)), 1.0))
 
 
 @dataclass(frozen=True)

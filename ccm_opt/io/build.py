@@ -37,7 +37,7 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.robot.arm import Arm, Feed, MappingName
+from ccm_opt.robot.arm import Arm, Feed, MappingName, Proportions
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
@@ -66,8 +66,10 @@ def folded_bends(arm: Arm) -> FloatArray:
         Bend angles of the joints, shape (n,) [rad].
 
     Raises:
-        ProblemError: no serpentine respects the joint limit and the radius.
+        ProblemError: the links are unequal, or no serpentine respects the joint limit and the radius.
     """
+    if arm.proportions is not None:
+        raise ProblemError("an arm of unequal links is not folded; give the pose by joints_deg")
     gap = max(_GAP_IN_DIAMETERS * 2.0 * arm.radius, _LEAST_GAP_IN_LINKS * arm.link_length)
     candidates = sorted(_serpentines(arm, _FOLDED_SHARE), key=lambda bends: _diagonal(arm, bends))
     for bends in candidates:
@@ -247,11 +249,14 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     """Return the arm that the table ``[arm]`` describes; by default links have the inertia of solid cylinders."""
     in_space = isinstance(table, SpaceArmTable)
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
+    lengths, radii, proportions = _each_link(table)
+    weighed = [each.mass for each in table.sections or () for _ in range(each.links) if each.mass is not None]
+    masses = np.array(weighed) if weighed else masses
     if table.inertia is not None:
         axial, transverse = (_each(value, table.links) for value in (table.inertia.axial, table.inertia.transverse))
     else:
-        thinnest = SPACE_ROD_RADIUS * table.link_length if in_space else 0.0
-        axial, transverse = cylinder_inertia(masses, max(table.radius, thinnest), table.link_length)
+        thinnest = SPACE_ROD_RADIUS * lengths if in_space else 0.0
+        axial, transverse = cylinder_inertia(masses, np.maximum(radii, thinnest), lengths)
     # By default the guide tube ends at the position of the base at full feed.
     feed = None
     if table.feed is not None:
@@ -260,7 +265,8 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     same = ("links", "link_length", "radius", "joint_limit", "base_limit", "self_collision", "axes", "payload")
     parts: dict[str, Any] = {
         **{key: table.values[key] for key in same},
-        "mount_length": table.radius if table.mount_length is None else table.mount_length,
+        "mount_length": float(radii[0]) if table.mount_length is None else table.mount_length,
+        "proportions": proportions,
         "masses": masses,
         "inertia_axial": axial,
         "inertia_transverse": transverse,
@@ -273,6 +279,20 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     direction = np.array(table.base.direction)
     up = _across(np.array(table.base.up), direction)
     return Arm(base=np.array(table.base.position), direction=direction, up=up, **parts)
+
+
+def _each_link(table: ArmTable | SpaceArmTable) -> tuple[FloatArray, FloatArray, Proportions | None]:
+    """Return length and radius of each link, both of shape (links,) [m], and the proportions of unequal links."""
+    if table.sections is None:
+        return np.full(table.links, table.link_length), np.full(table.links, table.radius), None
+    lengths = np.concatenate([np.full(each.links, each.link_length) for each in table.sections])
+    radii = np.concatenate([each.radii for each in table.sections])
+    limits = np.concatenate([each.limits for each in table.sections])
+    if table.links % 2 == 0 and not (np.ptp(lengths) or np.ptp(radii) or np.ptp(limits)):
+        return lengths, radii, None
+    widest = table.radius or 1.0
+    shares = np.ones(table.links) if table.radius == 0.0 else radii / widest
+    return lengths, radii, Proportions(lengths / table.link_length, shares, limits / table.joint_limit_deg)
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:

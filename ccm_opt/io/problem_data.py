@@ -9,6 +9,7 @@ from pathlib import PurePosixPath
 import numpy as np
 import shapely
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.drawing import obstacle_table
@@ -25,6 +26,7 @@ from ccm_opt.io.schema import (
     WorkspaceTable,
 )
 from ccm_opt.io.schema_tables import (
+    SECTION_KEYS,
     ArmTable,
     FeedTable,
     GainsTable,
@@ -32,6 +34,7 @@ from ccm_opt.io.schema_tables import (
     LimitsTable,
     PlannerTable,
     PointLimitTable,
+    SectionTable,
     SimulationTable,
     ToleranceTable,
     VerificationTable,
@@ -158,12 +161,31 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
         "inertia": InertiaTable.from_object(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
         "feed": next((FeedTable.from_object(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
     }
+    if arm.proportions is not None:
+        entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm, arm.proportions.limits)}
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
         return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **entries).written(
             unit
         )
     return ArmTable.from_object(arm, **entries).written(unit)
+
+
+def _sections(arm: Arm, shares: FloatArray) -> list[SectionTable]:
+    """Return runs of equal links as the tables ``[[arm.sections]]``; ``shares`` are those of limits, shape (links,)."""
+    each = np.stack((arm.lengths, arm.radii, arm.joint_limit * shares), axis=1)
+    starts = np.flatnonzero(np.append(True, np.any(each[1:] != each[:-1], axis=1)))
+    return [
+        SectionTable.from_object(
+            None,
+            links=len(run),
+            link_length=run[0, 0],
+            radius=[run[0, 1]],
+            joint_limit_deg=run[0, 2] if run[0, 2] > 0.0 else arm.joint_limit,
+            locked=None if run[0, 2] > 0.0 else list(range(1, len(run) + 1)),
+        )
+        for run in np.split(each, starts[1:])
+    ]
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:

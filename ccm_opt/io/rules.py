@@ -12,7 +12,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
 from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
-from ccm_opt.io.schema_tables import ArmTable, ChainTable, LimitsTable, Table
+from ccm_opt.io.schema_tables import SECTION_KEYS, ArmTable, ChainTable, LimitsTable, Table
 from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
@@ -58,6 +58,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
                 issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
     _check_feed_keys(data, issues)
     _check_contact(data, issues)
+    _check_sections(data, issues)
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -98,6 +99,23 @@ def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
                 (*path, "name") if given else path,
                 f"the name '{name}' is taken by workspace.obstacles[{first[name]}]; give each obstacle its own",
             )
+
+
+def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
+    """Report keys of the whole arm beside its sections, and masses that are said twice or not for all."""
+    sections = lookup(data, ("arm", "sections"))
+    if not isinstance(sections, list):
+        return
+    for key in SECTION_KEYS:
+        if lookup(data, ("arm", key)) is not None:
+            issues.add(("arm", key), "not together with arm.sections, which say it for each section; leave it out")
+    masses = [isinstance(each, Mapping) and each.get("mass") is not None for each in sections]
+    for k, weighed in enumerate(masses):
+        path: KeyPath = ("arm", "sections", k)
+        if weighed and _given(data, ("arm",), ("link_mass", "masses", "inertia")):
+            issues.add((*path, "mass"), "not together with arm.link_mass, arm.masses or arm.inertia")
+        elif any(masses) and not weighed:
+            issues.add(path, "mass is missing; give it for all sections or for none")
 
 
 def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
@@ -202,8 +220,9 @@ def check_pose(
         each = "[a, b] per joint" if isinstance(bends[0], list) else "value per joint"
         issues.add((*path, "joints_deg"), f"expected one {each}, {arm.links} in all; got {len(bends)}")
     for k, bend in enumerate(bends):
-        key = "base_limit_deg" if k == 0 else "joint_limit_deg"
-        limit = arm.base_limit_deg if k == 0 else arm.joint_limit_deg
+        if k >= arm.links:
+            break
+        key, limit = arm.bend_limit(k)
         for *which, value in [(*pair,) for pair in enumerate(bend)] if isinstance(bend, list) else [(bend,)]:
             if abs(value) > limit + ANGLE_TOLERANCE:
                 passed = f"{math.degrees(value):g}° exceeds {key} = {math.degrees(limit):g}"

@@ -25,8 +25,10 @@ from pydantic import (
     SerializationInfo,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
 from ccm_opt.io.issues import described, table_models
 from ccm_opt.problem import (
@@ -308,10 +310,16 @@ class InertiaTable(Table):
     transverse: PositiveEach = Field(description="Moment about an axis across the link, through its centre [kg m²].")
 
 
-def _even(links: int) -> int:
-    if links % 2:
+def _even(links: int, info: ValidationInfo) -> int:
+    # A section of any number of links may make an arm of an odd number.
+    if links % 2 and not info.data.get("sections", True):
         raise ValueError(f"expected an even number of links; try {links - 1 or 2} or {links + 1}")
     return links
+
+
+def _both_ends(value: Any) -> Any:
+    """Return a radius, or the radii at both ends, as a list."""
+    return [value] if _is_number(value) else value
 
 
 class FeedTable(Table):
@@ -333,11 +341,83 @@ class FeedTable(Table):
         return ends
 
 
+class SectionTable(Table):
+    """Table of a section of the arm, whose links are equal or taper evenly."""
+
+    links: Annotated[int, Field(ge=1, le=MAX_LINKS)] = Field(description="Number of links of the section; odd or even.")
+    link_length: PositiveLength = Field(description="Length of each of its links.")
+    radius: Annotated[list[NonNegativeLength], Field(min_length=1, max_length=2), BeforeValidator(_both_ends)] = Field(
+        description=(
+            "Radius of its links; or `[at the base's end, at the tip's end]`, between which they taper evenly: each "
+            "link is then a capsule with the greater radius of its two ends, which contains the cone."
+        )
+    )
+    joint_limit_deg: BendLimitDegrees = Field(
+        description="Limit on the bends of its joints; that of the arm's first joint is `arm.base_limit_deg`."
+    )
+    mass: Positive | None = Field(
+        default=None, description="Mass of each of its links [kg]. Default: that of `arm.link_mass` or `arm.masses`."
+    )
+    locked: list[Annotated[int, Field(ge=1)]] = Field(
+        default_factory=list, description="Joints of the section, counted from 1, that stay straight."
+    )
+
+    @field_validator("locked")
+    @classmethod
+    def _existing(cls, joints: list[int], info: ValidationInfo) -> list[int]:
+        count = info.data.get("links", math.inf)
+        if max(joints, default=0) > count:
+            raise ValueError(f"the section has {count} joints; expected their numbers, from 1")
+        return joints
+
+    @property
+    def radii(self) -> FloatArray:
+        """Radius of each link, shape (links,) [m]."""
+        ends = np.linspace(self.radius[0], self.radius[-1], self.links + 1)
+        return np.maximum(ends[:-1], ends[1:])
+
+    @property
+    def limits(self) -> FloatArray:
+        """Limit on the bends of each joint, shape (links,) [rad]."""
+        limits = np.full(self.links, self.joint_limit_deg)
+        limits[np.array(self.locked, dtype=np.intp) - 1] = 0.0
+        return limits
+
+
+SECTION_KEYS = ("links", "link_length", "radius", "joint_limit_deg")
+"""Keys of the arm that its sections stand for."""
+
+
+def _whole_of(sections: list[Any]) -> dict[str, Any]:
+    """Return what the keys of an arm would be for its sections: the sum, the mean or the greatest of theirs."""
+    rows = [each for each in sections if isinstance(each, Mapping)]
+
+    def numbers(key: str) -> list[float]:
+        values = [row.get(key) for row in rows]
+        return [v for value in values for v in (value if isinstance(value, list) else [value]) if _is_number(v)]
+
+    counts = [int(count) for count in numbers("links")]
+    lengths = numbers("link_length")
+    if len(counts) != len(sections) or len(lengths) != len(sections):
+        return {"links": 2, "link_length": 1.0, "radius": 0.0, "joint_limit_deg": 1.0}  # the sections are at fault
+    links = sum(counts)
+    mean = float(np.dot(counts, lengths)) / links if links else 1.0
+    widest, sharpest = (max(numbers(key), default=0.0) for key in ("radius", "joint_limit_deg"))
+    return {"links": links, "link_length": mean, "radius": widest, "joint_limit_deg": sharpest}
+
+
 class ChainTable(Table):
     """Keys that the tables of planar arms and of arms in space have in common."""
 
     rules = Rules(at_most_one=("link_mass", "masses"))
 
+    sections: Annotated[list[SectionTable], Field(min_length=1)] | None = Field(
+        default=None,
+        description=(
+            "Sections from the base outward, written `[[arm.sections]]`, for links that differ: in place of `links`, "
+            "`link_length`, `radius` and `joint_limit_deg`."
+        ),
+    )
     links: Annotated[int, Field(ge=2, le=MAX_LINKS), AfterValidator(_even)] = Field(
         description="Number of equal links, each with a ball joint at its base; even."
     )
@@ -385,6 +465,20 @@ class ChainTable(Table):
             "([how](problem-file.md#feed-axis)). Default: fixed base."
         ),
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_whole(cls, data: Any) -> Any:
+        """Return the table with the keys of the whole arm that its sections stand for."""
+        sections = data.get("sections") if isinstance(data, Mapping) else None
+        return {**data, **_whole_of(sections)} if isinstance(sections, list) and sections else data
+
+    def bend_limit(self, joint: int) -> tuple[str, float]:
+        """Return the key of the limit on the bends of a joint, from 0, and the limit [rad]."""
+        limits = None if self.sections is None else np.concatenate([section.limits for section in self.sections])
+        if joint == 0 and (limits is None or limits[0] > 0.0):
+            return "base_limit_deg", self.base_limit_deg
+        return "joint_limit_deg", self.joint_limit_deg if limits is None else float(limits[joint])
 
 
 class ArmTable(ChainTable):

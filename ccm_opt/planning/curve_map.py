@@ -457,8 +457,9 @@ class CurveMap(CurveUnknowns):
         )()  # fmt: skip
         if self.arm.base_axes:
             shapes *= bend_shares(self.arm, flat)[:, None]
-        elif self.arm.clamped_joints:
-            shapes.reshape(-1, self.arm.links, self.knots)[:, : self.arm.clamped_joints] = 0.0
+        locked = self.arm.locked_joints
+        if locked.any():
+            shapes.reshape(-1, self.arm.links, self.knots)[:, locked] = 0.0
         return shapes.reshape(*places.shape, self.knots)
 
 

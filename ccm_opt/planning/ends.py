@@ -155,7 +155,7 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     if beyond > _STRETCH * arm.length and not arm.base_axes:
         return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
 
-    need = arm.radius + problem.workspace.clearance
+    need = arm.tip_radius + problem.workspace.clearance
     place = shapely.Point(goal.position)
     _, room_there = problem.workspace.nearest(place)
     if room_there >= need:

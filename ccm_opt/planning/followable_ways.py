@@ -321,25 +321,26 @@ def slid_along(
         most: largest bend of a joint [rad]; None for the joint limit.
     """
     shares = partial(bend_shares, arm) if shares is None else shares
-    link = arm.link_length
-    spacing = _FINE * link
-    ends = track.length + 2.0 * link
+    longest = float(np.max(arm.lengths))
+    spacing = _FINE * longest
+    ends = track.length + 2.0 * longest
     places = _prolonged(track, np.arange(0.0, ends, spacing))
     tube = arm.direction
     points = [arm.base + feeds[:, None] * tube]
     directions = np.broadcast_to(tube, (len(feeds), 3))
     # Least index on the track of each joint's place.
     first = np.round((feeds - feeds[0]) / spacing).astype(np.intp)
-    per_link = round(1.0 / _FINE)
-    for joint in range(arm.links):
-        free = shares(feeds + joint * link - arm.hole)[:, None]
+    limits = np.full(arm.links, arm.joint_limit if most is None else most)
+    if arm.proportions is not None:
+        limits *= arm.proportions.limits
+    for joint, link in enumerate(arm.lengths.tolist()):
+        free = shares(feeds + arm.joint_places[joint] - arm.hole)[:, None]
         window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)
         nearest, chord = _chord(places[window], points[-1], link)
-        most_here = free[:, 0] * (arm.joint_limit if most is None else most)
-        directions = _turned(directions, chord, most_here)
+        directions = _turned(directions, chord, free[:, 0] * limits[joint])
         points.append(points[-1] + link * directions)
         here = window[np.arange(len(feeds)), nearest]
-        first = np.where(free[:, 0] > 0.0, here, first) + per_link
+        first = np.where(free[:, 0] > 0.0, here, first) + round(link / spacing)
     return configuration_from_positions(arm, np.stack(points, axis=1))
 
 
@@ -363,7 +364,7 @@ def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatA
     """
     # Links are chords of bends, so the tip is at the end before the base has advanced by the track's length.
     farthest = max(min(start + track.length - track.start, arm.base_range[1]), start)
-    before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
+    before = np.linspace(max(start, farthest - 2.0 * float(np.max(arm.lengths))), farthest, 41)
     feeds = np.concatenate(([start], before))
     tips = arm.joint_positions_at(slid_along(arm, track, feeds))[1:, -1]
     last = float(before[np.argmin(np.linalg.norm(tips - track.points[-1], axis=1))])

@@ -146,20 +146,21 @@ class ArmTrack(TipTrack):
         """Return True for every arc length, shape (m,), because the track is extended straight before its start."""
         return np.ones(len(arcs), dtype=bool)
 
-    def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
+    def joints_behind(self, tip: float, lengths: FloatArray) -> FloatArray:
         """Return the arc lengths of the joints and the tip of an arm that lies on the track, shape (links + 1,) [m].
 
         Links are chords of the track, so in a bend a link spans an arc longer than itself.
 
         Args:
             tip: arc length of the tip [m].
-            link: length of a link [m].
-            links: number of links.
+            lengths: length of each link, shape (links,) [m].
         """
-        ends, starts = self._chords(link)
+        links = len(lengths)
         arcs = np.empty(links + 1)
         arcs[-1] = tip
         for joint in range(links - 1, -1, -1):
+            link = float(lengths[joint])
+            ends, starts = self._chords(link)
             # Beyond both ends of the table the track is straight.
             arcs[joint] = arcs[joint + 1] - link
             if ends[0] < arcs[joint + 1] < ends[-1]:
@@ -323,12 +324,12 @@ class TrackLed(TipLed):
         unit = self.space.nominal_length
         track = self._behind
         joints, d, p = pose.moving.shape
-        # Constant over all poses, so that the track's table can be reused.
+        # Constant over all poses, so that the track's tables can be reused.
         link = track.start / (joints - 1)
         # The point of the track, near the target, that is nearest to the tip.
         near = self.arc + unit * np.linspace(-2.0, 2.0, 41)
         tip = float(near[np.argmin(np.linalg.norm(track.at(near) - pose.tip, axis=1))])
-        arcs = track.joints_behind(tip, link, joints - 1)
+        arcs = track.joints_behind(tip, link * self.space.arm.length_shares)
         along = track.at(arcs + 0.5 * link) - track.at(arcs - 0.5 * link)
         along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
         beside: FloatArray = np.eye(d) - along[:, :, None] * along[:, None, :]

@@ -207,7 +207,7 @@ class LedWays:
 
         When a joint leaves the axis, the previous joint bends, which is a link length closer to the base.
         """
-        return self._outside + self.problem.arm.link_length
+        return self._outside + float(np.max(self.problem.arm.lengths))
 
     @cached_property
     def _start_path(self) -> LeaderPath | None:
@@ -259,7 +259,7 @@ class LedWays:
         # any arm can be retracted as far as the feed's range allows,
         straights.append(low + arm.length)
         # no joint can bend in a guide or hole hardly wider than the arm, before the place where it widens,
-        straights += [max(end + arm.link_length, least) for end in self._tight_place_ends()]
+        straights += [max(end + float(np.max(arm.lengths)), least) for end in self._tight_place_ends()]
         # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a
         # path may have to be straight for as long.
         straights += [least, high + 2.0 * self._travel]

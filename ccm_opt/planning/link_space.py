@@ -67,6 +67,7 @@ class LinkSpace(CurveUnknowns):
         # The bend of the first joint is its link's heading: for a clamped one θ(0) has no effect, and the fit leaves it
         # at 0.
         slopes = np.diff(headings, axis=0, prepend=headings[:1] if clamped else 0.0)
+        slopes[arm.locked_joints] = 0.0
         space = cls(arm, slopes, q, clamped, nominal_links=nominal_links)
         start = space.fitted(q)
         return replace(space, offset=q - slopes @ start), start

@@ -23,7 +23,7 @@ from ccm_opt.problem.options import (
     VerificationOptions,
 )
 from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
-from ccm_opt.robot.arm import Arm, Axes, MappingName
+from ccm_opt.robot.arm import Arm, Axes, MappingName, Proportions
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import PlaneShape, Workspace
@@ -68,16 +68,20 @@ def _broken(*rules: tuple[bool | np.bool_, str]) -> Iterator[str]:
 
 def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
     yield from _broken(
-        (arm.links >= 2 and arm.links % 2 == 0, f"arm.links must be even and at least 2, got {arm.links}"),
+        (
+            arm.links >= 2 and (arm.links % 2 == 0 or arm.proportions is not None),
+            f"arm.links must be at least 2, and even where all links are equal, got {arm.links}",
+        ),
         (
             arm.link_length > 0.0 and arm.radius >= 0.0,
             f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}",
         ),
-        (arm.proportions is None, "arm.proportions must be None: arms of unequal links are not planned yet"),
         (arm.mount_length >= 0.0, f"arm.mount_length must not be negative, got {arm.mount_length}"),
         (arm.joint_limit > 0.0, f"arm.joint_limit must be positive, got {arm.joint_limit}"),
         (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
     )
+    if arm.proportions is not None:
+        yield from _proportion_defects(arm.proportions, arm.links)
     yield from array_defects("arm.base", arm.base, (d,), positive=False)
     yield from _unit_defects("arm.direction", arm.direction, d)
     if d == 2:
@@ -87,6 +91,19 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
     vectors = [np.asarray(vector) for vector in (arm.direction, arm.up)]
     if all(vector.shape == (3,) for vector in vectors) and abs(float(vectors[0] @ vectors[1])) > UNIT_ROUNDING:
         yield "arm.up must be perpendicular to arm.direction"
+
+
+def _proportion_defects(proportions: Proportions, links: int) -> Iterator[str]:
+    for name in ("lengths", "radii", "limits"):
+        values = getattr(proportions, name)
+        found = tuple(array_defects(f"arm.proportions.{name}", values, (links,), positive=name == "lengths"))
+        yield from found
+        if found:
+            continue
+        if name == "lengths" and abs(float(np.mean(values)) - 1.0) > UNIT_ROUNDING:
+            yield f"arm.proportions.lengths must be 1 in the mean, got {float(np.mean(values)):g}"
+        if name != "lengths" and not (np.all(values >= 0.0) and abs(float(np.max(values)) - 1.0) <= UNIT_ROUNDING):
+            yield f"arm.proportions.{name} must be from 0 to 1 and reach 1, got {values.min():g} to {values.max():g}"
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:

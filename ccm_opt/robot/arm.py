@@ -293,6 +293,11 @@ class Arm:
         return limits
 
     @cached_property
+    def locked_joints(self) -> BoolArray:
+        """Mask of the joints that may not bend, shape (links,)."""
+        return np.asarray(self.bend_limits[:: self.bends_a_joint] == 0.0)
+
+    @cached_property
     def lower_limits(self) -> FloatArray:
         """Lower bound of every coordinate of a configuration, shape (c,) [rad, m]."""
         limits = np.concatenate((-self.bend_limits, [axis.low for axis in self.base_axes]))

@@ -1,6 +1,7 @@
 """Drawing of arms, poses, tip paths and planar workspaces with matplotlib, and projections of scenes in space."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -91,25 +92,26 @@ def _name(axes: Axes, obstacle: Obstacle) -> None:
 
 
 def draw_body(
-    axes: Axes, points: FloatArray, radius: float, face: str, edge: str, *, label: str, zorder: float
+    axes: Axes, points: FloatArray, radius: FloatArray | float, face: str, edge: str, *, label: str, zorder: float
 ) -> None:
     """Draw a pose of the arm: the outline of the body, links and joints.
 
     Args:
         axes: axes to draw in.
         points: positions of joints and tip of n links, shape (n + 1, 2) [m].
-        radius: radius of the capsule-shaped links [m]; 0 draws a line.
+        radius: radius of the capsule-shaped links, or of each, shape (n,) [m]; 0 draws a line.
         face: colour of the body.
         edge: colour of outline, links and joints.
         label: label in the legend.
         zorder: drawing order; higher is nearer the viewer.
     """
-    body = shapely.buffer(shapely.LineString(points), radius) if radius > 0.0 else shapely.Polygon()
+    parts = [(shapely.LineString(points[part]), width) for part, width in radius_runs(radius, len(points) - 1)]
+    body = shapely.union_all([shapely.buffer(line, width) for line, width in parts if width > 0.0])
     for part in getattr(body, "geoms", [body]):
         axes.add_patch(
             polygon_patch(part, facecolor=face, edgecolor=edge, linewidth=0.8, alpha=0.85, zorder=zorder, label=label)
         )
-    width = 0.7 if radius > 0.0 else 1.5
+    width = 1.5 if body.is_empty else 0.7
     axes.plot(
         points[:, 0],
         points[:, 1],
@@ -119,6 +121,18 @@ def draw_body(
         markersize=min(1.8, 40.0 / len(points)),
         zorder=zorder + 0.1,
     )
+
+
+def radius_runs(radius: FloatArray | float, links: int) -> list[tuple[slice, float]]:
+    """Return the runs of links of equal radius: the joints of each, its last one's end included, and the radius [m].
+
+    Args:
+        radius: radius of all links, or of each, shape (links,) [m].
+        links: number of links.
+    """
+    radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (links,))
+    starts = np.append(np.flatnonzero(np.append(True, radii[1:] != radii[:-1])), links)
+    return [(slice(int(a), int(b) + 1), float(radii[a])) for a, b in pairwise(starts)]
 
 
 def draw_poses(axes: Axes, poses: FloatArray) -> None:

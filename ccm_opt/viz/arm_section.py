@@ -57,9 +57,9 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
     """
     arm = problem.arm
     place = np.linspace(0.0, arm.length, count, endpoint=False) + 0.5 * arm.length / count
-    link = np.minimum((place / arm.link_length).astype(np.intp), arm.links - 1)
-    along = np.diff(points, axis=0) / arm.link_length
-    origins = points[link] + (place - link * arm.link_length)[:, None] * along[link]
+    link = np.clip(np.searchsorted(arm.joint_places, place, side="right") - 1, 0, arm.links - 1)
+    along = np.diff(points, axis=0) / arm.lengths[:, None]
+    origins = points[link] + (place - arm.joint_places[link])[:, None] * along[link]
     up = _carried_up(along, arm.up)[link]
     left = np.cross(up, along[link])
     rays = np.stack((up, left, -up, -left), axis=1)
@@ -137,11 +137,12 @@ def draw_section(
     nearest = np.where(section.nearest < 0.999 * reach, section.nearest, np.nan) / unit
     for sign, name in ((1.0, "nearest"), (-1.0, "")):
         axes.plot(along, sign * nearest, color=style.BOUNDARY, linewidth=0.8, label=name, zorder=2.5)
-    radius = max(arm.radius, 0.002 * arm.length) / unit
-    axes.fill_between([0.0, arm.length / unit], -radius, radius, color=style.GOAL_ARM, linewidth=0.0, zorder=2)
+    radius = np.repeat(np.maximum(arm.radii, 0.002 * arm.length), 2) / unit
+    ends = np.repeat(arm.joint_places, 2)[1:-1] / unit
+    axes.fill_between(ends, -radius, radius, color=style.GOAL_ARM, linewidth=0.0, zorder=2)
     for limit in (1.0, -1.0):
         wanted = limit * (radius + (problem.workspace.clearance + problem.wanted_gap) / unit)
-        axes.axhline(wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
+        axes.plot(ends, wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
     axes.set_xlim(0.0, arm.length / unit)
     axes.set_ylim(-edge, edge)
     axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: preferred clearance", fontsize=style.FONT_SIZE)

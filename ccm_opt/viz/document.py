@@ -13,7 +13,7 @@ from math import degrees, floor, isfinite, log10, pi
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import METRES
+from ccm_opt.core.length_words import METRES, span_words
 from ccm_opt.problem import LengthUnit, Problem
 from ccm_opt.problem.solution import Solution
 
@@ -368,4 +368,4 @@ def _summary(problem: Problem, units: PageUnits) -> str:
     arm = problem.arm
     count = len(problem.workspace.obstacles)
     among = "in an empty workspace" if count == 0 else f"among {count} obstacle{'s' if count > 1 else ''}"
-    return f"{arm.links} links of {units.length(arm.link_length)} {among}."
+    return f"{arm.links} links of {span_words(arm.lengths, units.length)} {among}."

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -20,7 +21,7 @@ from PIL import Image
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, PlanDrawing, draw_tip_path
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, PlanDrawing, draw_tip_path, radius_runs
 from ccm_opt.viz.plan import draw_goals
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
 from ccm_opt.viz.views import SceneViews, draw_base, view_box, view_window
@@ -57,7 +58,7 @@ class Film:
     axes: Axes
     points: FloatArray
     time: FloatArray
-    radius: float
+    radius: FloatArray
     settings: FilmSettings
     shown: IntArray
     seconds: float
@@ -66,7 +67,7 @@ class Film:
         """Yield the frames of the film as RGB images of equal size."""
         figure, axes = self.figure, self.axes
         arm = _arm(axes, self.points[0], self.radius, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
-        for line in arm:
+        for line, _ in arm:
             line.set_animated(True)
         end = float(self.time[-1])
         faster = end / self.seconds if self.seconds > 0.0 else 1.0
@@ -81,11 +82,11 @@ class Film:
         still = canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
         for k in self.shown:
             canvas.restore_region(still)  # type: ignore[no-untyped-call]
-            for line in arm:
-                line.set_data(*self.points[k].T)
+            for line, part in arm:
+                line.set_data(*self.points[k, part].T)
             clock.set_text(f"{self.time[k]:.2f} s{note}")
             bar.set_width(float(self.time[k]) / max(end, 1e-12))
-            for artist in (*arm, clock, bar):
+            for artist in (*(line for line, _ in arm), clock, bar):
                 figure.draw_artist(artist)
             yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
@@ -103,25 +104,27 @@ class Film:
         return buffer.getvalue()
 
 
-def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str], opacity: float) -> list[Line2D]:
-    """Draw an arm's body, a union of capsules, and its axis, and return both lines.
+def _arm(
+    axes: Axes, points: FloatArray, radii: FloatArray, colours: tuple[str, str], opacity: float
+) -> list[tuple[Line2D, slice]]:
+    """Draw an arm's body, a union of capsules, and its axis, and return the lines with the joints of each.
 
     Args:
         axes: axes to draw in.
         points: positions of joints and tip in the picture, shape (n links + 1, 2) [m].
-        radius: radius of the arm [m].
+        radii: radius of each link, shape (n links,) [m].
         colours: colours of body and axis.
         opacity: opacity of the body, from 0 to 1.
     """
-    left, right = axes.transData.transform([(0.0, 0.0), (2.0 * radius, 0.0)])[:, 0]
-    width = max(72.0 / axes.figure.dpi * float(right - left), 1.0)
-    body, axis = (
-        axes.plot(*points.T, color=colour, zorder=9, solid_capstyle="round", solid_joinstyle="round")[0]
-        for colour in colours
-    )
-    body.set(linewidth=width, alpha=opacity)
-    axis.set(linewidth=1.0)
-    return [body, axis]
+    left, right = axes.transData.transform([(0.0, 0.0), (1.0, 0.0)])[:, 0]
+    scale = 72.0 / axes.figure.dpi * float(right - left)
+    each = radius_runs(radii, len(radii))
+    runs = [(part, max(2.0 * radius * scale, 1.0), colours[0], opacity) for part, radius in each]
+    look: dict[str, Any] = {"zorder": 9.0, "solid_capstyle": "round", "solid_joinstyle": "round"}
+    return [
+        (axes.plot(*points[part].T, color=colour, linewidth=width, alpha=alpha, **look)[0], part)
+        for part, width, colour, alpha in [*runs, (slice(None), 1.0, colours[1], 1.0)]
+    ]
 
 
 def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: SceneViews | None = None) -> Film:
@@ -150,14 +153,14 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
         draw_tip_path(axes, side(points[:, -1]))
         draw_goals(axes, plan, side, poses=False)
         draw_base(axes, side(points[0, 0]), 5.0)
-    _arm(axes, side(points[0]), problem.arm.radius, (style.START, style.START_EDGE), 0.43)
+    _arm(axes, side(points[0]), problem.arm.radii, (style.START, style.START_EDGE), 0.43)
     # In real time unless that takes more frames than the settings allow.
     rate = settings.frames_a_second
     wanted = int(np.ceil(rate * time[-1])) + 1
     count = int(np.clip(wanted, 2, settings.most_frames))
     shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
     seconds = float(time[-1]) if count == wanted else (count - 1) / rate
-    return Film(figure, axes, side(points), time, problem.arm.radius, settings, shown, seconds)
+    return Film(figure, axes, side(points), time, problem.arm.radii, settings, shown, seconds)
 
 
 def _usual_settings(plan: PlanDrawing) -> FilmSettings:

@@ -112,11 +112,13 @@ def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArra
     nearest = int(np.argmin(gaps))
     links = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
     # Two links share the gap between them; the arm's radius is subtracted on both sides.
-    apart = np.abs(np.arange(len(links)) + 1 - link) * problem.arm.length / len(links)
-    far_along = apart > np.pi * problem.arm.radius + 2.0 * problem.arm.length / len(links)
+    arm = problem.arm
+    apart = np.abs(arm.link_middles + 0.5 * arm.lengths - arm.joint_places[link])
+    far_along = apart > np.pi * arm.radius + 2.0 * arm.length / len(links)
     to_links = np.where(far_along, shapely.distance(links, place), np.inf)
-    to_wall = gaps[nearest] - problem.arm.radius - problem.workspace.clearance
-    to_link = 0.5 * float(to_links.min()) - problem.arm.radius
+    radius = float(arm.radii[link - 1])
+    to_wall = gaps[nearest] - radius - problem.workspace.clearance
+    to_link = 0.5 * float(to_links.min()) - radius
     if min(to_wall, to_link) > reach:
         return "its surroundings"
     if to_link < to_wall:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import span_words
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.viz.document import MINUS, NONE, Child, Markup, PageUnits, element, joined, table, three_digits
@@ -144,8 +145,9 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
 
 def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     arm = problem.arm
-    yield "arm", f"{arm.links} links of {units.given(arm.link_length, 'm')}, {units.given(arm.length, 'm')} in total"
-    yield "radius", units.given(arm.radius, "m")
+    each, thick = (span_words(values, lambda value: units.given(value, "m")) for values in (arm.lengths, arm.radii))
+    yield "arm", f"{arm.links} links of {each}, {units.given(arm.length, 'm')} in total"
+    yield "radius", thick
     along = (
         f"heading {units.given(arm.base_heading, 'rad')}"
         if arm.dimension == 2

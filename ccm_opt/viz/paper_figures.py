@@ -239,12 +239,12 @@ def _draw_step(axes: Axes, plan: PlanDrawing, samples: IntArray, title: str) -> 
     draw_workspace(axes, problem.workspace, action_window(problem, plan.points))
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
     first = plan.points[samples[0]]
-    draw_body(axes, first, problem.arm.radius, style.START, style.START_EDGE, label="", zorder=3)
+    draw_body(axes, first, problem.arm.radii, style.START, style.START_EDGE, label="", zorder=3)
     for k, shade in zip(samples[1:-1], shades[1:-1], strict=True):
         axes.plot(*plan.points[k].T, color=shade, linewidth=0.9, zorder=5)
     if len(samples) > 1:
         last = plan.points[samples[-1]]
-        draw_body(axes, last, problem.arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
+        draw_body(axes, last, problem.arm.radii, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
     draw_goals(axes, plan, poses=False)
     axes.set_title(title, fontsize=8, loc="left")
     axes.set_xticks([])
@@ -456,7 +456,7 @@ def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
     """Draw start pose, final pose and tip path of a plan; nothing where no plan was found."""
     if solution is None:
         return
-    points, radius = solution.joint_positions, solution.problem.arm.radius
+    points, radius = solution.joint_positions, solution.problem.arm.radii
     draw_pose(axes, side, points[0], radius, "start", "")
     draw_pose(axes, side, points[-1], radius, "end", "")
     draw_tip_path(axes, side(points[:, -1]))

@@ -75,9 +75,9 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
     in_space = problem.dimension == 3
     sheet = Sheet.for_problem(problem, view_box(problem, points), scene)
     for axes, side in sheet.views:
-        draw_pose(axes, side, points[0], problem.arm.radius, "start")
+        draw_pose(axes, side, points[0], problem.arm.radii, "start")
         draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
-        draw_pose(axes, side, points[-1], problem.arm.radius, "end")
+        draw_pose(axes, side, points[-1], problem.arm.radii, "end")
         draw_tip_path(axes, side(points[:, -1]))
         if not in_space:
             draw_base(axes, points[0, 0])

@@ -42,7 +42,7 @@ def pose_figure(found: StaticPose) -> Figure:
     ends = curve.positions_at(curve.boundaries[1:-1])
     reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
     for axes, side in sheet.views:
-        draw_pose(axes, side, points, problem.arm.radius, "pose", "arm")
+        draw_pose(axes, side, points, problem.arm.radii, "pose", "arm")
         _draw_curve(axes, side(line), side(ends))
         if not in_space:
             _draw_binding(axes, found)

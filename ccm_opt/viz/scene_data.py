@@ -51,6 +51,8 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
         "arm": {
             "links": arm.links,
             "link": arm.link_length,
+            "lengths": arm.lengths.tolist(),
+            "radii": arm.radii.tolist(),
             "radius": arm.radius,
             "base": arm.base.tolist(),
             "direction": arm.direction.tolist(),

@@ -113,11 +113,11 @@ def _simulation_figure(
         dress_view(axes, side, problem)
         # The width of the band depends on the place of its axes.
         figure.draw_without_rendering()
-        draw_pose(axes, side, planned[-1], arm.radius, "start", "planned end")
+        draw_pose(axes, side, planned[-1], arm.radii, "start", "planned end")
         for k, pose in enumerate(between):
             label = "simulated, along the way" if k == 0 else ""
             axes.plot(*side(pose).T, color=style.TIP_PATH, linewidth=1.0, label=label, zorder=5)
-        draw_pose(axes, side, points[-1], arm.radius, "end", "simulated end")
+        draw_pose(axes, side, points[-1], arm.radii, "end", "simulated end")
     draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
     figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -160,7 +160,7 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Tole
     sheet = Sheet.for_problem(problem, view_box(problem, points))
     for axes, side in sheet.views:
         _draw_error_reach(axes, side(points), problem.arm.radius + moved)
-        draw_pose(axes, side, points, problem.arm.radius, "end", "arm")
+        draw_pose(axes, side, points, problem.arm.radii, "end", "arm")
         axes.plot(*side(off).T, color=style.PRESSED, linewidth=1.1, zorder=8, label="with the worst errors")
         _mark_limiting_place(axes, side, error)
     if sheet.section is not None:

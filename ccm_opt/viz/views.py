@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.scene.surfaces import all_within, sharp_edges
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace, whole_workspace
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace, radius_runs, whole_workspace
 from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import PICTURES
 
@@ -343,14 +343,16 @@ LOOKS = {
 """Styles of an arm in one pose: face, edge and drawing order in the plane, colour and opacity of the line in space."""
 
 
-def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: str, label: str | None = None) -> None:
+def draw_pose(
+    axes: Axes, side: Side, points: FloatArray, radius: FloatArray | float, look: str, label: str | None = None
+) -> None:
     """Draw a pose of the arm, in the plane as the outline of the body, in space as a thick line.
 
     Args:
         axes: axes with their limits and aspect set.
         side: projection to the picture plane; ``PLANE`` for a planar arm.
         points: positions of joints and tip of n links, shape (n + 1, d) with d = 2 or 3 [m].
-        radius: radius of the arm [m].
+        radius: radius of the arm, or of each link, shape (n,) [m].
         look: style, a key of ``LOOKS``.
         label: label in the legend; None for the name of the style.
     """
@@ -373,22 +375,23 @@ def draw_base(axes: Axes, place: FloatArray, size: float = 6.0) -> None:
     axes.plot(*place, marker="s", markersize=size, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
-def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
+def draw_arm(axes: Axes, flat: FloatArray, radius: FloatArray | float, colour: str, opacity: float, label: str) -> None:
     """Draw a pose of the arm as a thick line with round ends, to the scale of the drawing.
 
     Args:
         axes: axes with their limits and aspect set.
         flat: positions of joints and tip of n links in the picture, shape (n + 1, 2) [m].
-        radius: radius of the arm [m]; 0 draws a thin line.
+        radius: radius of the arm, or of each link, shape (n,) [m]; 0 draws a thin line.
         colour: colour of the line.
         opacity: opacity of the line, from 0 to 1.
         label: label in the legend.
     """
-    width = max(2.0 * radius * points_a_metre(axes), 1.2)
-    axes.plot(
-        *flat.T, color=colour, linewidth=width, alpha=opacity, zorder=6, label=label,
-        solid_capstyle="round", solid_joinstyle="round",
-    )  # fmt: skip
+    for part, thick in radius_runs(radius, len(flat) - 1):
+        width = max(2.0 * thick * points_a_metre(axes), 1.2)
+        axes.plot(
+            *flat[part].T, color=colour, linewidth=width, alpha=opacity, zorder=6, label="" if part.start else label,
+            solid_capstyle="round", solid_joinstyle="round",
+        )  # fmt: skip
     axes.plot(*flat.T, color=style.GOAL_ARM_EDGE, linewidth=0.5, marker="o", markersize=1.2, zorder=6.1)
 
 

@@ -230,9 +230,14 @@ class HillClimbingPlanner:
         """Plan a smooth joint path from start to goal that is certified collision-free.
 
         Raises:
-            ProblemError: the arm has a feed axis, which is not supported.
+            ProblemError: the arm has a feed axis or unequal links, which are not supported.
             NoPlanFound: no plan reaches the goal; the diagnosis names the schema at which each plan stopped.
         """
+        if problem.arm.proportions is not None:
+            raise ProblemError(
+                'hill climbing maps the curve to pairs of equal links; use planner.method = "nlp", or leave '
+                "arm.sections out"
+            )
         if problem.arm.feed is not None:
             raise ProblemError('hill climbing moves no feed axis; use planner.method = "nlp", or leave arm.feed out')
         with planning_units(problem) as units:

@@ -36,7 +36,7 @@ function armPoints(arm, bends, feed) {
     y = plus(scaled(y, Math.cos(a)), x, -Math.sin(a));
     x = plus(scaled(turned, Math.cos(b)), z, -Math.sin(b));
     z = plus(scaled(z, Math.cos(b)), turned, Math.sin(b));
-    point = plus(point, x, arm.link);
+    point = plus(point, x, arm.lengths[k / (dimension - 1)]);
     points.push(point.slice(0, dimension));
   }
   return points;
@@ -82,7 +82,7 @@ class Motion {
   // Where the last link points, a unit vector.
   pointingAt(time) {
     const points = this.pointsAt(time);
-    return scaled(plus(points[this.arm.links], points[this.arm.links - 1], -1), 1 / this.arm.link);
+    return scaled(plus(points[this.arm.links], points[this.arm.links - 1], -1), 1 / this.arm.lengths[this.arm.links - 1]);
   }
 
   // Times at which all joints have travelled about equally far, both ends among them.

@@ -145,14 +145,13 @@ class PlaneView {
   }
 
   body(name, look) {
-    const width = Math.max(2 * this.data.arm.radius, 0);
-    const shown = svg("polyline", { class: `body ${look}`, "stroke-width": width });
+    const runs = radiusRuns(this.data.arm);
+    const shown = runs.map(run => svg("polyline", { class: `body ${look}`, "stroke-width": 2 * run.radius }));
     const axis = svg("polyline", { class: `axis ${look}` });
-    this.layer(name).append(shown, axis);
+    this.layer(name).append(...shown, axis);
     return points => {
-      const line = this.line(points);
-      shown.setAttribute("points", line);
-      axis.setAttribute("points", line);
+      runs.forEach(({ first, end }, k) => shown[k].setAttribute("points", this.line(points.slice(first, end + 1))));
+      axis.setAttribute("points", this.line(points));
     };
   }
 
@@ -195,13 +194,25 @@ class PlaneView {
   }
 }
 
+// Runs of links of equal radius, each from its first joint to the joint at its end.
+function radiusRuns(arm) {
+  const runs = [];
+  arm.radii.forEach((radius, k) => {
+    if (runs.length && runs.at(-1).radius === radius) runs.at(-1).end = k + 1;
+    else runs.push({ first: k, end: k + 1, radius });
+  });
+  return runs;
+}
+
 function drawMotion(scene, data, motion) {
   for (const region of data.routes.regions ?? []) scene.polygon("regions", region, "region");
   const swept = scene.layer("swept");
   swept.setAttribute("class", "swept");
   for (const time of motion.evenTimes(80)) {
-    const points = scene.line(motion.pointsAt(time));
-    swept.append(svg("polyline", { points, "stroke-width": 2 * scene.data.arm.radius }));
+    const joints = motion.pointsAt(time);
+    for (const { first, end, radius } of radiusRuns(scene.data.arm)) {
+      swept.append(svg("polyline", { points: scene.line(joints.slice(first, end + 1)), "stroke-width": 2 * radius }));
+    }
   }
   scene.body("start", "start")(data.scene.start);
   motion.evenTimes(9).slice(1, -1).forEach((time, k) => {

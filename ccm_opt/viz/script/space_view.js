@@ -110,8 +110,8 @@ function bodyCorners(body) {
 }
 
 function armRods(arm, points, colour, opacity) {
-  const radius = arm.radius || -1.5;
-  return points.slice(1).map((point, k) => [points[k], point, radius, radius, colour, opacity]);
+  const radius = k => arm.radii[k] || -1.5;
+  return points.slice(1).map((point, k) => [points[k], point, radius(k), radius(k), colour, opacity]);
 }
 
 function goalRods(goal, arm, reach) {

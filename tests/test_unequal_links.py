@@ -1,0 +1,217 @@
+"""Arms whose links differ: lengths, radii and limits of their own, in kinematics, files, plans and proofs."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ccm_opt
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError, ProblemFileError
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import problem_from_mapping
+from ccm_opt.io.robot_models import mjcf_text
+from ccm_opt.planning.surface_certificate import SpaceCertificate
+from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm, Proportions
+from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.verification.selfcollision import first_distant, segment_distances
+
+from .space_arms import space_arm
+from .test_export_models import load_mujoco
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def unequal(arm: Arm, seed: int) -> Arm:
+    """The arm with links of random proportions, as long as before."""
+    rng = np.random.default_rng(seed)
+    lengths = rng.uniform(0.4, 1.8, arm.links)
+    radii = np.sort(rng.uniform(0.3, 1.0, arm.links))[::-1]
+    return replace(arm, proportions=Proportions(lengths / lengths.mean(), radii / radii[0], np.ones(arm.links)))
+
+
+def sections(*rows: dict[str, Any]) -> dict[str, Any]:
+    """An arm of sections at the origin of space."""
+    return {"sections": list(rows), "base": {"position": (0.0, 0.0, 0.0)}}
+
+
+def posed(arm: dict[str, Any], goal: tuple[float, float, float] = (0.4, 0.2, 0.1), **obstacles: Any) -> Problem:
+    """A problem of an arm in space among obstacles."""
+    limits = {"velocity": 1.0, "acceleration": 4.0}
+    return ccm_opt.make_problem("sections", arm=arm, obstacles=obstacles, limits=limits, goal={"position": goal})
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 30))
+@settings(max_examples=40, deadline=None)
+def test_joints_lie_as_far_apart_as_links_are_long(seed: int, links: int) -> None:
+    """In any pose, in the plane and in space; places along the arm are sums of the lengths."""
+    rng = np.random.default_rng(seed)
+    for plain in (space_arm(links), Arm.snake(length=0.1 * links, links=links + links % 2, radius=0.01)):
+        arm = unequal(plain, seed)
+        q = rng.uniform(-1.0, 1.0, len(arm.coordinates))
+        steps = np.linalg.norm(np.diff(arm.joint_positions_at(q), axis=0), axis=1)
+        np.testing.assert_allclose(steps, arm.lengths, atol=1e-12)
+        np.testing.assert_allclose(np.diff(arm.joint_places), arm.lengths, atol=1e-12)
+        assert arm.joint_places[-1] == pytest.approx(arm.length)
+        mount = replace(arm, mount_length=float(rng.uniform(0.0, arm.length)))
+        assert float(mount.free_shares @ mount.lengths) == pytest.approx(mount.mount_length)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=5, deadline=None)
+def test_mujoco_knows_the_same_arm(seed: int) -> None:
+    """Places of the joints and holding torques agree with MuJoCo's from our MJCF."""
+    mujoco, model, data = load_mujoco(arm := unequal(space_arm(5), seed))
+    q = np.random.default_rng(seed).uniform(-1.0, 1.0, 2 * arm.links)
+    angles = revolute_angles(arm, q)
+    data.qpos[:] = angles
+    mujoco.mj_forward(model, data)
+    bodies = [data.body(f"link{k + 1:02d}").xpos for k in range(arm.links)]
+    np.testing.assert_allclose(arm.joint_positions_at(q)[:-1], bodies, atol=1e-12)
+    np.testing.assert_allclose(joint_positions_3d(arm, angles)[-1], data.site("tip").xpos, atol=1e-12)
+    assert "capsule" in mjcf_text(arm, "arm", GRAVITY)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 40))
+@settings(max_examples=40, deadline=None)
+def test_the_verifier_counts_distant_links_as_the_arm_does(seed: int, links: int) -> None:
+    """Whatever the lengths and radii; a pair that counts has two links and half a turn about the thicker between."""
+    arm = unequal(space_arm(links, radius=0.03), seed)
+    np.testing.assert_array_equal(first_distant(arm), arm.first_distant)
+    for i, j in zip(*arm.distant_pairs, strict=True):
+        between = arm.joint_places[j] - arm.joint_places[i + 1]
+        assert j - i > 2
+        assert between >= np.pi * arm.radii[i:].max() - 1e-9
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_the_certificate_keeps_each_link_by_its_own_radius(seed: int) -> None:
+    """What is proved to touch nothing keeps, at every sample, the radius of each link from balls and other links."""
+    rng = np.random.default_rng(seed)
+    arm = replace(unequal(space_arm(9, 0.08, radius=0.05), seed), mount_length=0.0)
+    centres = rng.uniform(-0.7, 0.7, (6, 3))
+    problem = posed(
+        sections({"links": 2, "link_length": 0.1, "radius": 0.01, "joint_limit_deg": 40}),
+        (0.1, 0.0, 0.0),
+        **{f"ball {k}": {"sphere": {"center": c.tolist(), "radius": 0.05}} for k, c in enumerate(centres)},
+    )
+    certificate = SpaceCertificate(arm, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
+    start = rng.uniform(-0.5, 0.5, 2 * arm.links)
+    end = start + rng.uniform(-0.1, 0.1, 2 * arm.links)
+    if not certificate.safe(start, end):
+        return
+    first, second = arm.distant_pairs
+    for share in np.linspace(0.0, 1.0, 21):
+        points = arm.joint_positions_at(start + share * (end - start))
+        assert np.all(from_balls(points, centres, 0.05) >= arm.radii - 1e-9)
+        apart = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
+        assert np.all(apart >= arm.radii[first] + arm.radii[second] - 1e-9)
+
+
+def from_balls(points: FloatArray, centres: FloatArray, radius: float) -> FloatArray:
+    """Distance of each link's axis from balls, shape (links,)."""
+    line = np.diff(points, axis=0)
+    away = centres[:, None] - points[:-1]
+    share = np.clip(np.einsum("bld,ld->bl", away, line) / np.sum(line**2, axis=1), 0.0, 1.0)
+    return np.asarray(np.min(np.linalg.norm(away - share[..., None] * line, axis=2), axis=0) - radius)
+
+
+EQUAL = {"links": 8, "link_length": 0.06, "radius": 0.01, "joint_limit_deg": 50}
+
+
+def test_equal_sections_are_the_short_form() -> None:
+    """Two sections alike give the arm of the short form, and so its plan."""
+    halves = {**EQUAL, "links": 4}
+    one, other = posed(sections(halves, halves)), posed({**EQUAL, "base": {"position": (0.0, 0.0, 0.0)}})
+    assert problem_data(one) == problem_data(other)
+    assert one.arm.proportions is None
+
+
+def test_sections_are_read_and_written() -> None:
+    """A taper becomes links of the greater radius; locked joints stay straight; what is written reads the same."""
+    problem = posed(
+        sections(
+            {"links": 3, "link_length": 0.08, "radius": 0.03, "joint_limit_deg": 30, "mass": 0.3},
+            {
+                "links": 4,
+                "link_length": 0.05,
+                "radius": [0.02, 0.012],
+                "joint_limit_deg": 45,
+                "mass": 0.1,
+                "locked": [2],
+            },
+        )
+    )
+    arm = problem.arm
+    np.testing.assert_allclose(arm.lengths, [0.08] * 3 + [0.05] * 4)
+    np.testing.assert_allclose(arm.radii, [0.03] * 3 + [0.02, 0.018, 0.016, 0.014])
+    np.testing.assert_allclose(np.rad2deg(arm.bend_limits[::2]), [360, 30, 30, 45, 0, 45, 45])
+    np.testing.assert_allclose(arm.masses, [0.3] * 3 + [0.1] * 4)
+    again = problem_from_mapping(problem_data(problem)).arm
+    for key in ("lengths", "radii", "bend_limits", "masses", "inertia_axial", "inertia_transverse"):
+        np.testing.assert_allclose(getattr(again, key), getattr(arm, key), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"links": 0}, r"arm\.sections\[0\]\.links"),
+        ({"radius": -0.01}, r"arm\.sections\[0\]\.radius"),
+        ({"radius": [0.02, -0.01]}, r"arm\.sections\[0\]\.radius"),
+        ({"locked": [4]}, r"arm\.sections\[0\]\.locked"),
+        ({"colour": "red"}, r"arm\.sections\[0\]\.colour"),
+        ({"drive": "section"}, r"arm\.sections\[0\]\.drive"),
+    ],
+)
+def test_a_bad_section_is_named_by_its_key(changes: dict[str, Any], told: str) -> None:
+    """And nothing else is reported."""
+    row = {"links": 3, "link_length": 0.08, "radius": 0.02, "joint_limit_deg": 30}
+    with pytest.raises((ProblemFileError, ProblemError), match=told):
+        posed(sections({**row, **changes}, row))
+
+
+def test_keys_of_the_whole_arm_are_refused_beside_sections() -> None:
+    """Lengths are said once."""
+    row = {"links": 3, "link_length": 0.08, "radius": 0.02, "joint_limit_deg": 30}
+    with pytest.raises((ProblemFileError, ProblemError), match=r"arm\.radius: not together with arm\.sections"):
+        posed({**sections(row, row), "radius": 0.02})
+
+
+def test_an_even_number_is_asked_of_equal_links_alone() -> None:
+    """Sections may make an arm of an odd number of links."""
+    assert posed(sections({**EQUAL, "links": 7})).arm.links == 7
+    with pytest.raises((ProblemFileError, ProblemError), match="even number"):
+        posed({**EQUAL, "links": 7, "base": {"position": (0.0, 0.0, 0.0)}})
+
+
+@pytest.mark.planning
+def test_a_thin_tip_goes_where_the_base_does_not_fit() -> None:
+    """Through a slot narrower than the thickest section, and nothing is touched at any sample."""
+    problem = posed(
+        sections(
+            {"links": 6, "link_length": 0.07, "radius": 0.03, "joint_limit_deg": 40},
+            {"links": 9, "link_length": 0.04, "radius": [0.012, 0.008], "joint_limit_deg": 45},
+        ),
+        (0.6, 0.1, 0.0),
+        below={"box": [[0.5, -0.6, -0.6], [0.53, 0.6, -0.013]]},
+        above={"box": [[0.5, -0.6, 0.013], [0.53, 0.6, 0.6]]},
+    )
+    turned = replace(problem.start, bends=np.vstack(([1.4, 0.0], np.zeros((problem.arm.links - 1, 2)))))
+    solution = ccm_opt.solve(replace(problem, start=turned), explain=False)
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+    for points in solution.joint_positions[:: max(1, len(solution.joint_positions) // 200)]:
+        away = tree.distances(np.stack((points[:-1], points[1:]), axis=1), 1.0)
+        assert np.all(away[1:] >= problem.arm.radii[1:] - 1e-6)
+
+
+def test_methods_for_equal_links_refuse_others() -> None:
+    """The paper's planner and maps of the reach say so, instead of taking the links to be equal."""
+    problem = posed(sections({**EQUAL, "links": 3}, {**EQUAL, "links": 4, "link_length": 0.05}))
+    with pytest.raises(ProblemError, match="equal links"):
+        ccm_opt.reach_map(problem)
