@@ -101,13 +101,13 @@ class StepperOf(Generic[AnyUnknowns]):
     def _proved(self, pose: Pose, trial: Pose) -> bool:
         """Return whether the motion from ``pose`` to ``trial`` is certified, or no certificate of steps is required."""
         depth = self.settings.step.proof_depth
-        return depth is None or self.safe(pose.q, trial.q, depth)
+        return depth is None or self.edge_is_safe(pose.v, trial.v, depth)
 
     def leads_to(self, near: Pose, final: Pose) -> bool:
         """Return whether ``final``, a pose exactly on the goal, and the motion to it from ``near`` meet all limits."""
         # In reverse, as after a step: the check of contact is the most costly.
         kept = all(limit.keeps_at_goal(self.space, near, final) for limit in reversed(self.limits))
-        return kept and (self.settings.step.proof_depth is None or self.safe(near.q, final.q))
+        return kept and (self.settings.step.proof_depth is None or self.edge_is_safe(near.v, final.v))
 
     # ------------------------------------------------------------ what is certified
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
