@@ -6,14 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
 from ccm_opt.planning.guides import ArmTrack
+from ccm_opt.planning.settings import SpaceMotionSettings
+from ccm_opt.planning.space_task import space_task
+from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_before
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.snakes_in_space import boxes
 from tests.test_slid_along import LENGTH, fed_arm
+from tests.witness_scenes import witness_scene
 
 UNIT = LENGTH / NOMINAL_LINKS
 KEPT = 0.01
@@ -86,3 +91,13 @@ def test_no_band_is_shorter_than_its_straight_end() -> None:
     band = band_of(fed_arm(8))
     behind = np.array([[-k * band.piece, 0.0, 0.0] for k in range(band.pieces, 0, -1)])
     assert band.along(behind, np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.2, None) is None
+
+
+@pytest.mark.planning
+@pytest.mark.parametrize(("family", "seed"), [("helix", 3), ("pipes", 2), ("ribs", 4)])
+def test_an_arm_of_long_links_slides_through_what_bends_right_after_the_hole(family: str, seed: int) -> None:
+    """One of the first bands suffices, though the goal lies in a bend and shorter ways turn off too sharply."""
+    problem = witness_scene(family, seed, 12).problem
+    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+    motion = find_by_ways(space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings()))
+    assert motion.candidate == "on the track of the tip"

@@ -124,8 +124,7 @@ class ElasticBand:
                 [m], for m pieces per link.
             way: vertices of the tip path, shape (k, 3) [m].
             out: arc length from the end of the guide tube to the beginning of the tip path [m].
-            direction: unit vector along which the path ends, straight over the length of a link, shape (3,); None for
-                any direction.
+            direction: unit vector from the last joint to the end of the path, shape (3,); None for any direction.
             via: via points to be passed in this order, each of shape (3,) [m].
         """
         m = self.pieces
@@ -159,7 +158,7 @@ class ElasticBand:
         fixed[-1] = True
         if direction is not None:
             places[-m - 1 :] = way[-1] - piece * np.arange(m, -1, -1.0)[:, None] * direction
-            fixed[-m - 1 :] = True
+            fixed[-m - 1] = True
         for place in via:
             nearest = int(np.argmin(np.linalg.norm(places - place, axis=1)))
             places[nearest] = place

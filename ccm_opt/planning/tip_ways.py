@@ -82,6 +82,11 @@ Taste."""
 _TURNED = 1.5
 """Radius about the start within which no band leads back, and about the goal within which none overshoots, in nominal
 links."""
+_SIDESTEP = 0.5
+"""Distance by which a path may enter the torus of excessive turns, as paths bend more sharply than joints, in nominal
+links."""
+_SHARP_PRICE = 10.0
+"""Relative extra cost of a path through cells that only an excessive turn reaches from an end. Taste."""
 _BENT_OVER = 1.2
 """Largest bend of a joint on a band, as a multiple of its limit there, for the band to be tried; the next joint
 compensates for the excess."""
@@ -242,10 +247,11 @@ class SpaceTipWays:
             return
         task = self.task
         grid = self._passages(cells)
+        sharp = self._sharp_turns(grid)
         seen: list[FloatArray] = []
         for _ in range(_BANDS):
             places = [self.start, *task.via, self._before_goal(task.arm.link_length / task.unit)]
-            parts = [grid.cheapest_way(*ends, _NEARNESS[0]) for ends in pairwise(places)]
+            parts = [grid.cheapest_way(*ends, _NEARNESS[0], sharp) for ends in pairwise(places)]
             found = [part for part in parts if part is not None]
             if len(found) < len(parts):
                 return
@@ -329,6 +335,31 @@ class SpaceTipWays:
         radius = _TURNED * task.unit
         grid = _closed_about(grid, self.start, radius, -self.heading)
         return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
+
+    def _sharp_turns(self, grid: TipGrid) -> FloatArray:
+        """Return the extra cost of cells beside both ends of a path, to which only too sharp a bend leads directly.
+
+        Circles that touch a path's direction at its end, with joints on them bent as far as they may be, fill a torus
+        without a hole.
+
+        Args:
+            grid: the grid.
+
+        Returns:
+            The costs, of the shape of the grid.
+        """
+        arm = self.task.arm
+        radius = 0.5 * arm.link_length / float(np.sin(0.5 * min(arm.joint_limit, np.pi / 2.0)))
+        tube = max(radius - _SIDESTEP * self.task.unit, 0.0)
+        prices = np.zeros(grid.gaps.shape)
+        for end, direction in ((self.start, self.heading), (self.goal, self.direction)):
+            if direction is not None:
+                block, places = _cube(grid, end, radius + tube)
+                apart = places - end
+                along = apart @ direction
+                across = np.sqrt(np.maximum(np.sum(apart**2, axis=-1) - along**2, 0.0))
+                prices[block][(across - radius) ** 2 + along**2 < tube**2] = _SHARP_PRICE
+        return prices
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
         """Yield tip paths through a grid whose bends all joints of a fed arm can follow; none for a fixed base.
@@ -584,12 +615,24 @@ def _closed_where(
         reach: half of the side of the cube [m].
         closed: function from cell centres (..., 3) to a mask of the cells to be closed.
     """
-    low, high = (grid.index(middle + way * reach) for way in (-1.0, 1.0))
-    about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
-    axes = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
+    about, places = _cube(grid, middle, reach)
     gaps = grid.gaps.copy()
-    gaps[about][closed(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))] = 0.0
+    gaps[about][closed(places)] = 0.0
     return replace(grid, gaps=gaps)
+
+
+def _cube(grid: TipGrid, middle: FloatArray, reach: float) -> tuple[tuple[slice, slice, slice], FloatArray]:
+    """Return the block of cells in a cube, and their centres, shape (nx, ny, nz, 3) [m].
+
+    Args:
+        grid: the grid.
+        middle: middle of the cube, shape (3,) [m].
+        reach: half of the cube's side [m].
+    """
+    low, high = (grid.index(middle + way * reach) for way in (-1.0, 1.0))
+    x, y, z = (slice(a, b + 1) for a, b in zip(low, high, strict=True))
+    axes = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
+    return (x, y, z), np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:

@@ -25,6 +25,7 @@ from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
 from ccm_opt.planning.via_places import passings
 from ccm_opt.planning.withdrawals import turned_over, withdrawn
+from ccm_opt.robot.biarc import free_before
 
 _WANTED_POSES = 8
 """Number of poses at the goal to which motions are tried in turn before sampling."""
@@ -43,9 +44,10 @@ longer (measured in pipes: 16 knots suffice for 8 to 16 links, 22 for 24 links).
 _GRAZING = 0.1
 """Fraction of the preferred clearance below which a motion that leads the tip is replaced, if possible, by a slide of
 all joints along the tip path: the optimisation seldom restores the clearance of such a motion."""
-_TURNS_OFF = 1.5
-"""Number of links that leave the guide tube before the tip leaves its straight path. With a single one the joint at the
-end of the tube would have to bend as it comes out (measured between ribs)."""
+_TURNS_OFF = 0.5
+"""Length beyond that of a link, in links or in nominal links where these are shorter, for which the tip stays on its
+straight path out of the guide tube. Without it the joint at the end of the tube would have to bend as it comes out
+(measured between ribs); half of a long link is more than that joint needs, and more than some pipes have."""
 _TURN = 1.0
 """Largest turn of a link onto the tip's track at which one step aims [rad]. Taste."""
 _SAMPLED = 100
@@ -112,14 +114,16 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.follow_ways(islice(self.ways().first(), 1), failures)
 
     def first_ways(self) -> Iterator[TipWay]:
-        """Yield tip paths that are straight until a joint has left the guide tube, then those that may bend at once.
+        """Yield tip paths that are straight until a joint has left the guide tube, then those that bend earlier.
 
         A passage may bend so near to the end of the tube that only the latter exist for an arm of few links.
         """
         ways = self.ways()
         yield from ways.first()
         if ways.straight > 0.0:
-            yield from replace(ways, straight=0.0).first(bands=False)
+            arm = self.task.arm
+            earlier = max(arm.link_length + free_before(arm) - ways.out, 0.0)
+            yield from replace(ways, straight=min(earlier, ways.straight)).first(bands=earlier < ways.straight)
 
     def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return a motion along one of the tip paths not tried first, or None if all fail."""
@@ -227,7 +231,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             return ways(start.tip_direction)
         feed = float(start.q[-1])
         out = feed + arm.length - arm.hole
-        straight = max(_TURNS_OFF * arm.link_length - out, 0.0)
+        straight = max(arm.link_length + _TURNS_OFF * min(arm.link_length, self.task.unit) - out, 0.0)
         return ways(start.tip_direction, arm.base_range[1] - feed, straight, start.points, out)
 
     def follow_ways(
