@@ -45,7 +45,7 @@ LENGTHS = frozenset(
 )
 """Names of the numbers behind a diagnosis that are lengths."""
 LENGTH_KEYS = frozenset(("arm.radius", "workspace.clearance", "arm.link_length", "arm.feed.range"))
-"""Keys of the problem file that a finding may bound and that are lengths."""
+"""Keys of the problem file whose values are lengths and may be bounded by a finding of a diagnosis."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class OwnUnits:
         )
 
     def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:
-        """Return a diagnosis with its numbers converted to metres; its text is in metres already."""
+        """Return a diagnosis with its lengths converted from arm's units to metres; its text is in metres already."""
         return replace(
             diagnosis,
             evidence={key: self._figure(key, value) for key, value in diagnosis.evidence.items()},
@@ -100,11 +100,11 @@ class OwnUnits:
         )
 
     def findings_in_metres(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """Return findings with their numbers converted to metres."""
+        """Return findings of a diagnosis with their lengths converted from the arm's units to metres."""
         return tuple(self._finding(finding) for finding in findings)
 
     def record_in_metres(self, record: GoalPoseRecord) -> GoalPoseRecord:
-        """Return the record of a goal-pose NLP converted to metres."""
+        """Return the record of a goal-pose NLP with its lengths converted from the arm's units to metres."""
         return replace(
             record,
             curve=self._in_metres(cast("Configuration", record.curve)),
@@ -258,7 +258,7 @@ def _rounded_length(length: float) -> float:
 
 
 def _rounded(values: FloatArray | float) -> FloatArray:
-    """Return values rounded to the number of binary digits that lengths of about one unit have on the grid."""
+    """Return values rounded to as many significant binary digits as a length of one unit has on the grid."""
     mantissa, exponent = np.frexp(values)
     return np.asarray(np.ldexp(np.round(mantissa * GRID) / GRID, exponent))
 
@@ -279,7 +279,7 @@ def _stretched(curve: Configuration, factor: float) -> Configuration:
 
 @contextmanager
 def planning_units(problem: Problem) -> Iterator[OwnUnits]:
-    """Provide the units of a problem's arm to a ``with`` block, whose messages and failures are converted to metres.
+    """Provide a ``with`` block with the units of a problem's arm; messages and failures are converted to metres.
 
     Raises:
         NoPlanFound: raised in the block; its diagnosis is in metres.

@@ -31,7 +31,9 @@ from ccm_opt.planning.tip_paths import TipPath, tip_paths_in, with_base_turn
 
 
 def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | None]:
-    """Yield the task with start and goal exchanged for every known pose at the goal, or None for an unsuitable pose.
+    """Yield the task with start and goal exchanged for every known pose at the goal, None for an unsuitable pose.
+
+    The start becomes a goal of the whole arm.
 
     Args:
         task: task with a goal for the tip or for the whole arm.
@@ -54,7 +56,10 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
-    """Yield backward tasks from goal poses along routes through narrow gates; none for a goal of the whole arm."""
+    """Yield tasks from goal poses back to the start, for poses laid along the routes that lead through narrow gates.
+
+    None are yielded for a goal of the whole arm.
+    """
     if task.goal_pose is None:
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
@@ -63,7 +68,7 @@ def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTa
 
 
 def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
-    """Yield configurations (c,) of the arm along routes through narrow gates; none without such gates.
+    """Yield configurations (c,) with the links laid along each route that leads through narrow gates.
 
     They supplement the goal-pose NLP, whose curves may fail to pass a gate that the arm itself hardly passes.
     """
@@ -80,7 +85,7 @@ def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
 
 
 def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTask:
-    """Return the task from a pose at the goal to the start as a goal for the whole arm.
+    """Return the reversed task: from a pose at the goal to the start, which becomes a goal of the whole arm.
 
     Args:
         task: the task.
@@ -100,7 +105,7 @@ def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTas
 
 
 def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
-    """Return a task whose goal is a given pose of the whole arm at the goal of the tip, a configuration (c,) [rad]."""
+    """Return the task with its goal replaced by a pose of the whole arm at that goal, a configuration (c,) [rad]."""
     points = task.arm.joint_positions_at(q)
     first = task.tip_paths[0]
     return replace(
@@ -137,7 +142,7 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
 
 
 def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return a collision-free pose at the goal, near a given one, that lies in the middle of narrow gates, or None.
+    """Return a collision-free pose at the goal, near a given one, centred in the narrow gates, or None.
 
     From a pose at the very edge of a gate's clearance, no step would lead away. Without gates the result is None.
     """
@@ -172,7 +177,7 @@ def reversed_motion(motion: Motion) -> Motion:
 _ADVANCE = 0.2
 """Distance that the arm is retracted in one step, in nominal links. Taste."""
 _LONGEST_ERROR = 1.0
-"""Largest error of a joint that one step aims to correct, in nominal links. Taste."""
+"""Largest position error of a joint that one step aims to correct, in nominal links. Taste."""
 _STRAND_WEIGHT = 1.0
 """Weight of the distances of retracted joints from their targets, in nominal links, per nominal link. Taste."""
 _BENDING = 0.03
@@ -186,7 +191,8 @@ _BOW = 0.1
 """Curvature to which the arm outside the gates is pulled at first, as the bend of a nominal link [rad]. Taste."""
 
 _LEASH = 0.6
-"""Distance of a joint from its target below which the arm is retracted further, in nominal links. Taste."""
+"""Largest distance of a retracted joint from its target at which the arm is retracted further, in nominal links.
+Taste."""
 _BESIDE = 0.5
 """Distance of the middle of a gate from the arm below which the arm lies in the gate, in nominal links. Taste."""
 
@@ -275,9 +281,9 @@ class SlidingOut:
         return float(np.linalg.norm(self._strand(pose)[1], axis=1).max())
 
     def _strand(self, pose: Pose) -> tuple[IntArray, FloatArray]:
-        """Return the indices of the joints in the gates or beyond, (k,), and the offsets to their targets, (k, 2) [m].
+        """Return the indices of the joints in the gates or beyond, (k,), and the vectors to their targets, (k, 2) [m].
 
-        At least the tip is among them.
+        If none is left there, the tip alone is returned.
         """
         places = self._arcs - self.back
         joints = np.flatnonzero(places >= self.mouth)
@@ -287,7 +293,8 @@ class SlidingOut:
 
 
 WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
-"""Function that returns the next guide, from a tip path, a guide that has ended, and the last pose of that guide."""
+"""Function that makes the guide for the next part of a motion, from the tip path, the guide before and its last
+pose."""
 
 
 def slid_out(
@@ -297,7 +304,7 @@ def slid_out(
     mouths: list[tuple[TipPath, float | None]],
     name: str,
 ) -> Iterator[GuideCandidate]:
-    """Yield guides that slide the arm out of narrow gates, bowed to either side, and then lead on to the goal.
+    """Yield candidates that slide the arm out of narrow gates while it bows to one side, and then lead on to the goal.
 
     Args:
         stepper: solver of QP steps in the plane.
@@ -325,7 +332,7 @@ def slid_out(
 
 
 def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
-    """Return sequences of guide functions that lead an arm from outside the gates to the goal, the quickest first."""
+    """Return alternative sequences of functions whose guides lead from outside the gates to the goal, quickest first."""
     by_tip = partial(_by_tip, stepper)
     if whole_arm is None:
         return [(by_tip,)]
@@ -335,9 +342,9 @@ def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn,
 
 
 def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm, at the start, enters the first gate on a tip path, or None.
+    """Return the arc length along the arm at the start, from the base, at which it enters its first narrow gate [m].
 
-    Arc lengths are in metres; the result is None if the arm lies in no gate.
+    Only gates on the tip path count; None if the arm lies in none of them.
     """
     axis = shapely.LineString(start.points)
     beside = _BESIDE * stepper.space.nominal_length

@@ -25,22 +25,22 @@ _NARROW = 2.5
 third of the passage's width, and should not be less than a nominal link."""
 
 _ROOMY = 3.2
-"""Width of such a passage in shortened nominal links. Taste."""
+"""Width of a narrow passage in shortened nominal links. Taste."""
 _FITTING_SHARE = 0.8
-"""Largest planning margin as a fraction of the gap beside the arm. Taste: a margin equal to the gap would leave the arm
-no freedom to move."""
+"""Largest usable planning margin, as a fraction of the gap beside the arm. Taste: a margin equal to the gap would leave
+the arm no freedom to move."""
 _MARGIN_SHARE = 0.5
-"""Margin where none of the usual ones fits, as a fraction of the gap beside the arm. Taste."""
+"""Planning margin if none of the usual ones fits, as a fraction of the gap beside the arm. Taste."""
 
 SPARE = 1.001
-"""Factor by which lines are lengthened whose crossings with edges are sought, against rounding errors."""
+"""Factor by which lines are lengthened before their crossings with edges are sought, so that rounding misses none."""
 
 
 def required_nominal_links(task: MotionTask) -> float:
     """Return the number of nominal links along the arm that the narrowest passage of the first tip path requires.
 
-    It is at least the usual number and at most the arm's number of links, as nominal links shorter than links are of no
-    use; arms with no more links than the usual number always get the latter.
+    It is at least the usual number and at most the arm's number of links, since nominal links shorter than links are of
+    no use; arms with no more links than the usual number get the usual number.
     """
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
@@ -70,9 +70,10 @@ def fitting_margins(task: MotionTask) -> tuple[float, ...]:
 
 
 def gap_beside_arm(task: MotionTask) -> float:
-    """Return the smallest gap on either side of the arm along the widest tip path, at its gates and at its goal [m].
+    """Return the smallest gap beside an arm centred in the passages of the tip path for which that gap is largest [m].
 
-    0 without tip paths; negative if every path is narrower than the arm with its clearance.
+    Passages, gates and the goal of each path count, and the clearance is subtracted: the result is negative if every
+    path is too narrow, and 0 without tip paths.
     """
     arm = task.arm
     walls = task.workspace.flat_walls
@@ -88,7 +89,7 @@ def gap_beside_arm(task: MotionTask) -> float:
 
 
 def _room_about(task: MotionTask, places: FloatArray) -> float:
-    """Return the distance from points (m, 2) [m] to the nearest wall [m]; inf for no points."""
+    """Return the least distance between any of the points (m, 2) and the walls [m]; inf if there are no points."""
     return task.gap_about(places) + task.arm.tip_radius + task.workspace.clearance
 
 

@@ -24,7 +24,7 @@ _FIRST_SPANS = 48
 _MOST_SPANS = 1200
 """Number of spans above which refinement is given up. Taste."""
 _ROUNDS = 10
-"""Maximum number of paths computed, between which spans are halved. Taste."""
+"""Maximum number of rounds, in each of which a path is computed and spans that violate limits are halved. Taste."""
 _NEWTON_STEPS = 12
 """Maximum number of steps of Newton's method that move a knot onto the limits. Taste."""
 _MET = 1e-10
@@ -33,26 +33,26 @@ verifier permits."""
 _RANK = 1e-09
 """Fraction of the largest singular value below which singular values count as zero. Taste."""
 _JOINT_SHARE = 0.995
-"""Fraction of a joint limit to which larger bends are reduced. Taste."""
+"""Fraction of a joint limit to which bends beyond that fraction are reduced. Taste."""
 
 _CERTIFIED_SAMPLES = 12
 """Number of samples of a span between which the certificate assumes the path to be linear. Taste."""
 _MOST_CERTIFIED = 6000
-"""Approximate maximum number of these samples on the whole path. Taste: it bounds the time of the certificate."""
+"""Approximate maximum number of the certificate's samples on the whole path. Taste: it bounds the computing time."""
 
 
 Free: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Returns, for a configuration (c,), a mask of shape (c,): 1 for coordinates that a knot may change, else 0."""
+"""Function from a configuration (c,) to a mask (c,): 1 for coordinates that moving a knot may change, 0 for others."""
 
 
 def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatArray, free: Free) -> BSpline | None:
-    """Return a spline through points of a given path that are moved onto limits, refined until it keeps the limits.
+    """Return a spline through points of a path moved onto limits, refined until it respects the limits, or None.
 
     Args:
         base: a smooth path near a certified motion, over the path parameter in [0, 1], values (c,).
         limits: user limits that the path has to keep.
         bends: joint limits, shape (b,) [rad].
-        free: mask of the coordinates that may be changed.
+        free: function that returns the mask of the coordinates that may be changed.
 
     Returns:
         The spline, values (c,); None if the refinement does not converge.
@@ -85,7 +85,7 @@ def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatA
 
 
 def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
-    """Return knots: those of the base and the breaks, with all spans halved until there are at least ``least``."""
+    """Return knots: those of the base spline and the breaks, halved until there are ``least`` spans or more."""
     knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
     while len(knots) - 1 < least:
         knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))
@@ -95,12 +95,14 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
 def moved_onto(
     limits: tuple[UserLimit, ...], bends: FloatArray, free: Free, q: FloatArray, u: float
 ) -> FloatArray | None:
-    """Return a configuration moved by minimum-norm Newton steps to meet equations, violated gaps and joint limits.
+    """Return a configuration at which all limits are met, found by minimum-norm Newton steps, or None.
+
+    Equations, violated inequalities and exceeded joint limits are corrected.
 
     Args:
         limits: user limits that the path has to keep.
         bends: joint limits, shape (b,) [rad].
-        free: mask of the coordinates that may be changed.
+        free: function that returns the mask of the coordinates that may be changed.
         q: configuration, shape (c,) [rad, m].
         u: path parameter.
 

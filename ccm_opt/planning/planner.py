@@ -72,7 +72,7 @@ _SHARE_IN_THE_PLANE = 0.9
 _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
 _CONTACT_SHARE = 0.5
-"""Fraction of the contact tolerance that planning uses. Taste."""
+"""Fraction of the problem's contact tolerance up to which planning accepts penetration. Taste."""
 _STRAIGHT = 1e-9
 """Bend below which a joint counts as straight [rad]."""
 _SQUARE = 1e-6
@@ -86,7 +86,7 @@ class _Planned:
     Attributes:
         motions: certified motions, of which the first with a certified smooth path is used.
         end: record of the goal pose by the NLP, or None.
-        behind_tip: path to that pose on which the arm follows its tip without optimisation, or None.
+        behind_tip: path to the goal on which the arm follows the path of its tip and which is not optimised, or None.
     """
 
     motions: tuple[SpaceMotion, ...]
@@ -95,15 +95,15 @@ class _Planned:
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
-    """Return a certified, optimised motion derived from a known one.
+    """Return a certified, optimised motion for a task, derived from a motion for a similar task, or None.
 
     Args:
         known: a motion from the same start to another goal or among other walls.
         task: the current arm, workspace, goal and limits.
 
     Returns:
-        The motion; None if the known motion cannot be adapted, which does not prove that the task has no solution, and
-        for goals of the whole arm and tasks with user limits.
+        The motion; None for goals of the whole arm, for tasks with user limits, and if the known motion cannot be
+        adapted, which does not prove that the task has no solution.
     """
     if task.goal_pose is not None or task.user_limits:
         return None
@@ -118,10 +118,12 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
 
 
 def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion deformed, increasingly towards its end, or extended to end at the goal.
+    """Return a known motion deformed more and more along its length to end at the goal, or extended to the goal.
+
+    The extended motion is returned if no deformed one is certified.
 
     Args:
-        known: the motion.
+        known: the known motion.
         coordinates: coordinates of its keyframes in the link space of the stepper, shape (K, p).
         stepper: solver of QP steps that move the last keyframe to the goal.
         task: the task with the goal.
@@ -143,10 +145,10 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
 
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion tracked by steps that avoid the current walls, then moved onto the goal; None on failure.
+    """Return a motion that tracks a known one by steps that avoid the current walls, and ends at the goal, or None.
 
     Args:
-        known: the motion.
+        known: the known motion.
         start: coordinates of the start, shape (p,).
         stepper: solver of QP steps.
         task: the task with the goal.
@@ -349,10 +351,10 @@ class MotionPlanner:
         return SAMPLED_WAYS if self.sampled else WAYS
 
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
-        """Return the optimised motion and the motion as found, with the record of the goal pose.
+        """Return the optimised motion in space and the motion as found, with the record of the goal pose.
 
-        The motion as found is kept because its smooth path may be certified where that of the shorter, optimised motion
-        lacks clearance.
+        The motion as found is kept because its smooth path may be certified if that of the shorter, optimised motion
+        lacks clearance. If the arm can simply follow its tip, only that motion and its path are returned.
 
         Raises:
             NoPlanFound: no motion was found.
@@ -375,7 +377,7 @@ class MotionPlanner:
         return _Planned(motions, ending.record)
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
-        """Return the motion of an arm with many links, planned for an arm with few links and then refined.
+        """Return the motion in space of an arm with many links, planned with few links and then refined, or None.
 
         None if the task is to be planned with its own links (see ``nominal_task``), or if planning or refinement fails.
         """
@@ -427,7 +429,7 @@ def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...
 
 
 def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:
-    """Return the limits of a motion in the plane on a feed axis; none where the base is fixed."""
+    """Return the limits of a planar arm on a feed axis (guide tube, following its tip); none if the base is fixed."""
     if not arm.base_axes:
         return ()
     tube = GuideTubeLimit(arm, travel_between_samples(arm, problem.limits))
@@ -439,12 +441,12 @@ def _nothing_proved() -> None:
 
 
 def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
-    """Return the settings with the contact tolerance set to a fraction of the problem's."""
+    """Return certificate settings with the contact tolerance set to a fraction of the problem's."""
     return replace(settings, contact=_CONTACT_SHARE * problem.contact_tolerance)
 
 
 def slowness(problem: Problem) -> JointSlowness:
-    """Return the slowness of joints and base in the plane, from their velocity and acceleration limits.
+    """Return the cost of moving each joint and the base of a planar arm, from velocity and acceleration limits.
 
     Planar bends are rotations about the second of the three axes that the limits list for each joint.
     """
@@ -458,7 +460,7 @@ def slowness(problem: Problem) -> JointSlowness:
 
 
 def turn_per_link(problem: Problem) -> float:
-    """Return the angle by which a joint of mean velocity limit turns while the base travels one link length [rad]."""
+    """Return the turn of a joint at the mean speed limit while the base travels one link length at its own [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
 
@@ -477,10 +479,10 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
 
 
 def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
-    """Return the number of joints from the base that a wall at the mount's end holds straight.
+    """Return the number of joints, counted from the base, that a wall at the mount's end forces to stay straight.
 
-    It is 0 for an arm on a feed axis, without a wall that is perpendicular to the mount and within clearance of its
-    end, and if start or goal bends one of these joints.
+    It is 0 for an arm on a feed axis, if no wall perpendicular to the mount is within clearance of its end, and if the
+    start or the goal bends one of these joints.
     """
     arm = problem.arm
     first, share = arm.mount_end

@@ -13,8 +13,8 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RANK = 1e-10
-"""Fraction of the largest singular value below which singular values count as zero, so that dependent rows are left
-out. Taste."""
+"""Fraction of the largest singular value below which singular values count as zero, so that linearly dependent rows of
+a matrix have no effect. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,10 @@ class Pose:
         slopes: derivatives of the configuration with respect to the unknowns, shape (c, p).
         points: joint and tip positions, shape (n + 1, d) [m].
         moving: derivatives of the points with respect to the unknowns, shape (n + 1, d, p) [m].
-        turning: angular velocities of the links for a unit of each unknown, shape (n, t, p) [rad].
-        frames: rotations of the links, shape (n, d, d); the first column is the direction of the link.
+        turning: derivatives of the links' rotations with respect to the unknowns: the angular velocity for a unit rate
+            of each unknown, shape (n, t, p) [rad].
+        frames: rotation matrices from the frame of each link to the world, shape (n, d, d); the first column is the
+            direction of the link.
     """
 
     v: FloatArray
@@ -103,7 +105,7 @@ class CurveUnknowns(ABC):
 
     @property
     def nominal_per_link(self) -> float:
-        """Number of nominal links per link, the weight of a term that is summed over all links."""
+        """Number of nominal links per link: weight of each link in sums over links, which then do not grow with links."""
         return self.nominal_links / self.arm.links
 
     # ------------------------------------------------------------ configurations
@@ -115,7 +117,7 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def of_shape(self) -> BoolArray:
-        """Mask of the unknowns that shape the curve, shape (p,); others blend the pose into a goal for the arm."""
+        """Mask of the unknowns that shape the curve, shape (p,); others blend the pose into a goal of the whole arm."""
 
     @abstractmethod
     def configurations(self, v: FloatArray) -> FloatArray:
@@ -126,11 +128,14 @@ class CurveUnknowns(ABC):
         """Return the pose, with its derivatives, for unknowns of shape (p,)."""
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses for m sets of unknowns, shape (m, p)."""
+        """Return m poses, one for each row of unknowns, shape (m, p)."""
         return tuple(self.pose(v) for v in unknowns)
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Return unknowns between which configurations change linearly, from ``before`` to ``after``, both included."""
+        """Return unknowns from ``before`` to ``after``, both included, between which configurations are linear.
+
+        Each has shape (p,).
+        """
         return [before, after]
 
     def along(self, spline: BSpline) -> BSpline:
@@ -138,7 +143,7 @@ class CurveUnknowns(ABC):
         return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """Return unknowns of keyframes (K, p) with others added, (m, p), so that configurations are linear between."""
+        """Return keyframes' unknowns (K, p) with others inserted so that configurations are linear between, (m, p)."""
         return unknowns
 
     @property
@@ -149,16 +154,16 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drive positions with respect to the unknowns, shape (c, p), if the map is affine."""
+        """Derivatives of drive positions with respect to the unknowns, shape (c, p); valid only for an affine map."""
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return the positions of the drives in configurations, both (..., c); here the configurations themselves."""
+        """Return the drive positions for configurations, both of shape (..., c); in this class they are equal."""
         return q
 
     # ------------------------------------------------------------ bends
     @property
     def bend_limits(self) -> FloatArray:
-        """Bound on the absolute value of every bend, shape (b,) [rad]."""
+        """Upper bound on the absolute value of every joint bend, shape (b,) [rad]."""
         return self.arm.bend_limits
 
     def bends(self, q: FloatArray) -> FloatArray:
@@ -177,53 +182,53 @@ class CurveUnknowns(ABC):
 
     @property
     def curvature_differences(self) -> FloatArray:
-        """Derivatives of the curvature differences between neighbouring knots, at most m − 1 rows of p [1/m]."""
+        """Derivatives of differences of curvature between neighbouring knots, p columns, at most m − 1 rows [1/m]."""
         return np.diff(self.curvature_rows, axis=0)
 
     @cached_property
     def knot_bends(self) -> FloatArray:
-        """Derivatives of the curvatures at the knots, as bends of a nominal link, by the unknowns, (m, p) [rad].
+        """Derivatives with respect to the unknowns of curvature times nominal link length at the knots, (m, p) [rad].
 
-        Weights on these bends suit arms of any size.
+        The product is the bend of a nominal link, so that weights on these rows suit arms of any size.
         """
         return self.nominal_length * self.curvature_rows
 
     @cached_property
     def knot_bend_differences(self) -> FloatArray:
-        """Derivatives of the curvature differences between neighbouring knots, as bends of a nominal link [rad].
+        """Derivatives of the differences of curvature times nominal link length between neighbouring knots [rad].
 
-        The array has p columns and at most m − 1 rows.
+        They are derivatives with respect to the p unknowns; there are at most m − 1 rows and p columns.
         """
         return self.nominal_length * self.curvature_differences
 
     @property
     def following_rows(self) -> FloatArray:
-        """Derivatives of the curve fixed in the world on which a fed arm lies, by the unknowns, (m, p) [1/m].
+        """Derivatives of the curvature of the world-fixed curve on which a fed arm lies, at m knots, (m, p) [1/m].
 
-        There are no rows if the curve moves with the base.
+        They are derivatives with respect to the unknowns; there are no rows if the curve moves with the base.
         """
         return np.zeros((0, self.dimension))
 
     # ------------------------------------------------------------ metrics
     @property
     def heading_metric(self) -> FloatArray:
-        """Metric of the sum of squared link turns in the unknowns, (p, p); 0 if the metric depends on the pose."""
+        """Matrix M, with δᵀ M δ the sum of squared link turns for a change δ of unknowns; 0 if it depends on the pose."""
         return np.zeros((self.dimension, self.dimension))
 
     @abstractmethod
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric M of squared link turns and base travel in the unknowns at a pose, shape (p, p)."""
+        """Return M (p, p) with δᵀ M δ = squared link turns and base travel for a change δ of unknowns at a pose."""
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return M⁻¹ Rᵀ, shape (p, k), for rows R, shape (k, p), and the metric M at a pose.
+        """Return M⁻¹ Rᵀ, shape (p, k), for derivatives R of k quantities, shape (k, p), and the metric M at a pose.
 
-        The columns span the changes of the unknowns that change the rows while moving the links least.
+        The columns span the changes of the unknowns that change these quantities while moving the links least.
         """
         return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
 
 def turn_rows(arm: Arm, pose: Pose) -> FloatArray:
-    """Return the derivatives of link turns [rad] and base travel [link lengths] by the unknowns at a pose, (r, p)."""
+    """Return derivatives of link turns [rad] and base travel [link lengths] with respect to the unknowns, (r, p)."""
     base = pose.slopes[arm.coordinates.base] / arm.link_length
     return np.vstack((pose.turning.reshape(-1, len(pose.v)), base))
 

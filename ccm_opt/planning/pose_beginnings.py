@@ -43,7 +43,8 @@ from ccm_opt.scene.free_space import FreeSpace
 _DIFFERENT = 0.3
 """Difference in the heading of a link above which two configurations count as different [rad]. Taste."""
 _BEGINNINGS = 2
-"""Maximum number of configurations along each route. Taste: one with the surplus length bulging to either side."""
+"""Maximum number of configurations along each route. Taste: one for each side to which the arm's surplus length can
+bulge."""
 _BROUGHT_ROUNDS = 20
 """Maximum number of rounds of random poses that are moved onto the goal. Taste: a tenth of a second each."""
 
@@ -86,7 +87,7 @@ class PoseBeginning:
 
 
 def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
-    """Yield configurations of the curve along each route, or the reason why there is none, shortest route first.
+    """Yield guesses along each route, shortest first: configurations with a curve along it, or why there is none.
 
     Args:
         problem: problem in the plane, with a goal for the tip.
@@ -208,7 +209,7 @@ def brought_poses(
 
 
 def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[FloatArray]:
-    """Return different configurations of the curve along a route as link headings, at least one.
+    """Return link headings of one or more different configurations whose curve follows a route, each (links,) [rad].
 
     Args:
         problem: problem in the plane.
@@ -217,7 +218,7 @@ def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[
         route: the route.
 
     Raises:
-        ConfigurationNotFound: no curve fits through the corridor, even with the full curvature.
+        ConfigurationNotFound: no curve fits through the corridor about the route, even with the full curvature.
     """
     for share in (CURVATURE_SHARE, FULL_CURVATURE_SHARE):
         task = configuration_task(problem, ends, room, route, share)
@@ -228,10 +229,7 @@ def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[
 
 
 def _configurations(problem: Problem, task: ConfigurationTask) -> tuple[list[FloatArray], list[FailedAttempt]]:
-    """Return different configurations of the curve through one corridor, as link headings (links,) [rad].
-
-    The failed attempts are returned as well.
-    """
+    """Return link headings (links,) of different configurations along one corridor [rad], and the failed attempts."""
     found: list[FloatArray] = []
     failures: list[FailedAttempt] = []
     if beyond_reach(task) is not None:

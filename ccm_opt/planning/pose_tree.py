@@ -22,13 +22,13 @@ _TO_SHAPE = 0.25
 """Probability weight of leading the whole arm to a random shape. Taste, as all weights of extensions: different kinds
 succeed in different scenes, so every kind is used."""
 _TO_BUMP = 0.15
-"""Probability weight of bending a part of the arm aside."""
+"""Probability weight of bending a part of the arm sideways."""
 _TO_PLACE = 0.15
 """Probability weight of leading the tip to a random point."""
 _ALONG_ROUTE = 0.1
 """Probability weight of leading the tip back along the arm and out along a route."""
 _FOLDED = 0.15
-"""Probability weight of pulling the arm over to a route like a rope."""
+"""Probability weight of laying the arm onto a route by a fold that travels along the arm."""
 _TO_OTHER = 0.2
 """Probability weight of leading the whole arm to a pose of the other tree."""
 _BUMP_WIDTHS = (0.05, 0.3)
@@ -59,7 +59,7 @@ class PoseTree:
         heading_weight: weight of a radian of heading relative to the length of the arm in the distance of two poses.
         poses: pose of each node.
         parents: index of the parent of each node, -1 for a root.
-        edges: poses of the motion from the parent to each node, without that of the parent.
+        edges: for each node, poses of the motion from the parent to the node, without that of the parent.
         uses: number of times that each node has been chosen for an extension.
     """
 
@@ -137,9 +137,9 @@ class ExtensionSampler:
 
     Attributes:
         stepper: solver of QP steps in the plane.
-        free_space: free space of the tip, punctured at the base.
+        free_space: free space of the tip, in which the base of the arm is a point obstacle.
         routes: routes from the base to the points that the tip should reach, each of shape (k, 2) [m].
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that tip paths keep from obstacle corners where possible [m].
         rng: source of every random choice.
     """
 
@@ -150,7 +150,7 @@ class ExtensionSampler:
     rng: np.random.Generator
 
     def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return a random extension of a tree, of one of six kinds, one of which leads towards the other tree."""
+        """Return a random extension of ``tree``, of one of six kinds; one kind leads towards poses of ``other``."""
         kinds: list[tuple[float, Callable[[], Extension]]] = [
             (_TO_SHAPE, partial(self.to_shape, tree)),
             (_TO_BUMP, partial(self.to_bump, tree)),
@@ -166,7 +166,7 @@ class ExtensionSampler:
         return draw()
 
     def to_shape(self, tree: PoseTree) -> Extension:
-        """Return an extension that leads the nearest node to a smooth random shape of the whole arm."""
+        """Return an extension to a smooth random shape of the whole arm, from the node nearest to that shape."""
         arm = self.stepper.space.arm
         knots = self.rng.normal(0.0, _SHAPE_CURVATURE / arm.links, _SHAPE_KNOTS)
         bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
@@ -176,7 +176,10 @@ class ExtensionSampler:
         return self._towards(tree, tree.nearest(shape), shape)
 
     def to_bump(self, tree: PoseTree) -> Extension:
-        """Return an extension that bends a part of the arm at a random node aside, by headings near a random link."""
+        """Return an extension that bends a part of the arm at a random node sideways.
+
+        The headings change by a Gaussian bump of random height and width around a random position along the arm.
+        """
         node = self._any(tree)
         width = self.rng.uniform(*_BUMP_WIDTHS)
         at = self.rng.uniform(0.0, 1.0)
@@ -185,7 +188,7 @@ class ExtensionSampler:
         return self._towards(tree, node, self._pose(tree.poses[node].q + np.diff(bump, prepend=0.0)))
 
     def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return an extension that leads the nearest node to a random pose of the other tree."""
+        """Return an extension to a random pose of the other tree, from the node nearest to that pose."""
         target = other.poses[self._any(other)]
         return self._towards(tree, tree.nearest(target), target)
 
@@ -207,9 +210,9 @@ class ExtensionSampler:
         return self._tip_led(tree, node, lambda: taut_round_base(self.free_space, points, route, side, self.shrink))
 
     def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return an extension that pulls the arm of a random node over to a random route by a travelling fold.
+        """Return an extension that lays the arm at a random node onto a random route by a travelling fold.
 
-        If the route is too long, an extension to a random shape is returned instead.
+        If there is no path or no such fold, an extension to a random shape is returned instead.
         """
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
@@ -227,7 +230,7 @@ class ExtensionSampler:
         return node, candidate.make_guide()
 
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
-        """Return an extension that leads the tip of a node along a path, or one to a random shape without such a path.
+        """Return an extension that leads the tip of a node along a path or, if there is none, one to a random shape.
 
         Args:
             tree: tree to be extended.

@@ -39,8 +39,8 @@ _FARTHEST = 0.3
 _PLACES_DRAWN = 16
 """Number of points sampled at once to find a free one. Taste."""
 _NEARNESS = 0.17
-"""Distance of the tip from the goal at which walks begin 1/e as often as at the goal, as a fraction of the arm's
-length. Taste."""
+"""Scale of distance from the goal: a walk begins 1/e times as often at a tip this far from the goal as at one at the
+goal, as a fraction of the arm's length. Taste."""
 
 _FROM_START = 0.35
 """Probability that a walk begins at the start, and not at the end of another walk. Measured: fewer fields of obstacles
@@ -54,8 +54,8 @@ _ABOUT_GOAL = 0.7
 _NEAREST = 0.05
 """Minimum distance of sampled points from the tip or goal, as a fraction of the arm's length. Taste."""
 _ROUNDING = (0.5, 1.0, 2.0)
-"""Distances that the tip paths of walks keep from corners, as multiples of the usual distance. Measured: with several
-the mean time to a solution was 3.3 s instead of 4.1."""
+"""Distances that tip paths keep from obstacle corners, one sampled for each walk, as multiples of the usual distance.
+Measured: with several the mean time to a solution was 3.3 s instead of 4.1."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,9 @@ class TipWays:
 
     Attributes:
         arm: the arm.
-        free_space: free space of the tip, punctured at the base.
+        free_space: free space of the tip, in which the base of the arm is a point obstacle.
         goal: goal of the tip.
-        shrink: distance kept from corners where possible [m].
+        shrink: distance that tip paths keep from obstacle corners where possible [m].
         settings: settings of the walks.
     """
 
@@ -77,9 +77,9 @@ class TipWays:
     settings: TipWalkSettings
 
     def straight_on(self, pose: Pose) -> FloatArray | None:
-        """Return the tip path back along the arm to the joint nearest to the goal, then to the goal, (k, 2) [m].
+        """Return the tip path from a pose that leads first back along the arm and then to the goal, (k, 2) [m].
 
-        The result is None if the path is blocked. ``pose`` is the present pose of the arm.
+        It leaves the arm at the joint nearest to the goal and is shortened within its homotopy class; None if blocked.
         """
         entry, place = self._run_in(pose)
         nearest = int(np.argmin(np.linalg.norm(pose.points - entry, axis=1)))
@@ -105,9 +105,9 @@ class TipWays:
         return self._led_onto(np.vstack((tip, via, entry)), place, shrink), True
 
     def _led_onto(self, polyline: FloatArray, place: FloatArray, shrink: float) -> FloatArray | None:
-        """Return the shortest path in the homotopy class of a polyline (m, 2), extended to a point (2,), (k, 2) [m].
+        """Return the shortest path in the homotopy class of a polyline (m, 2), continued to a point (2,), (k, 2) [m].
 
-        The result is None if the path is blocked. ``shrink`` is the distance kept from corners [m].
+        The result is None if the polyline is blocked. ``shrink`` is the distance kept from obstacle corners [m].
         """
         try:
             taut = self.free_space.taut_path(polyline, shrink)
@@ -116,13 +116,16 @@ class TipWays:
         return taut if np.array_equal(taut[-1], place) else np.vstack((taut, place))
 
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return both ends of the straight approach to the goal's member nearest to a pose, each of shape (2,) [m]."""
+        """Return first and last point of the straight approach to the goal, each of shape (2,) [m].
+
+        If the goal is a set, the approach leads to its member nearest to the pose.
+        """
         member = self.goal.nearest_member(pose.tip, pose.tip_direction)
         length = self.arm.length / NOMINAL_LINKS
         return run_in(self.free_space, member.position, member.heading, length), member.position
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a random point near a given one, shape (2,) [m], that is free if any of several samples is."""
+        """Return a random point near a given one, shape (2,) [m]; it is not free if none of several samples is."""
         angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
         distances = self.arm.length * rng.uniform(_NEAREST, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
@@ -132,11 +135,11 @@ class TipWays:
 
 
 WALKS = "random tip paths"
-"""Name of the candidate whose motions are found by walks of the tip."""
+"""Candidate name of motions found by random walks of the tip."""
 
 
 def is_walked(task: MotionTask) -> bool:
-    """Return whether a task suits random walks of the tip: many walls near, and a goal for the tip alone."""
+    """Return whether random walks of the tip are tried for a task: many walls near, and a goal for the tip alone."""
     fits = not task.parametric and task.goal_pose is None
     return fits and task.among_many_walls and len(task.tip_paths) > 0
 
@@ -147,7 +150,7 @@ def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = Fal
     Args:
         task: arm, workspace, start, goal and limits.
         failures: list to which the failures of candidates are appended.
-        late: whether this is the second turn, before the search by trees, with more and other walks than the first.
+        late: whether this is the second attempt, before the search by trees, with more and other walks than the first.
     """
     settings = task.settings.tip_walks
     runs = [PlanarRun.from_task(task, margin) for margin in settings.margins]
@@ -268,7 +271,10 @@ class TipWalks:
         return poses, True
 
     def _beginning(self) -> int:
-        """Return the index of the pose at which the next walk begins, the start or a little used one near the goal."""
+        """Return the index in ``reached`` of the node at which the next walk begins: the start or a random other node.
+
+        Nodes that are near the goal and have seldom been used are preferred.
+        """
         if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached

@@ -44,25 +44,25 @@ _DESIGN_LINKS = 24
 """Number of links with which arms of more links are planned; more where narrow passages require it. Measured: of 38
 motions found in clutter with this many links, 34 were certified unchanged for arms with more links."""
 _MANY_LINKS = 1.5
-"""Multiple of that number of links above which planning with fewer links pays. Taste."""
+"""Multiple of the coarse arm's number of links above which planning with the coarse arm pays. Taste."""
 REFINEMENT_MARGIN = 3e-3
 """Margin kept in the optimisation of a motion that is to be refined, as a fraction of the arm's length. Taste: about
 the distance of an arm of 24 links from its curve."""
 _REPAIR_MARGIN = 1.5e-3
 """Planning margin of the repair of a refined motion, as a fraction of the arm's length. Taste."""
 _COARSE_ROOM = 0.04
-"""Gap that the coarse motion in space keeps beyond the clearance, in nominal links."""
+"""Gap that the motion of the coarse arm in space keeps beyond the required clearance, in nominal links."""
 _OFFSET = 0.02
 """Largest difference between bends of the start and of the fitted curve at which a motion in space is refined
 [rad]."""
 _FITS = 20
-"""Maximum number of steps that fit an arm to joint positions."""
+"""Maximum number of Levenberg-Marquardt steps that fit an arm to joint positions."""
 _RIDGE = 0.0001
-"""Minimum damping of these steps, added to the normal equations of errors in nominal links."""
+"""Minimum damping of the Levenberg-Marquardt steps, for errors in nominal links."""
 _NEAR = 0.1
 """Position error of the fitted joints above which a second initial guess is tried, in nominal links."""
 _WORTH = 0.01
-"""Fraction of the sum of squared errors by which a step has to reduce it for another step to follow."""
+"""Fraction by which a step of the fit has to reduce the sum of squared errors for another step to follow."""
 
 _MOST_LINKS = 36
 """Maximum number of links of an arm that is planned with its own links in space."""
@@ -70,11 +70,12 @@ _TIME_SHARE = 0.4
 """Fraction of the remaining time that the search with nominal links may take."""
 
 _MOST_BEND = 0.9
-"""Upper bound on the joint limit of the coarse arm [rad]."""
+"""Largest joint limit that a coarse arm gets [rad]."""
 _RAISED_RIDGE = 1e-2
-"""Damping that is multiplied, unless it is already larger, after a step that reduces no error."""
+"""Damping of the fit that is at least used as the basis for an increase, after a step that does not reduce the
+error."""
 _RIDGE_RISE = 10.0
-"""Factor by which such a step raises the damping, and any other step lowers it."""
+"""Factor by which the damping of the fit rises after a step that does not reduce the error, and falls after others."""
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
@@ -111,7 +112,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
 
 def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
-    """Return columns (m, k), with one row per link of an arm, interpolated to another number of links, (links, k)."""
+    """Return values with one row per link, (m, k), interpolated along the arm to a new number of links, (links, k)."""
     resampled = [_resampled(column, links) for column in columns.T]
     return np.column_stack(resampled) if resampled else np.zeros((links, 0))
 
@@ -155,7 +156,7 @@ def _refined_space(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace
 
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
-    """Return an offset of link headings, interpolated to another number of links, shape (links,) [rad]."""
+    """Return link headings (m,) interpolated along the arm to another number of links, shape (links,) [rad]."""
     # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
     middles = (np.arange(len(offset)) + 0.5) / len(offset)
     wanted = (np.arange(links) + 0.5) / links
@@ -170,7 +171,9 @@ def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
 
 
 def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:
-    """Return whether the arm crosses a wall or itself at the start of a failing interval, which no repair can undo.
+    """Return whether the centre line of the arm crosses a wall or itself at the start of an interval that failed.
+
+    No repair can undo that.
 
     Args:
         stepper: solver of the repair's QP steps.
@@ -182,9 +185,9 @@ def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
-    """Return the coordinates (K, p) with the given keyframes, except the ends, each moved to the planning margin.
+    """Return coordinates (K, p) in which given keyframes are moved out of the planning margin; first and last stay.
 
-    A keyframe is moved by one step that otherwise minimises its change.
+    Each keyframe is moved by one QP step that otherwise minimises the change.
     """
     space = stepper.space
     last = len(coordinates) - 1
@@ -202,9 +205,9 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 
 
 def coarse_task(task: MotionTask) -> MotionTask | None:
-    """Return the task with as few links as its passages permit.
+    """Return a planar task for an arm of equal length with as few links as the passages permit, or None.
 
-    None if planning with fewer links does not pay, or is not possible: with user limits, a clamped base, a feed axis,
+    None if planning with fewer links does not pay or is not possible: with user limits, a clamped base, a feed axis,
     links of different lengths, or gates.
     """
     # Narrow passages need short links.
@@ -224,7 +227,9 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
 
 
 def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return an optimised motion of the task's own links, by refining the coarse motion or by the successful candidate.
+    """Return an optimised motion of the task's own arm, derived from a motion of the coarse arm.
+
+    The coarse motion is refined; if that fails, the candidate that found it is repeated with the own arm.
 
     Args:
         found: motion of the coarse arm.
@@ -258,7 +263,7 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
 
 
 def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion with the task's own links of the candidate that succeeded with few links, or None.
+    """Return the motion found with the task's own links by the candidate that succeeded with few links, or None.
 
     In narrow passages the finer arm bulges out from the chords of the coarse arm, and no repair brings a thin link back
     through a wall; but a guide that leads one arm to the goal mostly leads the other one there, too.
@@ -269,10 +274,10 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
 
 # ------------------------------------------------------------ in space
 def nominal_task(task: SpaceTask) -> SpaceTask | None:
-    """Return the search task of a coarse arm with nominal links; None if the arm's own links are to be used.
+    """Return the search task in space of a coarse arm with nominal links; None if the arm's own links are to be used.
 
-    That is so for goals of the whole arm, user terms, few links, links of different lengths, and starts that the curve
-    does not represent.
+    The own links are used for goals of the whole arm, user terms, few links, links of different lengths, and starts
+    that the curve does not represent.
 
     Args:
         task: task of the arm.
@@ -305,7 +310,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
 
 
 def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
-    """Return a motion for nominal links refined to the links of the arm; None if it misses the goal or the certificate.
+    """Return a motion of the coarse arm refined to the arm's links; None if it misses the goal or is not certified.
 
     Args:
         task: task of the arm.
@@ -353,7 +358,7 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """Result of fitting an arm to given positions of points on it.
+    """Result of fitting an arm so that points on it come near given positions.
 
     Attributes:
         v: unknowns of the arm, shape (p,).
@@ -378,7 +383,7 @@ class _Along:
 
     @classmethod
     def coarse_joints(cls, links: int) -> "_Along":
-        """Return the points on an arm with ``links`` links that correspond to the coarse arm's joints and tip."""
+        """Return the points on an arm of ``links`` links that match the joints and tip of one with nominal links."""
         along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
         link = np.minimum(along.astype(np.intp), links - 1)
         return cls(link, along - link)
@@ -390,13 +395,15 @@ class _Along:
         return cls(link, (np.arange(links + 1) - link).astype(np.float64))
 
     def of(self, values: FloatArray) -> FloatArray:
-        """Return values at these points, interpolated linearly from values (links + 1, ...) at joints and tip."""
+        """Return the values at these points, shape (m, ...), interpolated linearly from those at joints and tip."""
         share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
 
 
 def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray) -> _Laid:
-    """Return the arm fitted to positions, with its feed fixed, by the Levenberg-Marquardt method.
+    """Return the unknowns at which points on an arm come nearest to given positions, and the largest distance left.
+
+    The feed is fixed; the method is Levenberg-Marquardt.
 
     Args:
         stepper: solver of QP steps of the arm; gives the space of unknowns.

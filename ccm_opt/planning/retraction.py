@@ -30,7 +30,7 @@ _LONGEST_ERROR = 1.0
 """Largest position error of a joint that a step is required to correct; longer ones are shortened to it, in nominal
 links. Taste."""
 _STRAND_WEIGHT = 1.0
-"""Weight of the position errors of joints in the strand that is retracted, per nominal link. Taste."""
+"""Weight of the position errors of the joints that slide back along the old shape, per nominal link. Taste."""
 _HEADING_WEIGHT = 0.3
 """Weight of each link's deviation from the reference heading, per nominal link. Taste."""
 _TURN_WEIGHT = 0.002
@@ -41,11 +41,12 @@ _MOTION_WEIGHT = 0.02
 _BESIDE = 2.5
 """Distance from the arm below which a point of the tip path counts as next to the arm, in nominal links. Taste."""
 _LEASH = 0.3
-"""Largest mean position error of the strand at which the fold still advances, in nominal links. Taste."""
+"""Largest mean position error of the joints beyond the fold at which the fold still advances, in nominal links.
+Taste."""
 
 _LEAST_WAY = 2.0
-"""Length of tip path beside the arm through passages in which no fold fits, above which withdrawals are tried first, in
-nominal links. Taste."""
+"""Total length of the tip path that leads beside the arm through passages too narrow for a fold, above which
+withdrawals are tried first, in nominal links. Taste."""
 _NEAR_BASE = 3.0
 """Arc length from the base below which points of the arm do not count as beside the tip path, in nominal links.
 Taste."""
@@ -72,11 +73,11 @@ class Withdrawal:
     free_from: float = 0.0
 
     def afresh(self) -> "Withdrawal":
-        """Return a copy whose fold begins at the current position and advances independently."""
+        """Return a copy whose fold starts where the fold is now, and advances independently of the original."""
         return replace(self, fold=replace(self.fold))
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the cost terms of the next step from a pose."""
+        """Return the least-squares terms of a QP step: joint positions, reference headings and small motion."""
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
@@ -97,20 +98,23 @@ class Withdrawal:
         ]
 
     def _errors(self, pose: Pose) -> FloatArray:
-        """Return vectors from joints, except the base, and tip to their track positions, shape (links, 2) [m]."""
+        """Return vectors from the joints beyond the base, and the tip, to their track positions, (links, 2) [m]."""
         arm = self.fold.space.arm
         behind_tip = arm.length - arm.joint_places[1:]
         return self.fold.track.at(self.fold.tip_arc - behind_tip) - pose.points[1:]
 
     def _on_strand(self) -> FloatArray:
-        """Return each joint's weight in the retracted strand, from 0 before the fold to 1 beyond it, shape (links,)."""
+        """Return a weight for each joint beyond the base: 0 if the fold has passed it, 1 if not, (links,).
+
+        The weight rises linearly from 0 to 1 over one nominal link beyond the end of the fold.
+        """
         arm = self.fold.space.arm
         arcs = arm.joint_places[1:]
         beyond = (arcs - self.fold.fold_at - self.fold.fold_length) / self.fold.nominal_length
         return np.clip(beyond, 0.0, 1.0)
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the fold towards the tip unless the strand lags too far behind the track.
+        """Advance the fold towards the tip unless the joints beyond it lag too far behind their positions on the track.
 
         Returns:
             Whether the fold was advanced.
@@ -121,7 +125,7 @@ class Withdrawal:
         return True
 
     def _lag(self, pose: Pose) -> float:
-        """Return the weighted mean distance of the strand's joints and the tip from their track positions [m]."""
+        """Return the weighted mean distance of the joints beyond the fold from their positions on the track [m]."""
         weight = self._on_strand()
         weight[-1] = 1.0
         return float(np.linalg.norm(self._errors(pose), axis=1) @ weight / weight.sum())
@@ -140,26 +144,28 @@ class Withdrawal:
         )
 
     def onward(self) -> FloatArray:
-        """Return the rest of the tip's path: along the new shape to its tip, shape (k, 2) [m]."""
+        """Return the rest of the tip's path, which leads along the new shape to its tip, shape (k, 2) [m]."""
         track = self.fold.track
         return np.asarray(track.points[track.arcs < self.fold.tip_arc][::-1])
 
 
 WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
-"""Tip path from the tip of a goal pose to the tip at the start, and the joint at which the reversed motion leaves the
-goal pose, with the route from there, shape (k, 2) [m]."""
+"""Tip path from the tip of a goal pose to the tip at the start; and a pair: the joint at which the reversed motion
+begins to leave the goal pose, and the route from that joint, shape (k, 2) [m]."""
 
 
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that retract the arm along itself onto a goal pose, by folds of several lengths on either side.
+    """Yield candidates that retract the arm along its own shape and lay it onto a goal pose.
+
+    They differ in the length of the travelling fold and the side of the goal pose on which the fold lies.
 
     Args:
         stepper: solver of QP steps.
         start: start pose of the motion.
         wanted: coordinates of a goal pose, shape (p,).
-        path: any tip path; gives the free space and the shrinking.
+        path: any tip path; gives the free space and the distance from corners.
         lengths: lengths of the fold, in nominal links.
         whole_arm: whether the motion has to end in exactly that pose, and not only with the tip at the goal.
     """
@@ -185,7 +191,7 @@ def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[W
         stepper: solver of QP steps.
         start: start pose of the motion.
         end: the goal pose.
-        path: any tip path; gives the free space and the shrinking.
+        path: any tip path; gives the free space and the distance from corners.
     """
     ways = tip_paths_in(path.free_space, end.points, (start.points,), path.shrink)
     left = [(way, leaving_joint(stepper, end, way)) for way in ways]
@@ -195,13 +201,13 @@ def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[W
 def withdrawals(
     stepper: Stepper, start: Pose, end: Pose, ways: list[WayBack], length: float
 ) -> list[tuple[str, Withdrawal]]:
-    """Return names of and guides for withdrawals to a goal pose, sorted by the turn of the base that they need.
+    """Return named guides that retract the arm onto a goal pose, the one with the least turn of the base first.
 
     Args:
         stepper: solver of QP steps.
         start: start pose of the motion.
         end: the goal pose.
-        ways: tip paths with their leaving joints, from ``ways_back``.
+        ways: tip paths, each with the joint at which the reversed motion leaves the goal pose, from ``ways_back``.
         length: length of the fold, in nominal links.
     """
     base_heading = stepper.space.arm.headings(start.q)[0]
@@ -215,7 +221,7 @@ def withdrawals(
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
-    """Return whether the arm lies in a passage too narrow for two strands, or in long ones in which no fold fits.
+    """Return whether the arm lies in a passage too narrow for twice the arm, or long in passages too narrow for a fold.
 
     Args:
         stepper: solver of QP steps.
@@ -235,7 +241,7 @@ def fold_width(stepper: Stepper) -> float:
 
 
 def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
-    """Return passage widths at points evenly along a tip path, inf where the arm is not beside it, (samples,) [m].
+    """Return passage widths at points spaced evenly along a tip path, inf where the arm is not near, (samples,) [m].
 
     Args:
         stepper: solver of QP steps; gives arm and walls.
@@ -256,7 +262,7 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
 
 
 def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
-    """Return the withdrawal to a goal pose; None if the base would have to turn beyond its limit.
+    """Return the guide that retracts the arm onto a goal pose; None if the base would have to turn beyond its limit.
 
     Args:
         stepper: solver of QP steps.
@@ -296,7 +302,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
 
     Args:
         stepper: solver of QP steps.
-        path: tip path; gives the free space and the shrinking.
+        path: tip path; gives the free space and the distance from corners.
         guide: the withdrawal that has ended.
         pose: the pose in which it ended.
 
@@ -311,7 +317,10 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
 
 
 def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide along the straight line in coordinates to the goal pose, plus the withdrawal's whole turns."""
+    """Return the guide along a straight line in coordinates to the goal pose.
+
+    The whole turns of the preceding withdrawal are added to the base angle of that pose.
+    """
     wound = end.v.copy()
     if isinstance(guide, Withdrawal):
         wound[0] += guide.turns

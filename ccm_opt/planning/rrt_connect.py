@@ -20,9 +20,9 @@ _MOST_GOALS = 40
 """Number of poses at the goal from which on no more are requested. Taste."""
 
 _DOUBLINGS = 16
-"""Maximum exponent in the doubling of batches; the maximum batch is reached before."""
+"""Maximum number of times that the size of a batch of targets is doubled; the largest batch is reached before that."""
 _SPACE = 16
-"""Minimum number of nodes for which space is reserved, for each target of a batch. Taste."""
+"""Minimum number of nodes, per target of a batch, for which memory is reserved before an extension. Taste."""
 
 FEW_LINKS = 10
 """Maximum number of links of an arm that is planned in the space of its bends. Taste: with more, random bends give
@@ -31,9 +31,11 @@ CONNECT = "RRT-Connect"
 """Candidate name of motions found by RRT-Connect."""
 
 Connection = Callable[[Mapping[str, Any]], NativeCall]
-"""Returns, from the fields of ``Growth`` in rrt_connect.h, the native call that grows two trees by sampled motions."""
+"""Function that returns, from the fields of ``Growth`` in rrt_connect.h, the call of the C function that grows two
+trees whose edges are checked by samples."""
 Unproved = Callable[[FloatArray], IntArray]
-"""Returns the sorted indices of the intervals of a motion through points (K, n) that are not certified."""
+"""Function that returns the sorted indices of the intervals of a motion through points (K, n) that are not
+certified."""
 
 
 @dataclass
@@ -83,7 +85,7 @@ class PointTree:
         return {"count": self.count, "capacity": len(self.points), "points": self.points, "parents": self.parents}
 
     def way_to(self, node: int) -> list[int]:
-        """Return the indices of the nodes from the root to a node."""
+        """Return the indices of the nodes on the path from the root to a node, both included."""
         way = []
         while node >= 0:
             way.append(node)
@@ -118,7 +120,7 @@ class PointTree:
 
 
 class Draws(Protocol):
-    """Samples targets of extensions."""
+    """Sampler of the targets of a tree's extensions."""
 
     @property
     def batch(self) -> tuple[int, int]:
@@ -144,10 +146,10 @@ class Draws(Protocol):
 
 @dataclass
 class ConnectSearch:
-    """State of a search with two trees.
+    """State of an RRT-Connect search with two trees, from the start and from points at the goal.
 
     Attributes:
-        connection: returns the native call that grows the trees by sampled motions.
+        connection: returns the call of the C function that grows the trees.
         draws: sampler of targets.
         unproved: returns the indices of intervals of a motion that are not certified.
         goals: iterator over batches of points at the goal, each of shape (m, n); may end.
@@ -199,7 +201,7 @@ class ConnectSearch:
         self._grow(1, self.trees[1].points[:0], first)
 
     def _extend(self, side: int) -> None:
-        """Extend tree ``side`` (0 or 1) towards random targets, and the other tree towards the new nodes."""
+        """Extend tree ``side`` (0: start, 1: goal) towards random targets, and the other tree towards its new nodes."""
         low, high = self.draws.batch
         count = min(high, low << min(self.rounds, _DOUBLINGS))
         tree = self.trees[side]
@@ -212,7 +214,7 @@ class ConnectSearch:
         Args:
             side: index of the tree, 0 or 1.
             targets: targets, shape (m, n).
-            fresh: index of the first node towards which the other tree is extended.
+            fresh: index of the first of this tree's nodes towards which the other tree is extended.
         """
         own, other = self.trees[side], self.trees[1 - side]
         for tree in (own, other):

@@ -21,8 +21,8 @@ from ccm_opt.scene.workspace import Obstacle, Workspace
 _STRIDE = 8
 """Stride of the first pass over the poses of a motion. Taste: most motions with contact have it over many poses."""
 POSE_SPACING = 0.75
-"""Distance that the tip moves between two checked poses, in units of the distance that the arm's axis has to keep from
-walls. Taste: the certificate finds contacts between them."""
+"""Distance that the tip moves between two checked poses, as a multiple of the distance that the arm's centre line has
+to keep from walls. Taste: the certificate finds contacts between them."""
 LEAST_SPACING = 0.005
 """Minimum of the spacings of poses and of points on links, as a fraction of the arm's length. Taste: for thin arms."""
 
@@ -31,8 +31,8 @@ _CELLS = 2000
 hundredths of a second, and a cell is a thousandth of the reach."""
 
 _POINT_SPACING = 0.7
-"""Spacing of the checked points on the links, in units of the distance that the arm's axis has to keep from walls.
-Derived: if these points keep that distance, no corner is closer to the axis than 94 % of it."""
+"""Spacing of the checked points on the links, as a multiple of the distance that the arm's centre line has to keep from
+walls. Derived: if all these points keep that distance, no wall corner is closer to the line than 94 % of it."""
 
 _TO_CORNER = float(np.sqrt(0.5))
 """Distance from the centre of a unit square to its corners."""
@@ -40,9 +40,9 @@ _TO_CORNER = float(np.sqrt(0.5))
 
 @dataclass(frozen=True)
 class BlockedRaster:
-    """Raster of a square; a cell is blocked if all of it is closer to a wall than the arm's axis may be.
+    """Raster of a square; a cell is blocked if all of it is closer to a wall than the arm's centre line may be.
 
-    A blocked cell refutes a pose; a free one proves nothing.
+    A pose with a point in a blocked cell certainly has contact; a free cell proves nothing.
 
     Attributes:
         corner: lower left corner of the square, shape (2,) [m].
@@ -92,7 +92,10 @@ class BlockedRaster:
 
 
 def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
-    """Return a wall's polygon grown by a distance [m]; GEOS approximates arcs from inside, so it is not too large."""
+    """Return a wall's polygon grown by a distance [m].
+
+    Round corners are approximated from inside, so that the polygon is never too large.
+    """
     grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
     return grown
 
@@ -151,7 +154,7 @@ _BEYOND_REACH = 1.001
 
 @dataclass(frozen=True)
 class SampledCheck:
-    """Checks poses of one arm on a fixed base in one workspace.
+    """Fast check of poses of one arm on a fixed base in one workspace, at points on the links and against self-contact.
 
     Attributes:
         arm: the arm.
@@ -183,7 +186,10 @@ class SampledCheck:
         return cls(arm, raster, reach, spacing, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
-        """Return a mask (m,) of the poses, given by link headings (m, links) [rad], that certainly have contact."""
+        """Return a mask (m,) of the poses, given by link headings (m, links) [rad], that certainly have contact.
+
+        Poses outside the mask are not proved to be free.
+        """
         cosines = np.cos(headings).astype(np.float32)
         sines = np.sin(headings).astype(np.float32)
         x = cosines @ self.reach + np.float32(self.arm.base[0])
@@ -195,7 +201,7 @@ class SampledCheck:
         return refuted
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the free fractions of straight motions, up to their first refuted pose.
+        """Return for each of m motions, linear in headings, the fraction before its first pose with certain contact.
 
         Args:
             start: link headings, shape (m, links) [rad]; these poses are not checked again.
@@ -216,7 +222,7 @@ class SampledCheck:
 
     @cached_property
     def for_c(self) -> Mapping[str, Any]:
-        """The check as the fields of ``Shares`` in free_shares.c."""
+        """Data of this check as the fields of the C structure ``Shares`` in free_shares.c."""
         arm, raster = self.arm, self.raster
         link, at = arm.mount_end
         return {
@@ -231,10 +237,10 @@ class SampledCheck:
         }  # fmt: skip
 
     def connection(self, limits: FloatArray, growth: Mapping[str, Any]) -> NativeCall:
-        """Return the native call that grows trees of link headings.
+        """Return the call of the C function that grows two trees of link headings (RRT-Connect).
 
         Args:
-            limits: bounds of the absolute bends, shape (links,) [rad].
+            limits: upper bounds on the absolute values of the bends, shape (links,) [rad].
             growth: fields of ``Growth`` in rrt_connect.h.
         """
         return NativeCall(
@@ -261,7 +267,7 @@ class SampledCheck:
 
 
 def _places(arm: Arm, parts: int) -> FloatArray:
-    """Return the arc lengths of the checked points, the mount's end and beyond, ``parts`` per link, (points,) [m]."""
+    """Return the arc lengths of the checked points from the mount's end on, ``parts`` per link, shape (points,) [m]."""
     steps = np.interp(np.arange(arm.links * parts + 1), parts * np.arange(arm.links + 1), parts * arm.place_shares)
     along = arm.link_length / parts * steps
     link, share = arm.mount_end

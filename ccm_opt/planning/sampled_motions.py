@@ -24,16 +24,18 @@ then a hundredth of the arm's length."""
 _FINE = 0.25
 """Minimum size of the cells of the fine grid, as a fraction of the required distance. Taste."""
 _NEAR = 3.0
-"""Range of distances that the fine grid resolves beyond the required distance, in its cells."""
+"""Distance above the required one up to which the fine grid stores distances, in cells of this grid."""
 _WIDE = 3.0
 """Size of the cells of the wide grid, in cells of the fine grid. Measured among bars: with 2 and 4 the check of random
 poses takes a third longer, with a single grid of 1 twice as long."""
 _TOLD = 0.07
-"""Range of distances that the wide grid resolves beyond the required distance [arm lengths]. Taste."""
+"""Distance above the required one up to which the wide grid stores distances [arm lengths]. Taste."""
 _BLOCK, _MOST_NEAR = 4, 31
-"""Places along a side of a block of a grid, and most triangles that are known for a block, as in C."""
+"""Number of grid points along a side of a block of a grid, and maximum number of triangles stored for a block; the same
+values are in the C code."""
 _BEYOND = 0.02
-"""Distance by which the grids extend beyond the arm's reach [arm lengths]; points outside count as the border."""
+"""Distance by which the grids extend beyond the arm's reach [arm lengths]; a point outside has the distance of the
+nearest point on the border."""
 _SPARED = 1e-4
 """Gap that samples keep beyond contact [arm lengths], so that most motions that pass are certified later."""
 _ROUNDING = 1e-9
@@ -58,7 +60,7 @@ class SampledMotions:
 
     @cached_property
     def kept(self) -> FloatArray:
-        """Distance that the axis of each link has to keep from the surfaces, shape (links,) [m]."""
+        """Distance that the centre line of each link has to keep from the surfaces, shape (links,) [m]."""
         return self.arm.radii + self.clearance
 
     @cached_property
@@ -96,7 +98,9 @@ class SampledMotions:
         }  # fmt: skip
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the collision-free fraction of each of m motions, up to the first sample in contact.
+        """Return for each of m linear motions the fraction before its first sample in contact.
+
+        A motion without a sample in contact is not proved to be collision-free.
 
         Args:
             start: configurations at the start, shape (m, c) [rad].
@@ -111,7 +115,7 @@ class SampledMotions:
         return shares
 
     def connection(self, offset: FloatArray, slopes: FloatArray, growth: Mapping[str, Any]) -> NativeCall:
-        """Return the native call that grows two trees in a space of n unknowns (RRT-Connect).
+        """Return the call of the C function that grows two trees in a space of n unknowns (RRT-Connect).
 
         Configurations are affine functions of the unknowns.
 
@@ -128,7 +132,7 @@ class SampledMotions:
 
 
 def _untouched(shape: npt.ArrayLike, element: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return an array of zeros that takes memory page by page as it is used.
+    """Return an array of zeros, shape ``shape``, whose memory is allocated page by page as it is used.
 
     NumPy requests huge pages; a grid would soon touch all of them, and clearing them takes longer than a search.
     """

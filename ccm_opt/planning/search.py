@@ -35,7 +35,7 @@ from ccm_opt.scene.bad_pose import joints_at_limits
 from ccm_opt.scene.contact_finder import ContactFinder, describe_clearance
 
 TREES = "trees"
-"""Name of the candidate whose motions are found by search trees of poses."""
+"""Candidate name of motions found by search trees of poses."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ class Failure:
 
 
 def report_tried(candidate: str, failures: Sequence[Failure]) -> None:
-    """Report to listeners of the progress that a candidate is tried, with its number and the best distance so far."""
+    """Report to progress listeners the candidate now tried, its number and the least distance from the goal so far."""
     report_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
 
 
 @dataclass(frozen=True)
 class StrategyInVain:
-    """Record of a search strategy that found no motion.
+    """Record of a search strategy that found no motion, or was never begun.
 
     Attributes:
         name: name of the strategy.
@@ -134,29 +134,29 @@ class SearchTask(ABC):
     @property
     @abstractmethod
     def kept(self) -> float:
-        """Required distance of walls from the arm's axis, radius plus clearance [m]."""
+        """Required distance of walls from the arm's centre line: radius plus clearance [m]."""
 
     @property
     @abstractmethod
     def advice(self) -> str:
-        """Advice to the user for the case that no motion is found and nothing more specific is known."""
+        """Advice to the user if no motion is found and nothing more specific is known."""
 
     @property
     @abstractmethod
     def certificate(self) -> MotionCertificate:
-        """Certificate that every motion must pass."""
+        """Certificate of contact and all other limits, which every motion must pass."""
 
     @abstractmethod
     def finder(self, margin: float, reach: float) -> ContactFinder:
-        """Return a finder of contacts with a planning margin and a reach [m]."""
+        """Return a finder of contacts with a planning margin and a search distance [m]."""
 
     @abstractmethod
     def program(self, motion: CurveMotion[Any], margin: float | None = None) -> MotionProgram[Any]:
-        """Return the optimisation problem of a motion, except its keyframes.
+        """Return the optimisation problem for a motion: limits, goal and weights, without its keyframes.
 
         Args:
             motion: certified motion.
-            margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+            margin: gap beyond contact that constraints require, as a fraction of the arm's length; the default if None.
         """
 
     def certificate_with(self, gap: float) -> MotionCertificate:
@@ -195,11 +195,11 @@ class SearchTask(ABC):
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1 for each coordinate of a configuration (c,) that may change, else 0, shape (c,)."""
+        """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for the others, shape (c,)."""
 
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return the shortfall of configurations (k, c) from the preferred clearance, shape (k,) [m]."""
+        """Return how much of the preferred clearance each configuration (k, c) lacks, at least 0, shape (k,) [m]."""
 
     def least_gap(self, q: FloatArray) -> float:
         """Return the least gap beyond contact over configurations (K, c), capped at the preferred clearance [m]."""
@@ -218,7 +218,7 @@ class SearchTask(ABC):
         """
 
     def violated_place(self, spline: BSpline) -> Diagnosis | None:
-        """Return a diagnosis of a requirement, other than a limit, that a joint path violates, or None."""
+        """Return the diagnosis of a joint path that violates a requirement which is no limit (via points), or None."""
         del spline
         return None
 
@@ -238,13 +238,13 @@ class SearchTask(ABC):
         return self.limited(self.goal)
 
     def limited(self, goal: GoalPose) -> GoalPose:
-        """Return a goal together with the limits that apply at the end of the motion."""
+        """Return a copy of a goal to which the limits that apply at the end of the motion are added."""
         limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
         return replace(goal, limits=limits, settings=self.settings.goal)
 
 
 AskedType = TypeVar("AskedType")
-"""Type of a strategy's input: a task, or a search for a task."""
+"""Type of a strategy's input: a search task, or a run of a search."""
 FoundType = TypeVar("FoundType")
 """Type of a strategy's result."""
 
@@ -349,7 +349,8 @@ def nothing_found(
 
 
 _CLOSE = 0.1
-"""Gap below which a wall may have stopped an attempt, as a fraction of the required distance from the axis. Taste."""
+"""Gap below which a wall may have stopped an attempt, as a fraction of the distance that walls have to keep from the
+arm's centre line. Taste."""
 
 
 def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
@@ -417,7 +418,9 @@ def _table(failure: Failure) -> dict[str, object]:
 
 
 def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
-    """Return a message with the constraint that stopped the best of the candidates stopped by one, or all constraints.
+    """Return a message that names the user's constraint at which the best of all constrained candidates ended.
+
+    If no candidate ended at a constraint, the message lists all constraints; it is empty if there are none.
 
     Args:
         names: names of the user's hard constraints.

@@ -1,7 +1,7 @@
 """One run of a search through candidates with one stepper, and the candidates of the search in the plane.
 
-Where the base itself stands in a narrow space, as in a bottle, no fold fits there. But the part of the arm in the
-passage can be retracted along its own shape, as out of a gate, while the rest bows to one side and coils up.
+If the base itself stands in a narrow space, as in a bottle, no fold of the arm fits there. But the part of the arm in
+the passage can be retracted along its own shape, as out of a gate, while the rest bows to one side and coils up.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -33,21 +33,23 @@ from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import Reference, follow_reference
 
 _PAUSES = (0.02, 1e-3)
-"""Distances from the previous pose below which a pose is dropped [rad]; the first one with which the motion is
-certified is used. A path that almost stands still at some poses is hard to time. Taste."""
+"""Distances from the previous pose below which a pose is dropped [rad], tried in turn until the motion is certified. A
+path that almost stands still at some poses is hard to time. Taste."""
 _PUT_OFF = 0.5
 """Probability that a candidate is deferred until the others have been tried, for seeds other than 0. Taste."""
 
 _NEAR = 0.05
 """Gap below which the nearest obstruction is reported, as a fraction of the arm's length. Taste."""
 _CORNER = 0.02
-"""Turn above which a vertex of a path counts as a corner [rad]. Taste."""
+"""Change of heading above which a vertex of a path counts as a corner [rad]. Taste."""
 _FEW_CORNERS = 2
 """Maximum number of corners of a route for which interpolation is tried first: with more, it seldom works. Taste."""
 
 
 def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first passage in which no fold fits [m], or None.
+    """Return the arc length along the arm at which it enters a passage too narrow for a fold, nearest to the base [m].
+
+    None if the arm lies in no such passage along the tip path.
 
     Args:
         stepper: solver of QP steps; gives arm and walls.
@@ -120,7 +122,7 @@ def first_candidates(
 
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
-    """Yield one interpolation in coordinates for each goal pose; each goal pose is computed on demand.
+    """Yield one candidate for each goal pose: interpolation in coordinates from the start to that pose.
 
     Args:
         stepper: solver of QP steps.
@@ -141,7 +143,7 @@ def _withdrawn(
     *,
     whole_arm: bool,
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that retract the arm along itself onto one goal pose after another.
+    """Yield candidates that retract the arm along its own shape and lay it onto one goal pose after another.
 
     Args:
         stepper: solver of QP steps.
@@ -149,7 +151,7 @@ def _withdrawn(
         goal_coordinates: coordinates of goal poses, each of shape (p,), computed on demand.
         tip_paths: tip paths, of which only the first is used, for its free space.
         lengths: lengths of the fold, in nominal links.
-        whole_arm: whether the motion has to end in exactly such a pose, and not only with the tip at the goal.
+        whole_arm: whether the motion has to end in exactly a goal pose, and not only with the tip at the goal.
     """
     for path in tip_paths[:1]:
         for goal in goal_coordinates:
@@ -195,13 +197,14 @@ def further_candidates(
 
 
 def tip_led(stepper: Stepper, path: TipPath) -> GuideCandidate:
-    """Return the candidate that leads the tip along a shortest tip path."""
+    """Return the candidate that leads the tip along the shortest path of a homotopy class."""
     return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, path.taut))
 
 
 _GATE_RIDGE = 1e-5
-"""Regularisation of steps in gates, to which equations of the gates are added. Measured for an arm of 48 links in two
-doors: with the regularisation for narrow margins a step took 1165 iterations, with this one 2."""
+"""Ridge of the QP Hessian for steps of an arm in narrow gates, where equations hold the arm on the gates' centre lines.
+Measured for an arm of 48 links in two doors: with the regularisation for narrow margins a step took 1165 iterations,
+with this one 2."""
 _MENDS = 3
 """Maximum number of rounds that insert poses where a motion through gates is not certified. Taste."""
 
@@ -255,11 +258,11 @@ class SearchRun(Generic[TaskType, CurveType]):
     def attempt(
         self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
     ) -> CurveMotion[CurveType] | None:
-        """Return the motion through a candidate's poses; None if it stalls.
+        """Return the motion through a candidate's poses; None, and a record of the failure, if the candidate stalls.
 
         Args:
             name: name of the candidate.
-            lead: computes its poses.
+            lead: function that computes the candidate's poses or raises ``Stalled``.
             failures: list to which a failure is appended.
         """
         report_tried(name, failures)
@@ -274,7 +277,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return CurveMotion.of(self.stepper.space, poses, name)
 
     def failure(self, name: str, stalled: Stalled) -> Failure:
-        """Return the record of a stalled candidate, with the nearest obstruction of its last pose."""
+        """Return the record of a stalled candidate, with the obstruction nearest to its last pose."""
         pose = stalled.poses[-1]
         limit = self.goal.describe_limits(pose)
         bends = self.stepper.space.bends(pose.q).reshape(self.task.arm.links, -1)
@@ -288,7 +291,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return float(np.linalg.norm(apart, axis=1).max())
 
     def arrived(self, poses: list[Pose]) -> list[Pose]:
-        """Return poses that end near the goal, continued onto the goal.
+        """Return the given poses, which end near the goal, with poses appended that lead onto the goal.
 
         For a goal of the tip they are continued by steps, for a goal of the whole arm along a straight line of
         unknowns.
@@ -301,7 +304,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *self.led_to(self.goal.coordinates, poses[-1])[1:]]
 
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
-        """Return poses that lead from a pose towards given unknowns, along a straight line as far as possible.
+        """Return poses that lead from a pose to given unknowns, along a straight line as far as the limits permit.
 
         Args:
             end: unknowns of the end, shape (p,).
@@ -323,7 +326,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """Return link (counted from 1), name and gap [m] of a pose's nearest obstruction; None if none is near."""
+        """Return the least gap of a pose: link (counted from 1), obstruction's name, gap [m]; None if none is near."""
         finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
         return finder.tightest(finder.find(pose.points))
 
@@ -371,12 +374,12 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return replace(run, guesses=run.settled_guesses()) if settled else run
 
     def settled_guesses(self) -> Iterable[FloatArray]:
-        """Return the coordinates of the guesses that could be moved onto the goal within its limits."""
+        """Return coordinates (p,) of poses at the goal, one for each guess that can be moved onto it within limits."""
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return CachedItems(pose.v for pose in poses if pose is not None)
 
     def direct(self) -> Iterator[GuideCandidate]:
-        """Yield the first candidate for a goal of the whole arm, without tip paths; none for a goal of the tip."""
+        """Yield the one candidate for a goal of the whole arm that needs no tip path; none for a goal of the tip."""
         whole_arm = self.goal.coordinates
         if whole_arm is not None:
             yield from islice(first_candidates(self.stepper, self.start, self.guesses, (), whole_arm), 1)
@@ -403,7 +406,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         """Return the certified motion of the first candidate that reaches the goal; None if none does so in time.
 
         Args:
-            tried: the candidates.
+            tried: candidates, in the order of trial.
             failures: list to which failures are appended.
         """
         for candidate in tried:
@@ -432,9 +435,10 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         raise Stalled("the motion arrived but could not be certified", poses)
 
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
-        """Return the poses with others inserted on the gates' middle lines until they are certified; None on failure.
+        """Return the poses of a motion through narrow gates, with further poses inserted where it is not certified.
 
-        None also for tasks without gates.
+        The inserted poses lie on the centre lines of the gates. None if the motion cannot be certified, or if the task
+        has no gates.
         """
         if self.task.gates is None:
             return None
@@ -450,7 +454,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return poses if self._certified(poses) else None
 
     def _led(self, candidate: GuideCandidate) -> list[Pose]:
-        """Return the poses of the candidate's guide, continued by the first of its further guides that succeeds.
+        """Return the poses found along a candidate's guide, then along the first of its further guides that succeeds.
 
         Raises:
             Stalled: the last guide stalls.
@@ -479,7 +483,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return len(self.task.certificate.failures(stack_configurations(poses))) == 0
 
     def goal_poses(self) -> Iterator[Pose]:
-        """Yield the goal of the whole arm, or poses with the tip at the goal, derived from the guesses."""
+        """Yield the pose that is the goal of the whole arm or, for a goal of the tip, poses at it near the guesses."""
         if self.goal.coordinates is not None:
             yield self.stepper.pose(self.goal.coordinates)
             return
@@ -489,10 +493,10 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
                 yield pose
 
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
-        """Return a motion tracked by steps that keep the limits; None if that fails.
+        """Return a motion that tracks a given one by steps that respect the limits; None if that fails.
 
         Args:
-            found: the motion.
+            found: motion to be tracked, found without some of the limits.
             failures: list to which a failure is appended.
         """
         name = f"{found.candidate}, tracked"
