@@ -41,7 +41,7 @@ _BENDS = (0.5, 1.0)
 PLACE_BIN = 0.5
 """Size of a bin of positions, in nominal links; states in one bin count as one."""
 DIRECTION_BINS = 2
-"""Half the number of bins along each side of the six faces of the cube of directions."""
+"""Half the number of direction bins along each edge of a face of a cube; directions are binned on its six faces."""
 MOST_STATES = 20_000
 """Maximum number of states that are expanded."""
 _AZIMUTHS = 8
@@ -236,7 +236,7 @@ def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spaci
 
 @dataclass(frozen=True, eq=False)
 class FollowableWays:
-    """Finds paths through a grid that the arm can follow.
+    """Search for paths through a grid whose bends a fed arm can follow with all joints.
 
     Attributes:
         grid: grid of the tip's gaps.
@@ -294,8 +294,8 @@ def _frame(direction: FloatArray) -> FloatArray:
 _FINE = 0.02
 """Spacing of the samples of the track among which the next joint's position is found, in links."""
 _AHEAD = 100
-"""Number of these samples that are searched: two links of track, since a half circle that a link spans has length
-π / 2."""
+"""Number of samples of the track that are searched for the next joint: two links of track, as an arc that a link spans
+is at most a half circle, π / 2 links long."""
 _BACK = 40
 """Number of samples by which the search for a joint begins before the sample one link of track after the last joint."""
 
@@ -345,7 +345,7 @@ def slid_along(
 
 
 def _turned(directions: FloatArray, wanted: FloatArray, most: FloatArray) -> FloatArray:
-    """Return unit vectors (k, 3) turned towards others, shape (k, 3), by at most given angles, shape (k,) [rad]."""
+    """Return unit vectors (k, 3) turned towards others (k, 3), each by at most an angle in ``most``, (k,) [rad]."""
     along = np.sum(directions * wanted, axis=1)
     aside = wanted - along[:, None] * directions
     away = np.linalg.norm(aside, axis=1)
@@ -372,7 +372,7 @@ def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatA
 
 
 def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatArray, FloatArray]:
-    """Return for a joint's positions the index of the nearest track point, shape (k,), and the next link's direction.
+    """Return, for k positions of a joint, the nearest track points' indices (k,) and the next link's directions (k, 3).
 
     The link points to the first track point after the nearest one that is a link length away from the joint.
 

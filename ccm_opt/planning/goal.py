@@ -67,7 +67,7 @@ class GoalPose:
         return replace(self, position=tip + self._offset_to_room(tip), direction=towards, room=(0.0, 0.0))
 
     def offset(self, pose: Pose) -> FloatArray:
-        """Return the vector from a pose's tip to the nearest acceptable position, (d,) [m]; 0 within the tolerance."""
+        """Return the vector from a pose's tip to the nearest acceptable position, (d,) [m]; zero if it is acceptable."""
         return self._offset_to_room(pose.tip)
 
     def _offset_to_room(self, tip: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ class GoalPose:
         return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
 
     def describe_limits(self, pose: Pose) -> str:
-        """Return a message about limits at the goal that a pose violates or has at their bound, or ""."""
+        """Return a message about limits at the goal that a pose violates or just meets, or ""."""
         return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
 
     def terms(self, space: CurveUnknowns, pose: Pose, weight: float) -> list[Term]:

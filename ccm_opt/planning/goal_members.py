@@ -57,7 +57,7 @@ _ALIKE = 0.3
 _ARC_STEPS = 30
 """Maximum number of steps of Newton's method. Taste."""
 _ARC_TURN = 0.3
-"""Largest change of a bend in one of these steps [rad]. Taste."""
+"""Largest change of a bend in one step of Newton's method [rad]. Taste."""
 _ARC_RIDGE = 1e-13
 """Regularisation of the Newton equations, in squared arm lengths. Derived: some thousand rounding errors."""
 _ARC_ARRIVED = 1e-11
@@ -71,7 +71,7 @@ _HEADING_LENGTH = 0.25
 """Position error that is equivalent to a heading error of one radian, in arm lengths, in the choice of initial curves.
 Taste."""
 _RELEASES = 8
-"""Maximum number of times that joints at their limits are held and a step is recomputed. Taste."""
+"""Maximum number of times that a Newton step is recomputed with further joints held at their limits. Taste."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
 
 
 def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
-    """Return the difference of each member from member k, in arm lengths, shape (m,)."""
+    """Return the distance of each member from member k, in arm lengths with headings converted, shape (m,)."""
     off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
     turned = np.abs(wrap(choice.headings - choice.headings[k])) * _TURN_SHARE
     return np.asarray(off + turned)
@@ -267,7 +267,7 @@ def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class ArcsAtLimits:
-    """Finds poses at a goal that use the joint limits, from initial curves of at most three arcs.
+    """Search for poses at a goal with joints at their limits, from initial curves of at most three arcs.
 
     Attributes:
         arm: arm on a fixed base.
@@ -278,7 +278,7 @@ class ArcsAtLimits:
     goal: GoalPose
 
     def where_needed(self, full: float) -> tuple[FloatArray, ...]:
-        """Return poses at the goal with bends up to the joint limits; none if clearly smaller bends suffice.
+        """Return poses at the goal with bends up to the joint limits; empty if nine tenths of the limits suffice.
 
         Args:
             full: fraction of the joint limits that poses may use.

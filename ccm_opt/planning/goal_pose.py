@@ -131,7 +131,7 @@ def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") 
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:
-    """Return a problem with another arm: one with a clamped base, or one of equal length with fewer links."""
+    """Return a problem adapted to another arm: one with a clamped base, or one of equal length with fewer links."""
     if arm.links == problem.arm.links:
         return replace(problem, arm=arm)
     fewer = arm.links

@@ -139,7 +139,7 @@ class TipGrid:
         return cls(distances.low, distances.cell, gaps, far, kept, deadline or Deadline.never())
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
-        """Return the indices of the cell that contains a point (3,) [m], or of the nearest one outside the grid."""
+        """Return the indices of the cell that contains a point (3,) [m]; of the nearest cell if it is off the grid."""
         found = np.rint((place - self.low) / self.cell).astype(int)
         x, y, z = np.clip(found, 0, np.array(self.gaps.shape) - 1)
         return int(x), int(y), int(z)
@@ -171,7 +171,7 @@ class TipGrid:
         return np.asarray(labels)
 
     def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
-        """Return the free cells nearest to two points, each of shape (3,) [m].
+        """Return the indices of the free cells nearest to two points (3,) [m], if these cells are connected.
 
         None if one of them has no free cell nearby, or the cells are not connected.
         """
@@ -324,7 +324,7 @@ class _Block:
 
 
 def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArray) -> FloatArray:
-    """Return the distance from a point (3,) [m] to each point of a grid, shape (nx, ny, nz) [m]."""
+    """Return the distance from a point (3,) to each point of a grid with coordinates ``sides``, (nx, ny, nz) [m]."""
     x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
     return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
 

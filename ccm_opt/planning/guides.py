@@ -22,7 +22,7 @@ from ccm_opt.core.polyline import arc_lengths, nearest_place, path_length, point
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 
 _UNKNOWN_WEIGHT = 0.0001
-"""Weight of the unknowns themselves, which determines those that turn no link. Taste."""
+"""Weight of a step in the unknowns themselves, which determines those on which no link's turn depends. Taste."""
 _LONGEST_ERROR = 1.0
 """Largest error of the tip that a step aims to correct, in nominal links. Taste."""
 _TURN_WEIGHT = 0.01
@@ -39,7 +39,7 @@ _ADVANCE = 0.4
 _FOLLOWING_WEIGHT = 0.1
 """Weight of the heading of a link that lies on the track, per nominal link. Taste."""
 ONTO_TRACK = 0.1
-"""Weight on distances of joints from the track if all joints are pulled onto the track."""
+"""Usual weight on the distances of joints from the track in guides that pull all joints onto the track."""
 
 _TURN_LEASH = 0.4
 """Turn between any link and its target beyond which the target waits [rad]. Taste."""
@@ -143,7 +143,7 @@ class ArmTrack(TipTrack):
         return np.asarray(super().at(arcs) + before * first)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return True for every arc length, shape (m,), because the track is extended straight before its start."""
+        """Return whether the track exists at arc lengths (m,): True, as it is extended straight before its start."""
         return np.ones(len(arcs), dtype=bool)
 
     def joints_behind(self, tip: float, lengths: FloatArray) -> FloatArray:
@@ -248,7 +248,8 @@ class TipLed:
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Return the turn of every link of a pose onto its chord of the track, and the weight of each turn.
 
-        The components of a turn are towards the second and further axes of the link's frame.
+        A turn has components towards the second and further axes of the link's frame; the weight falls with the link's
+        distance from the track.
 
         Returns:
             Both of shape (links, d − 1); turns [rad], weights in [0, 1].

@@ -65,8 +65,8 @@ touched. Taste."""
 _SAME_LENGTH = 0.5
 """Difference of the lengths of two folds below which they count as equal, in nominal links. Taste."""
 _LONGEST_SHAPE = 1.1
-"""Maximum length of the shortest path from the base, as a multiple of the arm's length. Taste: above 1, because the arm
-may fit where the path, which keeps off corners, seems slightly too long."""
+"""Maximum length of a new shape, the shortest path from base to goal, as a multiple of the arm's length. Taste: above
+1, because the arm may fit where the path, which keeps off corners, seems slightly too long."""
 
 
 # Measured on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved all fifteen at the first
@@ -223,9 +223,9 @@ class Hairpin:
         ]
 
     def _ahead(self) -> FloatArray:
-        """Return the distance from each link to the fold, if it lies between base and fold, shape (links,).
+        """Return the distance along the arm from each link to the fold, in nominal links, capped at 1, shape (links,).
 
-        Distances are in nominal links, capped at 1, and 0 for links in the fold and beyond.
+        It is 0 for links in the fold and beyond.
         """
         middle = self._middles()
         before_fold = np.minimum((self.fold_at - middle) / self.nominal_length, 1.0)
@@ -319,7 +319,7 @@ def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArr
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Return the lengths of a fold to be tried on a tip path, in nominal links, the one that fits its width first."""
+    """Return the fold lengths to try on a tip path, in nominal links, first the one that fits the passage's width."""
     arm = stepper.space.arm
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length)
     # A fold turns inside the width that remains beyond the arm's own thickness.
@@ -333,9 +333,9 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
 def pulled_over(
     stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
 ) -> Iterator[GuideCandidate]:
-    """Yield guides that pull the arm over to a new route like a rope, for several lengths of the travelling fold.
+    """Yield candidates that lay the arm onto a new route by a fold that travels from tip to base, one per fold length.
 
-    No guide is yielded if the route is too long for the arm.
+    Nothing is yielded if the route is too long for the arm.
 
     Args:
         stepper: solver of QP steps in the plane.
@@ -397,7 +397,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
 
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
-    """Return the largest k in [0, last] for which a monotonic condition holds, which is true at 0 and later false."""
+    """Return the largest k in [0, last] for which ``holds`` is true; it is true up to that k and false beyond."""
     return bisect_left(range(1, last + 1), 1, key=lambda k: int(not holds(k)))
 
 
@@ -426,7 +426,7 @@ def fold_about_to_travel(
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return a guide that leads the tip along the rest of the track of a fold's guide, without controlling the fold.
+    """Return a guide that leads the tip along the rest of the track of a hairpin, whose fold is no longer controlled.
 
     Args:
         stepper: solver of QP steps in the plane.
@@ -445,7 +445,7 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
-    """Return a guide that leads the whole arm from a pose to a goal for the arm, which opens the fold."""
+    """Return a guide that leads the arm from a pose with a fold to a goal of the whole arm, which opens the fold."""
     return PoseLed(stepper.space, pose.v, goal)
 
 

@@ -36,8 +36,8 @@ _SAMPLES_PER_LINK = 32
 """Number of samples of a leader's path between two of its points. Derived: cubic Hermite interpolation between them
 errs by less than 1e-7 of a link."""
 SAMPLE_PERIOD = 5e-3
-"""Longest time between two samples of a trajectory, between which all joints move linearly [s]. Derived: the sample
-period of the timing."""
+"""Longest time between two samples of a trajectory, in which all joints are taken to move linearly [s]. Derived: the
+sample period of the timing."""
 LINKS_PER_SAMPLE = 0.25
 """Maximum travel of the base between two samples, in link lengths. Taste; it limits only feeds that no arm needs."""
 _LEAST_LEAD = 0.1
@@ -105,7 +105,7 @@ class LeaderPath:
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
-        """Return the arc lengths of the points a chord's length ahead of given points, by Newton's method [m].
+        """Return the arc lengths of points on the path a chord's length ahead of given ones, by Newton's method [m].
 
         Args:
             arc: arc lengths of the given points, shape (k,) [m].
@@ -221,7 +221,7 @@ def path_through(
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
-    """Return the parameters at which a spline is sampled, ``count`` per chord between nodes, with all nodes.
+    """Return the parameters at which a spline through nodes is sampled: ``count`` per chord, all nodes included.
 
     ``chords`` are the parameters of the nodes, increasing.
     """

@@ -49,8 +49,7 @@ _SAMPLES = 16
 """Number of samples of the path between two joints. Taste: chords of a bend of 45 degrees then err by less than a
 thousandth of a link."""
 _ROUNDING = 1e-2
-"""Largest difference between the arm on its path and the pose at the end of the path, which sampled chords cause
-[rad]."""
+"""Tolerance of bends between the pose at the end of a path and the arm on the sampled path [rad]."""
 _LONGER = 1.35
 """Maximum duration of the motion along the tip's path, as a multiple of that of the optimised motion. Taste. Measured:
 1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 in tours that retract the arm from
@@ -59,9 +58,10 @@ _LONGER_WITH_ROOM = 1.75
 """Maximum duration of the motion along the tip's path if it has more clearance, as a multiple of that of the optimised
 motion. Taste. Measured between ribs: 1.4 times the time for 6 mm instead of 1."""
 _GAINED_ROOM = 0.1
-"""Fraction of the preferred gap above which gained clearance counts. Taste."""
+"""Gain of clearance, as a fraction of the preferred clearance, from which a motion may take longer. Taste."""
 _LOST_ROOM = 0.02
-"""Fraction of the preferred gap by which the motion along the tip's path may have less clearance. Taste."""
+"""Loss of clearance, as a fraction of the preferred clearance, at which the motion along the tip's path is still
+accepted. Taste."""
 _WEIGHTS = (1e3, 1e4, np.inf)
 """Weights w on displacements of joints and tip from the path, relative to second derivatives of bends, with lengths in
 nominal links; the first that loses no clearance is taken. Measured in a wing box and in a row of blades: with the
@@ -78,7 +78,7 @@ _STRAIGHT = 1e-9
 
 @dataclass(frozen=True)
 class OwnPath:
-    """Path in space on which the links of a pose lie, beyond the end of the guide tube.
+    """Path in space, from the end of the guide tube on, on which the joints of a pose lie.
 
     Attributes:
         arm: arm on a feed axis.
@@ -178,7 +178,7 @@ def _smoothed(arm: Arm, slide: FloatArray, weight: float) -> FloatArray:
 
 
 def _across(arm: Arm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return projections perpendicular to the arm at all joints but the base and at the tip, and projected Jacobians.
+    """Return projections perpendicular to the arm at joints beyond the base and at the tip, and projected Jacobians.
 
     Args:
         arm: arm in space.
@@ -237,7 +237,7 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
 
 
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
-    """Return whether ``_worth`` prefers a motion, keyframes (K, c), to any other motion between its ends."""
+    """Return whether ``_worth`` would prefer a motion, keyframes (K, c), to even the best motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
     roomy = _lacking(behind, task) <= _LOST_ROOM * task.wanted_gap
@@ -274,7 +274,7 @@ def _time(q: FloatArray, task: SpaceTask) -> float:
 def keyframes_behind_tip(
     arm: Arm, start: FloatArray, end: FloatArray, weight: float = _WEIGHTS[0]
 ) -> FloatArray | None:
-    """Return keyframes of a motion back along the path of the start pose and in along that of the end pose, (K, c).
+    """Return keyframes (K, c) of an arm retracted along the start pose's path, then fed along the end pose's path.
 
     The result is None if the paths do not meet the poses, or each other.
 

@@ -27,7 +27,7 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
 
 _STEPS = 80
-"""Maximum number of smoothing steps of a band. Taste."""
+"""Maximum number of smoothing steps of an elastic band. Taste."""
 _SETTLED = 0.002
 """Largest shift of a point, in distances between points, below which the band counts as settled. Taste."""
 _LARGEST_STEP = 0.3
@@ -50,13 +50,14 @@ _LEAST_SLANT = 0.3
 """Sine of the angle between the band and the direction of a wall below which the wall lies ahead or behind and bounds
 no shift sideways. Taste."""
 _FREE_SPACE_MARGINS = (1.0, 0.4, 0.1)
-"""Margins of free space beyond radius and clearance, widest first, as fractions of a link's sagitta at its joint limit,
-by which links, as chords of the path, cut its corners. Taste."""
+"""Margins of free space beyond radius and clearance, widest first, as fractions of the distance by which a link, as a
+chord of the path, cuts a bend at the joint limit (its sagitta). Taste."""
 _BAND_MARGINS = (0.2, 0.05, 0.01)
 """Margins of elastic bands beyond radius and clearance, kept where possible, in link lengths. Taste."""
 _BAND_GAP = 0.8
-"""Margin as a fraction of the preferred gap, tried first if wider than the others. Measured in tubes that leave just
-the preferred gap, at 48 links: at 1 the band has no freedom, oscillates, and the motion lasts 1.5 times as long."""
+"""Margin of elastic bands that is tried first if wider than the others, as a fraction of the preferred clearance.
+Measured in tubes that leave just the preferred gap, at 48 links: at 1 the band has no freedom, oscillates, and the
+motion lasts 1.5 times as long."""
 _BAND_SPACING = 1.0 / 3.0
 """Distance between the points of a band, in link lengths. Taste."""
 _LEAST_BAND_SPACING = 1.0 / 90.0
@@ -134,7 +135,7 @@ class ElasticBand:
         return (np.zeros(m) if shift is None else shift), normals
 
     def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-        """Return the Hessian (m, m) and gradient (m,) of a smoothing step's objective with respect to the shifts a.
+        """Return Hessian (m, m) and gradient (m,) of a smoothing step's objective with respect to the points' shifts a.
 
         The objective is half the sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a
         ridge.
@@ -191,7 +192,7 @@ class ElasticBand:
         return np.minimum(low, high), high
 
     def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances of a band's points from the edges and vertices of walls, and the sides of these.
+        """Return the distances of a band's points from the edges and vertices of walls, and on which side those lie.
 
         Both have shape (m, edges and vertices): the distances [m], and the sines of the angles between the band and the
         nearest points of the walls, positive to the left.
@@ -208,9 +209,9 @@ class ElasticBand:
 
 
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
-    """Return a band (m, 2) with a point added before its beginning and one after its end, shape (m + 2, 2) [m].
+    """Return a band (m, 2) with one more point before its beginning and after its end, shape (m + 2, 2) [m].
 
-    The headings at the ends of the band determine these points, at the distance h.
+    Each lies at distance ``h`` from the end of the band, straight on in the heading there.
     """
     first, last = headings
     if last is None:

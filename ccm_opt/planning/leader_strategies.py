@@ -64,8 +64,8 @@ _PATHS_CHANGED_TO = 3
 _LEAST_LINKS_CHANGED = 2
 """Minimum number of links beyond the hole for a change of shape. Derived: a single link has no shape."""
 _SEPARATION = 2
-"""Number of additional keyframes between feed and a change of shape near the hole. Derived: with two further keyframes
-of equal pose no span of the cubic spline, which four control points shape, mixes the two."""
+"""Number of additional keyframes inserted between a feed motion and a change of shape near the hole. Derived: with two
+further keyframes of equal pose no span of the cubic spline, which four control points shape, mixes the two."""
 _TIGHT_GAP = 0.05
 """Clearance on either side of the arm, in link lengths, below which a passage on the feed axis is tight: joints cannot
 bend there as paths would require. Taste."""
@@ -86,7 +86,7 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
     def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
         """Return the first motion along a leader's path that satisfies all limits, or None.
 
-        If needed, a motion is tracked under the user's limits.
+        A motion that violates the user's limits is replaced by one that tracks it under these limits, if possible.
 
         Args:
             task: search task of the problem.
@@ -166,10 +166,10 @@ class LedWays:
     seconds: float
 
     def quick(self) -> Iterator[Motion]:
-        """Yield motions to the goal that are found quickly.
+        """Yield motions to the goal that are found quickly, those onto one leader's path sorted by length.
 
-        For each leader's path these are the motion that follows the path from the start on or, if there is none, the
-        first two motions that move onto the path, and the motion without any feed, the shortest first.
+        For each path these are: the motion that follows the path from the start or, if there is none, the first two
+        motions that move onto the path, and the motion without any feed.
         """
         at_once = self.at_once()
         for number, path in enumerate(self._paths()):
@@ -179,7 +179,7 @@ class LedWays:
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
 
     def changing(self) -> Iterator[Motion]:
-        """Yield motions with a change of shape, those onto the first few leader's paths before one without feed."""
+        """Yield motions with a change of shape: first onto each of a few leader's paths, then one without any feed."""
         for number, path in enumerate(self._paths()):
             if number == _PATHS_CHANGED_TO:
                 break
@@ -419,7 +419,7 @@ def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
 
 
 def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> Problem:
-    """Return the problem of the outer part of a fed arm as an arm on a fixed base; the inner links become an obstacle.
+    """Return the problem of the outer part of a fed arm on a fixed base, in which the inner links are an obstacle.
 
     Args:
         problem: problem of the whole arm, with a feed axis.

@@ -58,7 +58,7 @@ class LinkChain:
 
 @dataclass(frozen=True, eq=False)
 class LinkChains:
-    """Finds chains of links between two positions.
+    """Search, by growing two random trees, for chains of links between two positions.
 
     Attributes:
         tree: bounding volume hierarchy of the surfaces.
@@ -67,7 +67,7 @@ class LinkChains:
         limits: largest bend before each link of a chain of maximum length, from its start, shape (links,) [rad]; the
             last value also applies to the tree from the goal.
         first_pair: minimum difference of the indices of two links of a chain that are checked for contact.
-        pair: minimum distance of the axes of such links [m].
+        pair: minimum distance between the centre lines of two links that are checked for contact [m].
         exact: whether a chain must have the maximum number of links.
         mounted: number of links from the start that may touch surfaces.
     """
@@ -105,7 +105,7 @@ class LinkChains:
             start: first point of chains, and the direction before their first link; without a direction no chain is
                 found.
             goal: last point of chains, and the direction of their last link.
-            kept: minimum distance of the links' axes from surfaces [m].
+            kept: minimum distance of the links' centre lines from surfaces [m].
             gap: maximum gap in a chain [m].
             strays: weight of the difference between a node's number of links and a random target's, relative to the
                 distance from the target, in the choice of the node that grows.
@@ -154,7 +154,7 @@ class LinkChains:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """The arrays of a tree; fields as in link_chains.c."""
+    """Random tree of link ends, as arrays; the fields are those of the C structure in link_chains.c."""
 
     place: FloatArray
     ahead: FloatArray
@@ -183,7 +183,7 @@ class _Tree:
         return tree
 
     def for_c(self, first: int, count: int) -> dict[str, object]:
-        """Return the tree of ``count`` nodes as fields for link_chains.c; nodes from ``first`` on may have children."""
+        """Return the first ``count`` nodes as fields for link_chains.c; nodes from ``first`` on may have children."""
         return {"first": first, "count": count, "capacity": _NODES, **vars(self)}
 
     def branch(self, node: int) -> FloatArray:

@@ -27,9 +27,9 @@ from ccm_opt.robot.segment import CurvatureSegment, piece_coefficients
 SEGMENTS = 5
 KNOTS = 4 * SEGMENTS + 1
 _FIT_WEIGHT = 1e-6
-"""Weight on curvature differences in the fit of a curve, which break ties."""
+"""Weight on curvature differences in the fit of a curve, so that the smoothest of equally good curves is chosen."""
 _METRIC_SHARE = 1e-6
-"""Fraction of its diagonal that is added to the metric to make the metric positive definite."""
+"""Fraction of the diagonal of the metric that is added to it, so that it is positive definite."""
 _METRIC_RIDGE = 1e-9
 """Multiple of the identity that is added to the metric."""
 
@@ -90,7 +90,7 @@ class LinkSpace(CurveUnknowns):
         return np.asarray(fit_coordinates(self.turns, headings.T, self.arm.length).T)
 
     def closest(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates (K, p) whose links are turned least from those of given configurations (K, c).
+        """Return the coordinates (K, p) whose link headings are nearest to those of given configurations (K, c).
 
         The result is a least-squares fit of the link headings, in which all coordinates are free, also one that blends
         into a goal.
@@ -118,7 +118,7 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Derivatives of the link headings, and of the base's travel in link lengths, by the coordinates, (c, p)."""
+        """Derivatives with respect to the coordinates of link headings and base travel in link lengths, (c, p)."""
         links = self.arm.links
         return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
@@ -141,7 +141,7 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def _turning(self) -> FloatArray:
-        """Derivatives of the link headings (about the single axis of the plane) by the coordinates, (links, 1, p)."""
+        """Derivatives of link headings with respect to the coordinates, (links, 1, p), about one rotation axis."""
         return self.turns[: self.arm.links, None]
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
@@ -182,14 +182,14 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the curve's curvature at its knots by the coordinates, shape (KNOTS, p) [1/m]."""
+        """Derivatives of the curvature at the knots with respect to the coordinates, shape (KNOTS, p) [1/m]."""
         rows = np.zeros((KNOTS, self.dimension))
         rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
         return rows
 
     @property
     def heading_metric(self) -> FloatArray:
-        """Metric of the sum of squared link turns in the coordinates, shape (p, p)."""
+        """Matrix M, shape (p, p), with δᵀ M δ = sum of squared link turns for a change δ of the coordinates."""
         return self.turns.T @ self.turns
 
     @cached_property
@@ -236,7 +236,7 @@ class FedSpace(LinkSpace):
         return q / np.diag(self.slopes)
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return bends, and base travel converted to a turn of equal duration, of configurations, (..., c) [rad]."""
+        """Return bends, and base travel converted to a turn of equal duration, for configurations (..., c) [rad]."""
         return self.fitted(q) * self._weights
 
     @cached_property
@@ -255,7 +255,7 @@ class FedSpace(LinkSpace):
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the curvature at every joint, bend over link length, by the coordinates, (links, p) [1/m]."""
+        """Derivatives of bend over link length at every joint with respect to the coordinates, (links, p) [1/m]."""
         return self.bend_rows / self.arm.lengths[:, None]
 
     @cached_property
@@ -264,7 +264,7 @@ class FedSpace(LinkSpace):
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return M⁻¹ Rᵀ, shape (p, k), for rows R (k, p), restricted to joints outside the guide tube at a pose.
+        """Return M⁻¹ Rᵀ, shape (p, k), for derivatives R (k, p), restricted to joints outside the guide tube at a pose.
 
         M is the metric of squared link turns. Entries of the base and of joints in the tube are 0; these do not move.
         """
@@ -281,7 +281,7 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
     A small weight on curvature differences selects the smoothest of equally good curves.
 
     Args:
-        matrix: derivatives of the mean headings by the coordinates, shape (links, p).
+        matrix: derivatives of the mean headings with respect to the coordinates, shape (links, p).
         headings: link headings, shape (links,), or (links, k) for k poses [rad].
         length: length of the arm [m].
 
@@ -318,7 +318,7 @@ def _turned() -> PPoly:
 
 @lru_cache(maxsize=32)
 def _unit_matrix(links: int) -> FloatArray:
-    """Return the mean headings over each link per unit of each coordinate, for length 1, shape (links, KNOTS + 1)."""
+    """Return each link's mean heading for a unit of each coordinate, for an arm of length 1, (links, KNOTS + 1)."""
     primitive = _turned().antiderivative()(np.arange(links + 1) / links)
     return np.column_stack((np.ones(links), links * np.diff(primitive, axis=0)))
 

@@ -49,7 +49,7 @@ class CurveMotion(Generic[CurveType]):
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
 
     def without_blending(self, curve: CurveType) -> "CurveMotion[CurveType]":
-        """Return the motion in a map with further unknowns, which blend into another end and are set to 0."""
+        """Return the motion in a map with more unknowns, which blend into a goal pose and are set to 0 here."""
         further = curve.dimension - self.unknowns.shape[1]
         return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
 
@@ -58,9 +58,9 @@ class CurveMotion(Generic[CurveType]):
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
-        """Yield the motion deformed to another end by a change that grows smoothly along the motion.
+        """Yield versions of the motion deformed to another end, by a change that grows smoothly along the motion.
 
-        The change starts later from motion to motion.
+        From version to version, the change starts later along the motion.
 
         Args:
             end: unknowns of the other end, shape (p,).
@@ -93,12 +93,12 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def busiest(self) -> float:
-        """Sum over the intervals of the largest travel of any drive, which bounds the duration of the motion."""
+        """Sum over the intervals of the largest travel of any drive, a measure of the least duration of the motion."""
         return float(np.abs(np.diff(self.curve.drives(self.configurations), axis=0)).max(axis=1).sum())
 
     @property
     def travel(self) -> float:
-        """Length of the joint path in the space of the drives."""
+        """Length of the motion's polyline in the space of the drive positions."""
         return path_length(self.curve.drives(self.configurations))
 
 

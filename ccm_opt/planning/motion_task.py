@@ -33,35 +33,37 @@ from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 _SPARE_AT_ENDS = 0.5
-"""Fraction of the gap at start and goal that the certificate may demand. Taste."""
+"""Certified gap as a fraction of the gap at start and goal, if that is smaller than the usual one. Taste."""
 
 _REACH_MARGINS = 4.0
-"""Gap below which contacts make rows of a step, in planning margins, where larger than ``_REACH``. Taste."""
+"""Gap below which contacts are constraints of a QP step, in planning margins, if larger than ``_REACH``. Taste."""
 _SPARE_IN_GATES = 0.1
-"""Fraction of the gap in narrow gates that the certificate may demand. Taste: half of the fraction that poses keep by
-their margin."""
+"""Certified gap as a fraction of the gap beside the arm in narrow gates, if that is smaller than the usual one. Taste:
+half of the fraction that the planning margin keeps."""
 _END_REACH = 4.0
 """Largest gap at start and goal that is measured, in multiples of ``_SPARE``. Taste."""
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
-"""Function that offers better goal poses than the one in which a motion ends."""
+"""Function that yields, from the arm and the configuration in which a motion ends, better goal configurations (c,)."""
 _REACH = 0.96
-"""Gap below which contacts make rows of a step, in nominal links. Taste: a step moves a link by less."""
+"""Gap below which contacts are constraints of a QP step, in nominal links. Taste: a step moves a link by less."""
 _PLAY = 0.5
-"""Distance from the middle line of a gate up to which joints are not pulled to it, in planning margins. Taste."""
+"""Distance from the centre line of a gate within which joints are not pulled towards it, in planning margins. Taste."""
 _LARGEST_LINK = 1.0 / 36.0
-"""Largest length that counts as one link in the optimisation, as a fraction of the arm's length. Taste."""
-_ROW_REACH = 2.5
-"""Gap of walls and links above which they make no rows of the optimisation, in links, of at most ``_LARGEST_LINK``.
+"""Upper bound on the link length in which distances of the optimisation are given, as a fraction of the arm's length.
 Taste."""
+_ROW_REACH = 2.5
+"""Gap to walls or other links above which the optimisation has no contact constraint, in link lengths of at most
+``_LARGEST_LINK``. Taste."""
 _ROW_MARGIN = 1e-3
-"""Gap that rows of the optimisation demand beyond contact, as a fraction of the arm's length. Taste."""
+"""Gap beyond contact that constraints of the optimisation require, as a fraction of the arm's length. Taste."""
 _ROW_SEEN = 1.1
-"""Distance from their bound below which rows enter the QP, in links, of at most ``_LARGEST_LINK``. Taste."""
+"""Distance to its bound below which a constraint enters the QP of the optimisation, in link lengths of at most
+``_LARGEST_LINK``. Taste."""
 _GROUPS = 36
-"""Number of links above which rows are for groups of neighbouring joints. Taste."""
+"""Number of links above which the optimisation has one contact constraint per group of neighbouring joints. Taste."""
 _SPARE = 1e-4
-"""Gap beyond contact that the certificate demands, as a fraction of the arm's length. Taste."""
+"""Usual gap beyond contact that is certified, as a fraction of the arm's length. Taste."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,12 +100,12 @@ class MotionTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Required distance of walls from the axis of the last link: radius plus clearance [m]."""
+        """Required distance of walls from the centre line of the last link: radius plus clearance [m]."""
         return self.arm.tip_radius + self.workspace.clearance
 
     @property
     def advice(self) -> str:
-        """Advice to the user for the case that no motion is found and nothing more specific is known."""
+        """Advice to the user if no motion is found and nothing more specific is known."""
         return "raise planner.routes (not tried)"
 
     @cached_property
@@ -124,7 +126,7 @@ class MotionTask(SearchTask):
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
     def space_through(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """Return the map for motions from a configuration (c,), and the coordinates of the configuration.
+        """Return the map from coordinates to configurations for motions from ``q`` (c,), and the coordinates of ``q``.
 
         For a fed arm, one map contains all configurations, which may have the shape (..., c).
         """
@@ -133,7 +135,7 @@ class MotionTask(SearchTask):
         return LinkSpace.through(self.arm, q, self.nominal_links, clamped=self.clamped)
 
     def at_full_limits(self) -> "MotionTask":
-        """Return the task with settings of steps that use nearly the full joint limits."""
+        """Return a copy of the task in which steps may use nearly the full joint limits."""
         step = self.settings.step
         return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
 
@@ -144,7 +146,7 @@ class MotionTask(SearchTask):
         return bool(np.any(np.abs(q[: self.arm.links]) > (share - hair) * self.arm.bend_limits))
 
     def gap_about(self, places: FloatArray) -> float:
-        """Return the least gap to walls of an arm whose axis passes through points (m, 2) [m]; inf without points."""
+        """Return the least gap to walls of an arm with its centre line at points (m, 2) [m]; inf without points."""
         if len(places) == 0:
             return np.inf
         _, nearest = self.workspace.nearest(shapely.MultiPoint(places))
@@ -161,7 +163,7 @@ class MotionTask(SearchTask):
         return self.finder(0.0, _END_REACH * _SPARE * self.arm.length)
 
     def finder(self, margin: float, reach: float) -> WallFinder:
-        """Return a finder of contacts with a planning margin and a reach [m]."""
+        """Return a finder of contacts with a planning margin and a search distance [m]."""
         walls = self.workspace.flat_walls
         return WallFinder(self.arm, walls, self.workspace.clearance, margin, reach)
 
@@ -177,7 +179,7 @@ class MotionTask(SearchTask):
         """Return all limits of the motion.
 
         Args:
-            finder: finder of contacts, with the margin and reach of the contact limit.
+            finder: finder of contacts, with the planning margin and search distance of the contact limit.
             wanted_gap: preferred gap beyond contact [m].
             certificate: certificate of contact; ``contact_certificate`` if None.
         """
@@ -190,7 +192,7 @@ class MotionTask(SearchTask):
 
     @cached_property
     def _rails(self) -> tuple[FloatArray, ...]:
-        """Middle lines of the narrow gates on the tip paths, extended straight on both sides, each (k, 2) [m]."""
+        """Centre lines of the narrow gates on the tip paths, extended straight at both ends, each (k, 2) [m]."""
         return tuple(rail for path in self.tip_paths for rail in path.rails)
 
     @cached_property
@@ -200,16 +202,16 @@ class MotionTask(SearchTask):
         return GateLines.from_rails(rails, self.workspace) if rails else None
 
     def certificate_with(self, spare: float) -> MotionCertificate:
-        """Return a certificate of all limits that requires at least a given gap beyond contact [m]."""
+        """Return a certificate of all limits that requires at least a gap beyond contact, ``spare`` [m]."""
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
         return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
     def program(self, motion: Motion, margin: float | None = None) -> MotionProgram[PlanarSweep]:
-        """Return the optimisation problem of a motion, except its keyframes.
+        """Return the optimisation problem for a motion: limits, goal and weights, without its keyframes.
 
         Args:
             motion: certified motion.
-            margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default if None.
+            margin: gap beyond contact that constraints require, as a fraction of the arm's length; the default if None.
         """
         margin = _ROW_MARGIN if margin is None else margin
         length = self.arm.length
@@ -240,7 +242,7 @@ class MotionTask(SearchTask):
         )
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return the shortfall of configurations (k, c) from the preferred clearance, shape (k,) [m]."""
+        """Return how much of the preferred clearance each configuration (k, c) lacks, at least 0, shape (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
@@ -285,7 +287,7 @@ class MotionTask(SearchTask):
 
     @property
     def among_many_walls(self) -> bool:
-        """Whether there are so many walls that goal poses are costly to find and clearances are small."""
+        """Whether there are so many walls near the arm that goal poses are costly to find and passages are narrow."""
         return len(self.workspace.walls) > self.settings.many_walls
 
 
@@ -312,7 +314,7 @@ class CachedItems:
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:
-    """Return a planar task for an arm of equal length with fewer links, with all configurations resampled."""
+    """Return a planar task for an arm of equal length with ``links`` links; all configurations are resampled."""
     many = task.arm.links
 
     arm = task.arm.with_links(links)

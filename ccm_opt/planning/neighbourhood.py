@@ -20,7 +20,7 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _NEIGHBOURHOOD = 0.1
 """Distance beyond the arm's reach above which walls are left out, as a fraction of the arm's length. Taste: more than
-the reach of any row of the search or of the optimisation."""
+the search distance of any contact constraint."""
 _OUTLINE_ERROR = 5e-5
 """Maximum error of simplified outlines, as a fraction of the arm's length. Taste: less than a tenth of the clearance
 that the optimisation keeps."""
@@ -29,7 +29,7 @@ _OUTLINE_GAP_SHARE = 0.02
 _MANY_VERTICES = 100
 """Minimum number of vertices of an outline that is simplified. Taste."""
 _VERTICES_KEPT = 0.7
-"""Fraction of remaining vertices above which an outline is left unchanged. Taste."""
+"""Fraction of vertices that a simplified outline may keep; if it keeps more, the original outline is used. Taste."""
 
 
 def simplified(obstacle: Obstacle, error: float) -> Obstacle:
@@ -72,7 +72,7 @@ def neighbourhood(problem: Problem, ends: Ends) -> Problem:
 
 
 def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
-    """Return the allowed error of simplified outlines, a small fraction of arm length and gaps at both ends [m]."""
+    """Return the allowed error of outlines: the least of fractions of the arm length and the gaps at both ends [m]."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions_at(ends.start))]
     if ends.goal_pose is None:
@@ -85,7 +85,10 @@ def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
 
 
 def route_workspace(problem: Problem, ends: Ends) -> Workspace:
-    """Return a workspace with only the obstacles that poses at the goal can come near; unchanged for a feed axis."""
+    """Return the workspace of a problem with only the obstacles that poses at the goal can come near.
+
+    It is unchanged for an arm on a feed axis.
+    """
     arm = problem.arm
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:

@@ -332,7 +332,7 @@ def slid_out(
 
 
 def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
-    """Return alternative sequences of functions whose guides lead from outside the gates to the goal, quickest first."""
+    """Return alternative sequences of functions that make guides from outside the gates to the goal, quickest first."""
     by_tip = partial(_by_tip, stepper)
     if whole_arm is None:
         return [(by_tip,)]

@@ -105,7 +105,7 @@ class CurveUnknowns(ABC):
 
     @property
     def nominal_per_link(self) -> float:
-        """Number of nominal links per link: weight of each link in sums over links, which then do not grow with links."""
+        """Number of nominal links per link: weight of each link in sums over all links of the arm."""
         return self.nominal_links / self.arm.links
 
     # ------------------------------------------------------------ configurations
@@ -212,7 +212,7 @@ class CurveUnknowns(ABC):
     # ------------------------------------------------------------ metrics
     @property
     def heading_metric(self) -> FloatArray:
-        """Matrix M, with δᵀ M δ the sum of squared link turns for a change δ of unknowns; 0 if it depends on the pose."""
+        """Matrix M (p, p) with δᵀ M δ = sum of squared link turns for a change δ of unknowns; 0 if it varies."""
         return np.zeros((self.dimension, self.dimension))
 
     @abstractmethod
