@@ -41,7 +41,7 @@ class Guide(Protocol):
 
 
 class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
-    """Exception raised when a guide makes no progress.
+    """Exception raised if a motion along a guide or onto a goal makes no progress.
 
     The message says how far the guide led the arm; ``poses`` holds the motion up to that point.
     """
@@ -95,7 +95,7 @@ def follow(
 
 
 def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
-    """Return a motion without poses that hardly differ from the previous one.
+    """Return the poses of a motion without those that hardly differ from the pose kept before them.
 
     A pose is kept if a link has turned by at least ``least`` [rad] since the last pose kept; an advance of the base by
     a link length counts as a turn of one radian. Both ends are kept.

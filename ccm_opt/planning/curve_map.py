@@ -28,8 +28,9 @@ KNOTS = 11
 SETTLING = 1e-2
 """Weight of differences of unknowns from knot to knot in a fit, just large enough to make the solution unique."""
 SMOOTHNESS = 2.0
-"""Weight of these differences in the fit of a pose whose remaining bends are blended in. Measured: among bays of a wing
-box, blades and pipes, motions to such an end are a twentieth shorter than with a small weight, with larger gaps."""
+"""Weight of differences of unknowns from knot to knot in the fit of a pose whose remaining bends are blended in.
+Measured: among bays of a wing box, blades and pipes, motions to such an end are a twentieth shorter than with a small
+weight, with larger gaps."""
 FEED_A_SPAN = 0.12
 """Maximum change of feed over a span of a path, over a piece of an edge, and between keyframes of an arm that follows
 its tip, in nominal links. It is less than half of the length beyond the guide tube on which joints are straight, so
@@ -264,8 +265,8 @@ class CurveMap(CurveUnknowns):
             The map, ``own`` in it, shape (m, p + b'), and ``others`` in it, shape (k, p + b').
         """
         grid = np.union1d(self.offset_at, other.offset_at)
-        blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 - its own kind
-        both = replace(self, offset=np.zeros((len(grid), 2)), offset_at=grid, blends=np.stack(blends))
+        blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 -
+        its own kind both = replace(self, offset=np.zeros((len(grid), 2)), offset_at=grid, blends=np.stack(blends))
         shared = len(self.scale)
         after = np.pad(own, ((0, 0), (0, len(other.blends))))
         before = np.insert(others, np.full(len(self.blends), shared), 0.0, axis=1)
@@ -278,7 +279,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _bent_by_base(self) -> FloatArray:
-        """Bends of the base joint per unit of the base's two unknowns, shape (2,) [rad]; zeros if clamped."""
+        """Bend of the base joint per unit of each of its two unknowns, shape (2,) [rad]; zeros if it is clamped."""
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
@@ -303,7 +304,7 @@ class CurveMap(CurveUnknowns):
         return rows
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the quadratic form that sums squared rotations and weighted displacements of links, shape (p, p).
+        """Return M, shape (p, p), with δᵀ M δ = squared rotations plus weighted squared displacements of links for δ.
 
         The squared displacements, in nominal links, have a weight of 0.01, and a small ridge is added.
         """
@@ -330,7 +331,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def following_rows(self) -> FloatArray:
-        """Matrix ``change_rows`` [1/m] for an arm on a feed axis; a matrix without rows for a fixed base."""
+        """Matrix from changes of unknowns to changes of a fed arm's curve, (m, p) [1/m]; no rows on a fixed base."""
         return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property
@@ -507,7 +508,7 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
 
 
 def _through(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
-    """Return the map with the offset with which unknowns (p,) reproduce a configuration (c,) exactly."""
+    """Return a copy of a map with the offset that makes its unknowns (p,) give a configuration (c,) exactly."""
     n = curve.arm.links
     left = (q - curve.configuration(v))[: 2 * n].reshape(n, 2)
     return replace(curve, offset=left, offset_at=curve.places(float(np.sum(q[2 * n :]))))

@@ -32,9 +32,10 @@ _RUN_IN_SAMPLES = 9
 """Number of points on the straight approach that are checked for being free. Taste."""
 
 _LEAST_MARGIN = 1e-3
-"""Fraction of the inflation that is always kept, so that free space never degenerates to zero width. Taste."""
+"""Smallest inflation of obstacles for routes, as a fraction of the usual one, so that free space never degenerates to
+zero width. Taste."""
 _ROUNDING = 1e-9
-"""Relative rounding allowed when the length of a route is compared with that of the stretched arm. Derived."""
+"""Relative tolerance for rounding if the length of a route is compared with that of the stretched arm. Derived."""
 _CONFIGURATIONS = 2
 """Number of routes for which a goal configuration is sought by the NLP. Taste."""
 _ATTEMPTS = 2
@@ -55,7 +56,7 @@ CURVATURE_SHARE = 0.9
 """Fraction of the greatest curvature (joint limit over link length) that the curve may use. Taste: links on a curve
 bend slightly more than the curve."""
 FULL_CURVATURE_SHARE = 1.0
-"""Fraction of the greatest curvature for another guess if there is none with ``CURVATURE_SHARE``. Taste."""
+"""Fraction of the greatest curvature that the curve may use if none is found with ``CURVATURE_SHARE``. Taste."""
 FURTHER_ATTEMPTS = 4
 """Number of attempts at a configuration when the search needs further ones. Taste."""
 
@@ -308,7 +309,7 @@ def configuration_task(
 
 
 def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
-    """Return for each region of a corridor the distances from its sides to the inflated walls behind, (sides,) [m].
+    """Return, for each region of a corridor, the distances from its sides to inflated walls behind them, (sides,) [m].
 
     Distances are measured where a side is nearest to the route, and positive for sides that touch no wall.
     """

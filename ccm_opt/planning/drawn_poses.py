@@ -39,36 +39,39 @@ _STEPS = 40
 _SHAPES = 4096
 """Number of smooth shapes that are sampled together; a shape and its tip take some 4 µs."""
 _NEAREST = 256
-"""Number of those, nearest to the goal, that are moved onto it. Taste: it takes a tenth of a millisecond each. Measured
-among bars: of these one in a hundred is free, of shapes with the tip anywhere one in a thousand."""
+"""Number of the sampled smooth shapes, those nearest to the goal, that are moved onto the goal. Taste: it takes a tenth
+of a millisecond each. Measured among bars: of these one in a hundred is free, of shapes with the tip anywhere one in a
+thousand."""
 _FACING = 0.3
 """Position error that is equivalent to a direction error of one radian, in arm lengths. Taste."""
 _NEWTON_STEPS = 20
 """Maximum number of steps of Newton's method onto the goal. Taste: it converges in some six or never."""
 _NEWTON_TURN = 1.5
-"""Maximum norm of these steps, in changes of link headings [rad]. Taste."""
+"""Maximum norm of a step of Newton's method onto the goal, in changes of link headings [rad]. Taste."""
 _ARRIVED = 1e-4
 """Error of the tip up to which poses are passed on to the exact method, in arm lengths and radians."""
 _CHAIN_STRAYS = (0.0, 0.3, 1.0)
-"""Preferences for nodes after the required number of links, for the growths of chains. Measured among bars: each finds
-poses where the others find none."""
+"""Weights, one for each growth of chains in turn, of the difference between a node's number of links and the number
+that its target requires. Measured among bars: each weight finds poses where the others find none."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
-"""Gaps of chains' links, as fractions of the preferred gap; one is sampled for each growth. Taste."""
+"""Gaps that a chain's links keep beyond the required clearance, as fractions of the preferred clearance; one is sampled
+for each growth. Taste."""
 _CHAIN_GAP = 1.5
-"""Largest gap between the two parts of a chain, in links. Taste."""
+"""Largest distance between the part of a chain grown from the start and that grown from the goal, in links. Taste."""
 _CHAIN_BENDS = 0.98
-"""Largest bend of joints of chains, as a fraction of the joint limit."""
+"""Largest bend of the joints of a chain, as a fraction of the joint limit."""
 _ALIKE = 0.03
 """Largest distance between joints of two poses up to which the poses count as one, in arm lengths. Taste."""
 _CONTROLS = (3, 9)
-"""Minimum number, and maximum plus one, of control values between which a smooth shape's curvature is linear."""
+"""Range (first included, last excluded) of the number of control values between which a smooth shape's curvature is
+linear."""
 _BENT = 0.7
 """Maximum standard deviation of the curvature at a control, as a fraction of the largest one that the joints permit.
 Measured in two confined scenes: with half as much, trees take twice as long to meet."""
 
 
 def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[Pose]:
-    """Yield random poses at the goal that touch nothing and keep the joint limits.
+    """Yield random poses at the goal that touch nothing and respect the joint limits.
 
     Poses are sampled until the deadline has passed or the maximum number of samples is reached.
 
@@ -89,7 +92,7 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
 def free_goal_poses(
     task: SpaceTask, points: "CurvePoints", motions: SampledMotions, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return smooth random shapes moved onto the goal that touch nothing and keep the joint limits.
+    """Return poses at the goal, smooth random shapes moved onto it, that touch nothing and respect the joint limits.
 
     Args:
         task: task with a goal for the tip, of an arm on a fixed base.
@@ -114,7 +117,7 @@ def free_goal_poses(
 def chained_goal_poses(
     task: SpaceTask, points: "CurvePoints", known: list[Pose], turn: int, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return further poses at the goal, composed of chains of links, that touch nothing and keep the joint limits.
+    """Return further poses at the goal, made from chains of links, that touch nothing and respect the joint limits.
 
     Chains pass between many obstacles, where hardly any smooth random shape is free.
 
@@ -152,14 +155,14 @@ def chained_goal_poses(
 
 
 def _alike(arm: Arm, pose: Pose, other: Pose) -> bool:
-    """Return whether every joint has nearly the same position in both poses."""
+    """Return whether every joint has nearly the same position in two poses, up to a fraction of the arm's length."""
     return bool(np.max(np.linalg.norm(pose.points - other.points, axis=1)) < _ALIKE * arm.length)
 
 
 def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> FloatArray:
-    """Return the error of the tip for each row of unknowns, shape (m, p), in arm lengths, shape (m,).
+    """Return the error of the tip at the goal for each of m shapes, given by unknowns (m, p), in arm lengths, (m,).
 
-    Direction errors count as equivalent position errors.
+    Direction errors are converted to equivalent position errors and added.
     """
     arm = stepper.space.arm
     joints = arm.joint_positions_at(stepper.space.configurations(shapes))
@@ -289,8 +292,8 @@ _SWING_EXTENSIONS = 1000
 """Maximum number of extensions of trees between straightened poses: the trees meet after few extensions or not at all.
 Measured for curled arms next to a post: some hundred are enough."""
 _BASE_SHARE = 0.8
-"""Fraction of the targets of such trees in which the base has a random direction and the curve is between those of the
-start and a goal."""
+"""Fraction of the targets, for trees between straightened poses, in which the base has a random direction and the curve
+is between those of the start and a goal."""
 _EXTENSION = 2.0
 """Maximum length of an extension, in the norm of points [rad]. Measured among bars: with 1 it takes twice as long until
 the trees meet."""
@@ -306,7 +309,7 @@ time."""
 
 @dataclass(frozen=True, eq=False)
 class CurveDraws:
-    """Samples targets for RRT-Connect in the unknowns of a curve.
+    """Sampler of targets for RRT-Connect in the unknowns of a curve.
 
     Attributes:
         points: scaled unknowns that are the nodes of the trees.
@@ -411,7 +414,7 @@ class CurveDraws:
         return self.stepper.failing_edges(self._between_ends(way))
 
     def _between_ends(self, way: FloatArray) -> FloatArray:
-        """Return the unknowns of a path of points, both (K, p), with those of the start and the nearest goal exact."""
+        """Return the unknowns (K, p) of a path of points (K, p), with exactly those of start and goal at its ends."""
         goal = self.goals[int(np.argmin(np.linalg.norm(self.goal_points - way[-1], axis=1)))]
         return np.vstack((self.start.v, self.points.unknowns(way[1:-1]), goal.v))
 

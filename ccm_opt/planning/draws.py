@@ -25,17 +25,17 @@ from ccm_opt.robot.arm import Arm
 _GOAL_DRAWS = 64
 """Number of random poses that Newton's method moves onto the goal at a time. Taste."""
 _GOAL_SHAPES = 1024
-"""Number of random poses of an arm of many links, of which those are the nearest to the goal. Measured on arms wound
-among walls: ways are found in 0.1 s, with all poses moved there in 0.3 s or not at all."""
+"""Number of random poses of an arm of many links, of which the ``_GOAL_DRAWS`` nearest are moved onto the goal.
+Measured on arms wound among walls: ways are found in 0.1 s, with all poses moved there in 0.3 s or not at all."""
 _FACING = 0.3
-"""Distance of the tip from its goal that is as bad as a radian off its heading [arm lengths]. Taste."""
+"""Position error of the tip that counts as much as a heading error of one radian [arm lengths]. Taste."""
 _NEWTON_STEPS = 15
 """Number of steps of Newton's method. Measured: poses that have not converged by then seldom do."""
 _NEWTON_TURN = 0.5
 """Largest turn of a link in one step of Newton's method [rad]. Taste."""
 _ARRIVED = 1e-06
-"""Distance of the tip from the goal [arm lengths] or turn [rad] up to which a pose counts as arrived. Derived: well
-inside what the final correction can repair."""
+"""Position error [arm lengths] and heading error [rad] of the tip up to which a pose counts as at the goal. Derived:
+far less than the final correction can repair."""
 _APART = 0.1
 """Root mean square of the turns of all links between two poses at the goal above which the poses count as different
 [rad]. Taste."""
@@ -44,7 +44,7 @@ _RANGE = 1.5
 """Longest extension for arms of few links, as the root mean square turn of the links [rad]. Measured: on scenes of 4 to
 8 links half as much takes half as long again."""
 _WINDING = 2.0 * np.pi
-"""Angle by which the base may turn beyond its headings at the ends [rad]. Taste: a whole turn permits both
+"""Angle by which the base may turn beyond its headings at start and goal [rad]. Taste: a whole turn permits both
 directions."""
 _KNOTS = 12
 """Number of knots between which the curvature of a smooth target is linear. Measured on the hardest of four scenes of
@@ -60,7 +60,7 @@ _SMOOTH_RANGE = 0.4
 scenes of 24 links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds
 nothing in two of them by 60 000."""
 _BUMPED = 0.2
-"""Fraction of targets that are poses of the tree with a part of the arm turned aside. Taste."""
+"""Fraction of targets that are poses of the tree with a part of the arm bent sideways. Taste."""
 _ATTRACTED = 0.1
 """Fraction of targets that are poses of the other tree. Taste."""
 _BUMP = 0.8
@@ -228,7 +228,10 @@ class GoalDraws:
             yield np.array(new).reshape(-1, self.draws.arm.links)
 
     def _nearest(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Return the random shapes that are nearest to members of the goal, (m, links) [rad], and these, (m, 3)."""
+        """Return link headings of random shapes nearest to goal members, (m, links) [rad], and those members, (m, 3).
+
+        A member is a position and heading of the tip [m, rad].
+        """
         arm = self.draws.arm
         count = _GOAL_SHAPES if arm.links > FEW_LINKS else _GOAL_DRAWS
         shapes, members = self.draws.shapes(rng, count), self._members(rng, count)
@@ -345,7 +348,7 @@ class Connecting:
         return Motion(self.space, coordinates, q, CONNECT)
 
     def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
-        """Return a search by two trees, in which the start is the only node."""
+        """Return an RRT-Connect search by two trees, in which the start is the only node so far."""
         task = self.task
         ends = [self.start.q]
         if self.goal.coordinates is not None:
@@ -386,7 +389,7 @@ class Connecting:
         return np.stack((start, *(self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)), end))
 
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
-        """Return coordinates (p,) near given ones that reproduce given link headings (links,)."""
+        """Return the coordinates (p,) nearest to given ones that reproduce given link headings (links,)."""
         space = self.space
         missed = headings - space.arm.headings(space.configurations(near))
         # Few links leave many curves with the same headings: take the smoothest, then correct what it misses.

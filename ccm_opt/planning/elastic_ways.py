@@ -25,32 +25,32 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 _PIECE = 0.25
 """Maximum length of the pieces of a path, in nominal links."""
 _BENDING = (0.02, 0.3)
-"""Weights on the bends of pieces and of links."""
+"""Weights on the bends between consecutive pieces and between consecutive links of a path."""
 _TENSION = 0.02
 """Weight on the length of a path."""
 _EVEN = 8.0
-"""Weight on differences of the lengths of pieces."""
+"""Weight on the differences in length of consecutive pieces, which keeps the points evenly spaced."""
 _HARD = 600.0
 """Weight on the shortfall of a chord from the required gap, and on bends beyond the limit."""
 _WANTED = 5.0
 """Weight on the shortfall of a chord from the preferred gap."""
 _SPARE = 0.03
-"""Gap beyond the required one up to which the hard weight applies, in nominal links."""
+"""Gap beyond the required one below which the weight ``_HARD`` applies, in nominal links."""
 _BENT = 0.9
-"""Fraction of the largest bend at which the hard weight begins."""
+"""Fraction of the largest permitted bend above which the weight ``_HARD`` applies."""
 _SHARPER = 2.0
 """Largest curvature of a path between the joints, relative to that of the circle through joints bent as far as they
 may."""
 _GENTLE = 0.7
-"""Fraction of the largest bend at which the soft weight begins."""
+"""Fraction of the largest permitted bend above which the soft weight on bends applies."""
 _STIFFNESS = 1.1
-"""Weight on displacements of points in a round."""
+"""Weight on the displacements of points in a relaxation round, which damps the round."""
 _LONGEST = 0.3
 """Largest displacement of a point in a round, in nominal links."""
 _ROUNDS = 60
 """Maximum number of relaxation rounds."""
 _ROUNDS_A_PIECE = 3
-"""Number of rounds after which chords become longer by a piece."""
+"""Number of relaxation rounds after which the chords, which begin shorter than links, become longer by a piece."""
 _DIVIDED = (8, 20, 35)
 """Indices of the rounds before which the path is divided anew, as it has become longer or shorter."""
 _GIVEN = 1e9
@@ -89,7 +89,7 @@ class ElasticBand:
         arm: the arm.
         tree: tree of the surfaces.
         unit: length u of a nominal link [m].
-        kept: required distance of the links' axes from surfaces [m].
+        kept: required distance of the links' centre lines from surfaces [m].
         wanted: preferred additional distance, kept where possible [m].
     """
 
@@ -206,7 +206,7 @@ class ElasticBand:
         return np.asarray(motion * np.minimum(1.0, _LONGEST / np.maximum(far, TINY))[:, None])
 
     def _judged(self, band: "_Band") -> ElasticWay:
-        """Return a path with measures of how well the arm can follow the path."""
+        """Return a relaxed path in metres, with its least gap, largest relative bend and worst point."""
         m = band.m
         count = len(band.places)
         share = np.zeros(count)
@@ -262,7 +262,7 @@ class _Band:
                     self.stiffness[(a - b) * stride, b * stride : b * stride + inner] += weight * first * second
 
     def equations(self) -> "_Equations":
-        """Return new normal equations with the terms that do not change between rounds."""
+        """Return normal equations that contain only the terms that are equal in all relaxation rounds."""
         target = -self.stiffness[0][:, None] * self.places
         for d in range(1, len(self.stiffness)):
             below = self.stiffness[d, :-d, None]

@@ -77,7 +77,7 @@ _OPENED = 0.02
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
-    """Return a task with most of the weight of path length shifted to the joints that a motion turns most.
+    """Return a task whose weight of path length is mostly moved to the joints that a motion turns most.
 
     Args:
         motion: nearly optimal motion with keyframes at nearly even steps.
@@ -98,7 +98,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _busyness(differences: FloatArray) -> FloatArray:
-    """Return a weight factor for each joint, shape (links,), that grows with its largest difference.
+    """Return a weight factor for each joint, shape (links,), that grows with its largest turn between keyframes.
 
     ``differences`` are differences of the joint's position between keyframes, shape (m, links).
     """
@@ -114,7 +114,8 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
     Args:
         motion: certified motion with the tip at the goal.
         task: task for which the motion was found, which may offer end poses.
-        margin: gap that rows of the optimisation demand, as a fraction of the arm's length; the default if None.
+        margin: gap that constraints of the optimisation require, as a fraction of the arm's length; the default if
+            None.
 
     Returns:
         The certified motion. If no offered pose can be reached, the motion ends in the pose found by the optimisation
@@ -140,7 +141,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
 
 
 def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
-    """Return a task with more keyframes for a motion with a long feed, and a fraction of the remaining time."""
+    """Return a task for optimising a motion with a long feed: more keyframes, and a fraction of the remaining time."""
     # Joints come out of the tube one after the other: keyframes have to be dense enough to separate them.
     links_fed = float(np.abs(np.diff(motion.configurations[:, task.arm.links :], axis=0)).sum())
     dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
@@ -210,7 +211,7 @@ def led_to(
 
 # ------------------------------------------------------------ in space
 def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
-    """Return poses in space from the end of a motion to a pose at the goal with wider gaps to obstacles.
+    """Return poses that lead from the end of a motion in space to a pose at the goal with wider gaps to obstacles.
 
     Args:
         task: task with a goal for the tip.
@@ -323,7 +324,7 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Return a motion continued to a pose at the goal with wider gaps, if it ends with less than the preferred gap."""
+    """Return a motion that ends with less than the preferred gap continued to a pose at the goal with wider gaps."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:
         return motion

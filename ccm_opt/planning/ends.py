@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from ccm_opt.planning.space_task import SpaceTask
 
 _STRAIGHTENING = 5e-4
-"""Distance that the tip may move when bends inside the guide tube, left by the mapping of a curve, are set to 0 [m].
-Taste."""
+"""Largest displacement of the tip, if bends inside the guide tube are set to 0, up to which these bends count as errors
+of mapping a curve to links and not as bent joints [m]. Taste."""
 _CLEARANCE_SHARE = 0.05
-"""Clearance kept from an obstacle too near to the goal, as a fraction of the goal's allowed displacement. Taste."""
+"""Additional clearance of the tip at a goal moved away from an obstacle, as a fraction of the largest permitted
+displacement of the goal. Taste."""
 
 _TOLERANCE_SHARE = 0.5
-"""Fraction of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
+"""Fraction of the goal's tolerances that planning uses if the goal cannot be met exactly. Taste."""
 _PRECISE_PLACE = 5e-3
 """Position tolerance, as a fraction of the arm's length, up to which the goal is a point that is met exactly. A wider
 tolerance makes the goal a set. Taste."""
@@ -174,9 +175,10 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
 
 
 def stands_flush(problem: Problem, q: FloatArray) -> bool:
-    """Return whether the base joint cannot turn because the end of the arm's mount just clears a wall.
+    """Return whether the base joint cannot turn because the end of the arm's mount just touches a wall.
 
-    This is so if the arm leaves the wall along its normal: a turn in either direction would close the gap.
+    This is so if the arm leaves the wall along its normal: a turn in either direction would press the mount's end into
+    the wall.
 
     Args:
         problem: the problem.
@@ -315,7 +317,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
 
 
 def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
-    """Return a message if a start or goal is in contact or too near to contact for a certificate, else "".
+    """Return a message if a start or goal configuration is in contact or too near to it to be certified, else "".
 
     Args:
         problem: the problem.
@@ -387,8 +389,8 @@ class NearestOfSamples:
     """Minimum gap at each of T samples of a motion, with the two bodies concerned.
 
     Attributes:
-        gap: gap between the nearest surfaces, at most the reach of the measurement, shape (T,) [m].
-        link: number of the link, counted from 1; 0 where nothing is within reach, shape (T,).
+        gap: gap between the nearest bodies, capped at the search distance, shape (T,) [m].
+        link: number of the link, counted from 1; 0 if nothing is within the search distance, shape (T,).
         other: index of the owner of the other surface, or number of the other link, counted from 1, shape (T,).
     """
 
@@ -399,13 +401,13 @@ class NearestOfSamples:
 
 @dataclass(frozen=True, eq=False)
 class GapsAtSamples:
-    """Gaps at samples of a motion between the arm and the scene and between links, without subtracted clearance.
+    """Gaps at samples of a motion, between the arm and the scene and between links; clearance is not subtracted.
 
     Attributes:
         walls: gaps of links to the nearest surface of the scene.
         itself: gaps between links that must not touch.
         names: names of the owners of surfaces.
-        reach: distance beyond which gaps to walls are not resolved [m].
+        reach: search distance, at which gaps to walls are capped [m].
     """
 
     walls: NearestOfSamples
@@ -422,8 +424,8 @@ class GapsAtSamples:
         Args:
             problem: problem with the surfaces and the arm.
             points: joints and tip of every pose, shape (T, links + 1, d) [m].
-            reach: distance up to which gaps to walls are resolved; the length of a link if None [m].
-            own_reach: distance up to which gaps between links are resolved; that for walls if None [m].
+            reach: search distance, at which gaps to walls are capped; the length of a link if None [m].
+            own_reach: search distance, at which gaps between links are capped; that for walls if None [m].
         """
         arm = problem.arm
         triangle_soup = problem.workspace.triangle_soup

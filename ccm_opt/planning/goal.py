@@ -67,7 +67,7 @@ class GoalPose:
         return replace(self, position=tip + self._offset_to_room(tip), direction=towards, room=(0.0, 0.0))
 
     def offset(self, pose: Pose) -> FloatArray:
-        """Return the vector from a pose's tip to the nearest acceptable position, (d,) [m]; zero if it is acceptable."""
+        """Return the vector from a pose's tip to the nearest acceptable position, (d,) [m]; zero if acceptable."""
         return self._offset_to_room(pose.tip)
 
     def _offset_to_room(self, tip: FloatArray) -> FloatArray:

@@ -67,7 +67,7 @@ class SegmentTrack:
         return SegmentTrack(self._divided(length)[1])
 
     def from_pose(self, position: FloatArray) -> Configuration:
-        """Return the path as a backbone curve that begins at a given point, shape (2,) [m]."""
+        """Return the whole path as a backbone curve that begins at a given point, shape (2,) [m]."""
         return Configuration(position, self.segments)
 
     def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:

@@ -86,6 +86,6 @@ class Distance:
 
     @property
     def threshold(self) -> float:
-        """Threshold of d² that is smaller than d² of every configuration outside the precision."""
+        """Value of d² below which a configuration certainly meets the precision at the goal."""
         least = self.precision.position**2
         return least if self.goal.heading is None else min(least, self.weights.heading * self.precision.heading**2)

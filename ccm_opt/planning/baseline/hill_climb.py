@@ -16,11 +16,13 @@ from ccm_opt.robot.configuration import Configuration
 _LEAST_GAIN = 1e-4
 """Minimum relative decrease of the objective for a move to count as an improvement. Taste."""
 _GAIN_WHILE_PUSHED = 0.02
-"""Minimum relative decrease while the potential of obstacles counts, which would else prolong the climb. Taste."""
+"""Minimum relative decrease of the objective for an improvement while the repulsive potential of obstacles is part of
+it; a smaller one would prolong the climb. Taste."""
 _EASING = 0.3
-"""Factor on the weight of the potential where potential and distance balance, as for barrier methods. Taste."""
+"""Factor by which the weight of the repulsive potential is reduced when potential and distance balance, as in barrier
+methods. Taste."""
 _LEAST_PUSH = 1e-6
-"""Weight of the potential below which the potential is dropped. Taste."""
+"""Weight of the repulsive potential below which the potential is ignored. Taste."""
 _TRIED_AT_ONCE = 4
 """Number of candidate moves checked for collision in the first batch, best first. Taste."""
 _MORE_EACH_GO = 3
@@ -31,7 +33,7 @@ _HEADWAY = 0.2
 """Relative decrease of the squared distance that counts as progress. Taste."""
 
 Objective: TypeAlias = Callable[[Shapes], FloatArray]
-"""Returns the objective, a squared distance, of m configurations, shape (m,)."""
+"""Function that returns the objective, a squared distance, of m configurations, shape (m,)."""
 
 
 class Ending(StrEnum):

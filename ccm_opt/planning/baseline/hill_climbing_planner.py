@@ -88,7 +88,7 @@ def region_plan(
 
 
 def _interface(world: World, start: Configuration) -> Schema:
-    """Run SCM-6, which reduces the curvature at the tip to zero; if impossible, yield no steps and return the start.
+    """Run schema SCM-6, which reduces the curvature at the tip to zero; if it stops, yield no steps, return the start.
 
     Without SCM-6, curvature jumps where the reference path begins.
     """
@@ -130,7 +130,7 @@ def passages(
 def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
-    """Return the collision-free reference path with the longest straight lines at its ends; None if there is none.
+    """Return the first collision-free reference path, with the longest possible straight ends; None if there is none.
 
     Args:
         world: environment of the schemas.
@@ -310,7 +310,7 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:
-    """Run SCM-1, SCM-2 and SCM-0, as in Figure 4 of the paper: select a segment type, move to its curve, then climb.
+    """Run schemas SCM-1, SCM-2, SCM-0 (Figure 4 of the paper): select a segment type, move to its curve, then climb.
 
     Args:
         world: environment of the schemas.

@@ -206,7 +206,7 @@ class Shapes:
 
 
 class Operator(StrEnum):
-    """Coordinates of a backbone curve that the operators of a hill climb change, each in both directions."""
+    """Operators of a hill climb, each named after the coordinate of a backbone curve that it raises or lowers."""
 
     C_A = "C_a"
     C_B = "C_b"

@@ -53,8 +53,8 @@ _CERTIFIED_GAP = 1e-4
 _PLANNING_SHARE = 0.9
 """Fraction of the time limit that planning may use; the rest is for timing and verification. Taste."""
 _BISECTIONS = 3
-"""Number of bisections before a move counts as blocked. Taste: fewer than the certificate's default are faster, since
-most candidate moves are discarded."""
+"""Number of bisections of the certificate after which a move counts as blocked. Taste: fewer than the certificate's
+default are faster, since most candidate moves are discarded."""
 _ROUTE_INFLATION = 1e-3
 """Inflation of walls for routes in addition to radius and clearance, as a fraction of the arm's length. Taste."""
 
@@ -63,7 +63,7 @@ _LEAST_BASE_SEGMENT = 0.05
 _BOUNDARY_AHEAD = 0.06
 """Length by which the start of the reference path moves ahead at a time, as a fraction of the arm's length. Taste."""
 _BOUNDARY_SLIDE = 0.4
-"""Factor on this length if the start of the path moves ahead throughout the feed. Taste."""
+"""Factor on ``_BOUNDARY_AHEAD`` if the start of the path moves ahead throughout the feed. Taste."""
 _NEAR_GOAL = 0.15
 """Remaining length of the reference path at which the climb to the goal begins, as a fraction of the arm's length.
 Taste."""
@@ -264,7 +264,7 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
 
 
 def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
-    """Return the steps and the last configuration of merge and climb, or None if the goal is not reached."""
+    """Return the steps and last configuration of merging segments and climbing to the goal, or None if that fails."""
     try:
         return run(_arrival(world, start, goal))
     except SchemaStopped:
@@ -344,7 +344,7 @@ exactly. Taste."""
 
 
 def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:
-    """Return a function for the distance of points to the nearest wall minus ``need``, by interpolation in a grid.
+    """Return a function from points to their distance from the nearest wall minus ``need``, interpolated in a grid.
 
     Args:
         workspace: the workspace; points outside get the value at the nearest point of its edge.
@@ -421,7 +421,7 @@ class Follower:
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
     def passes(self, here: Shapes, there: Shapes) -> BoolArray:
-        """Return which straight motions of the arm respect the joint limits and are certified collision-free.
+        """Return which of m motions, linear in bends, respect the joint limits and are certified collision-free.
 
         Args:
             here: current backbone curve, a batch of one.
@@ -450,12 +450,12 @@ class Follower:
 
     @cached_property
     def gap(self) -> Gap:
-        """Function for the approximate distances of points from contact with a wall [m]."""
+        """Function from points (..., 2) to their approximate distances from contact with a wall, shape (...) [m]."""
         return clearance_field(self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance)
 
     @cached_property
     def free_space(self) -> FreeSpace:
-        """Free space of the arm's axis, bounded by walls inflated by radius, clearance and a small margin."""
+        """Free space of the arm's centre line, bounded by walls inflated by radius, clearance and a small margin."""
         arm = self.problem.arm
         need = arm.radius + self.problem.workspace.clearance
         return FreeSpace(self.problem.workspace, need + _ROUTE_INFLATION * arm.length)
@@ -513,7 +513,7 @@ def _certificate(problem: Problem, ends: Ends) -> Certificate:
 
 
 def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:
-    """Return the curve with adjacent segments merged, from the base on, if headings stay within a tolerance [rad].
+    """Return a curve with adjacent segments merged, from the base on, if headings change by at most ``tolerance``.
 
     Fewer segments are worth the error, since the number of candidate moves of a climb grows with every segment.
     """

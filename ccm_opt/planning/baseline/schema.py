@@ -27,7 +27,7 @@ _ON_THE_WAY = Precision(2e-3, 2e-2)
 _STRIDE = 0.12
 """Maximum change of heading along the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
 _HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
-"""Precision with which SCM-3 and SCM-6 hold a pose. Taste."""
+"""Precision with which the schemas SCM-3 and SCM-6 hold the pose of a segment's end. Taste."""
 _SUBGOAL_SPACING = 0.03
 """Maximum distance between subgoals of SCM-7, as a fraction of the arm's length. Taste."""
 _SUBGOAL_TURN = 0.12
@@ -41,7 +41,7 @@ _HELD_PATIENCE = 20
 _RELAXING = 6
 """Number of moves that reduce the potential before the end of a segment is moved back to its pose. Taste."""
 _END_TURN = 0.3
-"""Maximum change of the curvature at the end by SCM-6 in one step, times the segment's length [rad]. Taste."""
+"""Maximum change of the curvature at the tip in one step of SCM-6, times the length of the segment [rad]. Taste."""
 
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,

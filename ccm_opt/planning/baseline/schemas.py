@@ -87,7 +87,7 @@ class Feeding:
         return whole.segments[len(before.segments) :]
 
     def _made_of(self, before: Configuration, track: SegmentTrack, out: float) -> "Feeding":
-        """Return the state composed of the arm before the path and the first ``out`` [m] of the path."""
+        """Return the state of an arm of the segments ``before`` a path and the first ``out`` [m] of the path."""
         whole = before
         for segment in track.first(out):
             whole = add_segment(whole, segment)

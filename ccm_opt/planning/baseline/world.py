@@ -15,20 +15,21 @@ _KEPT_OFF = 0.03
 """Distance from contact below which obstacles repel, as a fraction of the arm's length. Taste."""
 
 CROWDING_POINTS = 48
-"""Number of chords of the backbone curve whose end points walls repel. Taste."""
+"""Number of chords of the backbone curve; their end points are those that walls repel. Taste."""
 _SELF_POINTS = CROWDING_POINTS // 2
-"""Number of chords whose end points repel each other; every other one of the points that walls repel."""
+"""Number of chords whose end points repel each other: every second of the points that walls repel is used."""
 _STRAINED = 0.3
 """Fraction of the curvature limit above which curvatures at interpolation points are penalised. Taste."""
 
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
-"""Returns whether straight motions from one configuration, a batch of one, to each of m are allowed, shape (m,)."""
+"""Function that returns whether motions, linear in bends, from one configuration to each of m are allowed, shape
+(m,)."""
 Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
-"""Returns positions (m, 2) [m] and headings (m,) [rad] of the tips of m backbone curves."""
+"""Function that returns positions (m, 2) [m] and headings (m,) [rad] of the tips of m backbone curves."""
 
 
 Gap: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Returns the approximate distance of points (..., 2) [m] from contact with a wall, shape (...) [m]."""
+"""Function that returns the approximate distance of points (..., 2) [m] from contact with a wall, shape (...) [m]."""
 
 
 def _far(points: FloatArray) -> FloatArray:
@@ -53,7 +54,7 @@ class World:
         tips: function for the tips of backbone curves, or of the jointed arm that follows the curves.
         gap: function for the approximate distance of points from contact with a wall.
         curvature_limit: limit of |C| [1/m]; values above a fraction of this limit are penalised in ``crowding``.
-        thickness: minimum distance between parts of the arm's axis [m]; 0 to ignore self-collision.
+        thickness: minimum distance between parts of the arm's centre line [m]; 0 to ignore self-collision.
         base_range: minimum and maximum heading of the base [rad].
     """
 
@@ -94,7 +95,7 @@ class World:
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
-        """Return the repulsive potential between points close in the plane but distant along the arm, shape (m,).
+        """Return the repulsive potential between points near each other in the plane but far apart along the arm, (m,).
 
         Args:
             shapes: m backbone curves.

@@ -24,7 +24,8 @@ from ccm_opt.scene.walls import WallSegments
 from ccm_opt.scene.workspace import Workspace
 
 BEHIND = 1e-9
-"""Distance by which a wall may protrude through a half-plane and still count as behind it [m]. Derived: rounding."""
+"""Distance by which a wall may protrude through the boundary of a half-plane and still count as outside [m]. Derived:
+rounding."""
 _PLANES = 8
 """Number of half-planes per swept link for which memory is allocated at first."""
 
@@ -115,14 +116,14 @@ def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArr
 
 
 def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace) -> IntervalRows:
-    """Return the rows that keep a planar arm clear of walls and of its own links over a whole motion.
+    """Return linearised constraints (rows) that keep a planar arm clear of walls and of itself over a whole motion.
 
-    Links stay in convex free regions around their own sweep. Rows at the fixed start demand no margin.
+    Links stay in convex free regions around their own sweep. At the fixed start no margin is required.
 
     Args:
         sweep: the motion.
-        contact: limit with the margin, the reach beyond which pairs get no rows, and the preferred gap of the smooth
-            path.
+        contact: limit with the margin, the search distance beyond which pairs of bodies are left out, and the preferred
+            gap of the smooth path.
         workspace: workspace with the walls.
     """
     arm = sweep.space.arm
@@ -153,7 +154,7 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
 
 
 def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | None:
-    """Return upper bounds on the gap from walls that rows demand of each link in each interval, (K, links) [m].
+    """Return upper bounds on the gap from walls that constraints require of links in intervals, (K, links) [m].
 
     The bound is ∞ except in narrow gates, where it is the certified gap: an interval has a single slack variable, and
     demanding more than a gate offers would relax all other rows of the interval too. The result is None without gates.
@@ -166,16 +167,16 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
 
 
 def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
-    """Return contact rows tightened so that the smooth path through the keyframes has a larger gap too.
+    """Return contact constraints (rows) tightened so that the smooth path through the keyframes has a larger gap too.
 
-    A row for contact subtracts the chord deviation, which bounds the motion between two keyframes however the links
-    turn. For the larger gap the actual loss counts instead: how much closer than the keyframes the smooth path comes,
-    at the keyframe and halfway through the interval. The larger of the two demands is used. The loss changes little
-    from one step to the next and is treated as constant.
+    A row against contact subtracts the chord deviation, which bounds the motion between two keyframes however the links
+    turn. For the larger gap only the actual loss is subtracted: how much closer than the keyframes the smooth path
+    comes, at the keyframe and halfway through the interval. The stricter of the two requirements is used. The loss
+    changes little from one step to the next and is treated as constant.
 
     Args:
-        rows: rows for contact.
-        more: gap demanded beyond that of the rows, shape (m,) [m].
+        rows: linearised constraints against contact.
+        more: gap required beyond that of the rows, shape (m,) [m].
         sweep: motion through the keyframes.
         smooth: poses of the smooth path at the keyframes.
     """
@@ -192,7 +193,7 @@ def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, s
 
 
 def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> IntervalRows:
-    """Return the rows that keep both ends of links inside m half-planes at both ends of the half-planes' intervals.
+    """Return linearised constraints (rows) that keep both ends of links in half-planes at both ends of intervals.
 
     Args:
         planes: the half-planes, each for one link and interval.

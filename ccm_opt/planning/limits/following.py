@@ -102,7 +102,7 @@ class FollowingLimit(LimitOf[CurveUnknowns]):
     within: float
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a motion in which, at samples, the arm deviates too far from the leader's path.
+        """Return the sorted indices of the intervals of a motion with samples too far from the leader's path.
 
         The leader's path begins with the arm at the first configuration.
 
@@ -115,7 +115,7 @@ class FollowingLimit(LimitOf[CurveUnknowns]):
         return np.unique(np.minimum(owner[away > FOLLOWING_SHARE * self.within], len(q) - 2))
 
     def worst_deviation(self, q: FloatArray) -> float:
-        """Return the maximum deviation of a motion q, shape (K, c), from the leader's path [m]."""
+        """Return the largest deviation from the leader's path among samples of a motion, configurations (K, c) [m]."""
         return float(np.max(self._away(q)[0]))
 
     def _away(self, q: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -28,22 +28,24 @@ if TYPE_CHECKING:
 _BESIDE = 0.5
 """Distance from a rail within which a joint is pulled to the rail, in nominal links. Taste."""
 _ACROSS = 0.25
-"""Distance from the middle of a line within which an axis counts as crossing the line, in nominal links. Taste."""
+"""Distance from the middle of a line across a gate within which the arm's centre line counts as crossing it, in nominal
+links. Taste."""
 _CATCHING_UP = 0.02
 """Largest displacement of a crossing towards the middle that one step demands, in nominal links. Taste."""
 _EXACT = 1e-6
-"""Accepted distance of crossings from the middles, as a fraction of the arm's length. Taste: a thousandth of the
-clearance in a gate."""
+"""Distance from the middle of a line across a gate at which a crossing is accepted, as a fraction of the arm's length.
+Taste: a thousandth of the clearance in a gate."""
 _NEWTON_STEPS = 5
-"""Maximum number of Newton steps onto the middles. Taste."""
+"""Maximum number of Newton steps that move crossings onto the middles of the lines across gates. Taste."""
 _LARGEST_TURN = 0.15
-"""Turn of a link beyond which a pose is left unchanged instead of being moved onto the middles [rad]. Taste."""
+"""Largest turn of a link by which a pose is moved so that it crosses gates in the middle; beyond that, the pose is left
+unchanged [rad]. Taste."""
 _RIDGE = 1e-9
 """Regularisation of the normal equations, as a fraction of their diagonal. Taste."""
 
 _SAME = 2e-3
-"""Distance below which two lines count as one, as a fraction of a rail's length. Derived: rails of two paths through
-one gate differ by rounding."""
+"""Distance below which two lines across gates count as one, as a fraction of a rail's length. Derived: rails of two
+paths through one gate differ by rounding."""
 _WEIGHT = 30.0
 """Weight on the distance of a joint from its rail in excess of the tolerance, relative to a distance of a nominal link.
 Taste: with three times as much, joints cannot give way to the goal."""
@@ -53,19 +55,19 @@ _NARROWEST = 1e-3
 """Relative excess over the minimum distance to walls up to which a point still counts as narrowest. Taste; with lines
 before a rounded wall, where there is clearance to the side, feasible motions would be excluded."""
 _SHORT = 0.15
-"""Length of the narrowest section, as a multiple of the gate's half-width, below which it gets one line instead of one
-at either end. Taste."""
+"""Length of a gate's narrowest section below which one line is put across its centre, instead of one across either end,
+as a multiple of the gate's half-width. Taste."""
 
 
 @dataclass(frozen=True)
 class LineCrossings:
-    """Crossings of the axes of K poses with g lines across gates; entries are 0 where an axis does not cross a line.
+    """Crossings of the arm's centre line in K poses with g lines across gates; entries are 0 if there is no crossing.
 
     Attributes:
         link: index of the link that crosses the line, shape (K, g).
         share: fraction of the link that lies before the crossing, shape (K, g).
         aside: signed distance of the crossing to the left of the middle of the line, shape (K, g) [m].
-        crossed: whether the axis crosses the line near its middle, shape (K, g).
+        crossed: whether the arm's centre line crosses the line near the line's middle, shape (K, g).
     """
 
     link: IntArray
@@ -76,10 +78,10 @@ class LineCrossings:
 
 @dataclass(frozen=True, eq=False)
 class GateLines:
-    """Lines across narrow gates, each with the point at which the arm's axis has to cross the line.
+    """Lines across narrow gates, each with the point at which the arm's centre line has to cross it.
 
     Attributes:
-        middles: points at which axes have to cross the g lines, shape (g, 2) [m].
+        middles: points at which centre lines of arms have to cross the g lines, shape (g, 2) [m].
         along: direction of passage through the gate at each middle, a unit vector, shape (g, 2).
         inside: middle lines of the gates, used to find the links that are in a gate.
     """
@@ -110,7 +112,7 @@ class GateLines:
 
     # ------------------------------------------------------------ crossings
     def crossings(self, points: FloatArray, farthest: float) -> LineCrossings:
-        """Return the crossings of the axes of K poses with the lines, for each line the one nearest to its middle.
+        """Return crossings of the arm's centre line in K poses with the lines; for each line that nearest its middle.
 
         Args:
             points: joints and tips of the poses, shape (K, links + 1, 2) [m].
@@ -154,7 +156,7 @@ class GateLines:
 
     # ------------------------------------------------------------ poses put onto the lines
     def restored(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
-        """Return coordinates of poses moved so that their axes cross all lines in the middle.
+        """Return coordinates of poses moved so that the arm's centre line crosses the lines across gates in the middle.
 
         Newton's method with the smallest turns of links is used.
 
@@ -235,12 +237,13 @@ def _direction(rail: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class GateRails(Limit):
-    """Limit that holds the arm's axis in the middle of narrow gates and pulls joints sideways onto the middle lines.
+    """Limit that holds the arm's centre line in the middle of narrow gates and pulls joints sideways onto the middle.
 
     Attributes:
         rails: middle lines of the gates, extended straight before and behind, each of shape (k ≥ 2, 2) [m].
         lines: lines across the gates.
-        play: distance from a rail within which a joint is not pulled, and accepted distance of crossings [m].
+        play: distance from a rail within which a joint is not pulled, and largest accepted distance of a crossing from
+            the middle of its line [m].
     """
 
     rails: tuple[FloatArray, ...]
@@ -261,7 +264,7 @@ class GateRails(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return the rows of a QP step: the axis crosses gate lines in their middle, and joints are pulled onto rails.
+        """Return constraints of a QP step that make the arm cross gate lines in the middle, and a soft pull onto rails.
 
         Args:
             space: map from coordinates to configurations.
@@ -301,7 +304,7 @@ class GateRails(Limit):
         return Term(slopes, wanted, _WEIGHT)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Return a pose moved so that its axis crosses all gate lines in their middle.
+        """Return a pose moved so that the arm's centre line crosses the lines across gates in their middle.
 
         The pose is unchanged if that fails or would turn a link by more than ``most`` [rad].
         """
@@ -326,7 +329,7 @@ class GateRails(Limit):
         return np.asarray(self.lines.slopes(pose.moving[None], space.arm.headings(pose.q)[None], found)[0])
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose crosses every gate line that it crosses at most ``play`` from the middle."""
+        """Return whether all crossings of a pose with lines across gates are within ``play`` of the lines' middles."""
         found = self.lines.crossings(pose.points[None], np.inf)
         return bool(np.all(np.abs(found.aside) <= self.play))
 

@@ -4,7 +4,7 @@ Joint j may bend once it has passed the end of the tube (the hole), f + j l ≥ 
 a QP step its bend may grow with its distance beyond the hole, |b| ≤ s (f + j l − hole − reserve), which is a convex
 constraint: so an arm that is retracted straightens in time. In the optimisation every keyframe has a first joint that
 may bend: the first that is outside at the keyframe and at the neighbouring ones that the smooth path mixes with it.
-Equations keep the joints before that one straight, and a row on the feed keeps that joint outside.
+Equations keep the joints before that one straight, and an inequality on the feed keeps that joint outside.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return the rows of a QP step: straight joints inside the guide tube, limited bends outside, base range.
+        """Return constraints of a QP step: joints straight inside the guide tube, limited bends outside, base range.
 
         Args:
             space: map from the coordinates to configurations.
@@ -118,7 +118,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the equations that keep joints straight up to the first free joint, at all keyframes but the first."""
+        """Return equations that keep the joints before the first free one straight, at all keyframes but the first."""
         del u
         straight = np.arange(self.arm.links) < self._first_free(sweep.configurations)[:, None]
         straight[0] = False  # the start is fixed
@@ -127,9 +127,9 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
 
     def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows that keep the base within its range, and joints outside the tube that may bend.
+        """Return bounds on the feed that keep the base in its range, and joints that may bend outside the guide tube.
 
-        A joint that may bend at a neighbouring keyframe counts too. There is one row per keyframe but the first.
+        Joints that may bend at a neighbouring keyframe count too. There is one bound per keyframe but the first.
         """
         del u
         first = self._first_free(sweep.configurations)
@@ -164,7 +164,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a motion, q of shape (K, c), in which a bent joint is inside the guide tube."""
+        """Return the indices of the intervals of a motion q, (K, c), in which a bent joint is inside the guide tube."""
         del depth
         return np.flatnonzero(self._held_bent(q))
 
@@ -183,7 +183,7 @@ class GuideTubeLimit(Limit):
 
     @property
     def _reserve(self) -> float:
-        """Distance beyond the hole from which on rows let joints bend [link lengths]."""
+        """Distance beyond the hole from which on planning lets joints bend [link lengths]."""
         return _RESERVE + self.travel / self.arm.link_length
 
     def _base(self, poses: FloatArray) -> FloatArray:
@@ -210,7 +210,7 @@ class GuideTubeLimit(Limit):
     def _first_free(self, poses: FloatArray) -> IntArray:
         """Return the index of the first joint that may bend at each of K keyframes, shape (K,).
 
-        The index is the number of links where no joint may bend.
+        If no joint may bend, the index is the number of links.
         """
         base = self._base(poses)
         least = _least_around(base, _MIXED)

@@ -45,7 +45,7 @@ def always(pose: Pose) -> bool:
 
 
 def unbounded_excess(delta: FloatArray) -> float:
-    """Return 0 for any step: the excess of limits that do not bound the length of a step."""
+    """Return 0 for any step: ``LimitRows.excess`` of limits that do not bound the length of a step."""
     del delta
     return 0.0
 
@@ -74,7 +74,7 @@ class LimitRows:
 
 
 def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intc]]:
-    """Return the rows of several limits stacked for DAQP: matrix (m, p), lower and upper bounds and row types (m,)."""
+    """Return several limits' constraints stacked for the QP solver DAQP: matrix (m, p), bounds and types, each (m,)."""
     matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
     lower = np.concatenate([rows.lower for rows in parts])
     upper = np.concatenate([rows.upper for rows in parts])
@@ -97,7 +97,7 @@ class KeyframeRows:
         slopes: derivatives a with respect to the coordinates of the keyframe, shape (m, p).
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
-        kind: what the rows are for, where they keep clearance from growing.
+        kind: purpose of the rows, reported if they are what keeps the clearance from growing.
     """
 
     keyframe: IntArray
@@ -130,7 +130,7 @@ class MotionCost(Protocol):
         ...
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Return the cost of a motion that a model predicts after a change of the coordinates, shape (K + 1, p)."""
+        """Return the cost that the quadratic model predicts after a change of a motion's coordinates, (K + 1, p)."""
         ...
 
     def model(self, sweep: "Sweep") -> Quadratic:
@@ -187,7 +187,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return 0.0
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return the limit's violated requirements at a pose, linearised and scaled to radians, with required changes.
+        """Return the requirements that a pose violates, linearised and scaled to link rotations, with required changes.
 
         Args:
             pose: pose at which the requirements are linearised.
@@ -200,7 +200,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def missed(self, space: AnyUnknowns_contra, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the limit's violated requirements at a pose, linearised, with the changes that repair them.
+        """Return the requirements that a pose violates, linearised in the limit's unit, with the required changes.
 
         Args:
             space: map from the coordinates to configurations.
@@ -255,7 +255,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def restored_keyframes(self, space: AnyUnknowns_contra, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return keyframes, shape (K + 1, p), moved so that they satisfy the limit; the given array if none has to."""
+        """Return keyframes (K + 1, p) moved so that they satisfy the limit; the given array if none has to move."""
         del space, u
         return coordinates
 
@@ -272,7 +272,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a piecewise-linear motion in which the limit cannot be certified, sorted.
+        """Return the sorted indices of intervals of a piecewise-linear motion in which the limit cannot be certified.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -288,7 +288,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return "", 0.0
 
     def describe(self, q: FloatArray) -> str:
-        """Return a description of a requirement that a configuration (c,) violates or has at its bound, or ""."""
+        """Return a description of a requirement that a configuration (c,) violates or just meets, or "" if none."""
         del q
         return ""
 

@@ -1,7 +1,8 @@
 """Limits that every motion has to satisfy: contact, joint range, range of the feed, length of a step.
 
-In a QP step every near pair of bodies gives a row; over an interval of a motion every link has to stay in half-planes
-and clear of other links; between keyframes a certificate bounds the deviation of links from straight motion.
+In a QP step every near pair of bodies gives a linear inequality (a row); over an interval of a motion every link has to
+stay in half-planes and clear of other links; between keyframes a certificate bounds the deviation of links from
+straight motion.
 
 A new limit that always holds is one more line in ``assembled_limits``, for the plane and for space; its rows, proofs,
 checks and messages belong in a file of its own.
@@ -29,8 +30,8 @@ _CLOSING_SHARE = 0.5
 """Fraction of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move
 towards each other then close at most the whole gap together."""
 _NEAR_JOINT_LIMIT = 0.25
-"""Distance from its limit within which a bend gets a row in the optimisation [rad]. Taste: slightly more than a step
-turns a joint."""
+"""Distance from its limit within which a bend is bounded by an inequality in the optimisation [rad]. Taste: slightly
+more than a step turns a joint."""
 
 
 _BENDING = 1e-4
@@ -39,14 +40,14 @@ only what no other term does."""
 _UNEVENNESS = 1e-4
 """Weight on the differences of curvature from knot to knot. Taste."""
 _STILL = 0.01
-"""Weight on the turns of the links and the displacements of the joints where the arm is kept still."""
+"""Weight on the turns of links and displacements of joints in every step, if the arm is to move only where needed."""
 
 _BEYOND = 1e-9
 """Amount by which a coordinate may exceed its limits because of rounding [rad, m]."""
 _SPARE_FEED = 0.004
-"""Maximum length of the feed range that rows leave unused at either end in the optimisation [m]."""
+"""Maximum length of the feed range that the optimisation leaves unused at either end [m]."""
 _SPARE_SHARE = 0.01
-"""Fraction of the feed range left unused at either end, where less than ``_SPARE_FEED``."""
+"""Fraction of the feed range left unused at either end in the optimisation, if less than ``_SPARE_FEED``."""
 _KNOT_BEND = 1.1
 """Bound on the bend of a fed arm's joint that corresponds to the curvature at a knot, as a multiple of the joint limit.
 Above 1 because the bend depends on the mean curvature near the joint, which is less than the maximum."""
@@ -65,7 +66,7 @@ class AtRest(LimitOf[CurveUnknowns]):
     still: bool = False
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the least-squares terms of a QP step that straighten the curve, without any rows.
+        """Return the least-squares terms of a QP step that straighten the curve; there are no constraints.
 
         Args:
             space: map from the unknowns of the curve to configurations.
@@ -100,7 +101,7 @@ class FeedLimit(LimitOf[CurveMap]):
     """
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """Return the row of a QP step that keeps the base within its range, and the bound on its travel.
+        """Return the inequality of a QP step that keeps the base within its range, and the bound on its travel.
 
         Args:
             space: map from the unknowns of the curve to configurations.
@@ -127,7 +128,7 @@ class FeedLimit(LimitOf[CurveMap]):
         return within_limits(space.arm, final.q)
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the rows that bound the feed and the curvature at the knots, at all keyframes but the first.
+        """Return inequalities that bound the feed and the curvature at the knots, at all keyframes but the first.
 
         Between two keyframes the feed carries joints past knots of the curve that have no joint at either keyframe;
         therefore the curvature at the knots is bounded too.
@@ -169,11 +170,11 @@ class ContactLimit(LimitOf[CurveUnknowns]):
     """Limit that keeps links clear of each other and of obstacles.
 
     Attributes:
-        finder: finder of near pairs; its margin is kept where there is enough clearance, its reach selects the pairs
-            that get rows.
+        finder: finder of near pairs of bodies; its margin is kept where there is enough clearance, and pairs beyond its
+            search distance are left out.
         certificate: prover of gaps between keyframes.
         settings: settings of the QP step.
-        over_motion: function that returns the rows of a whole motion.
+        over_motion: function that returns the linearised contact constraints of a whole motion.
         wanted: preferred gap in the optimisation of a motion, where there is enough clearance [m].
         gates: narrow gates, in which links only need the gap of the certificate; None without gates.
     """
@@ -187,9 +188,10 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return a row of a QP step for each near pair, with which its gap shrinks at most in proportion to its excess.
+        """Return one inequality of a QP step for each near pair of bodies, which limits how much its gap may shrink.
 
-        The excess is the gap minus the margin. Pairs inside the margin are pushed apart softly.
+        A gap may shrink by at most a fraction of its excess over the margin. Pairs inside the margin are pushed apart
+        by a soft term.
 
         Args:
             space: map from the unknowns of the curve to configurations.
@@ -224,7 +226,7 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         )
 
     def _keeps(self, before: Contacts, trial: Pose) -> bool:
-        """Return whether a pose after a step is clear, or at least no closer to contact than allowed by the start.
+        """Return whether a pose after a step is clear, or lacks no more clearance than the pose before the step.
 
         Args:
             before: near pairs of the pose before the step.
@@ -247,11 +249,11 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ whole motions
     def interval_rows(self, sweep: Sweep) -> tuple[IntervalRows, ...]:
-        """Return the rows that keep a motion in free regions around its own sweep, and its links apart."""
+        """Return linearised constraints that keep a motion in free regions around its sweep, and its links apart."""
         return (self.over_motion(sweep, self),)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a motion in which contact cannot be ruled out, sorted.
+        """Return the sorted indices of the intervals of a motion in which contact cannot be ruled out.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -273,7 +275,7 @@ def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
 
 
 def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
-    """Return by how much any gap of a pose falls short of the fraction ``keep_share`` of its margin, at least 0 [m]."""
+    """Return the largest shortfall of a gap from a fraction ``keep_share`` of its margin, at least 0 [m]."""
     return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
 
 
@@ -327,7 +329,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
     accepted: float
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the rows of a QP step that bound the bends which could reach their limit in the step.
+        """Return inequalities of a QP step for the bends that could reach their limit in the step.
 
         Args:
             space: map from the unknowns of the curve to configurations.
@@ -353,7 +355,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows that bound the bends near their limit at all keyframes of a motion but the first."""
+        """Return inequalities for the bends near their limit, at all keyframes of a motion but the first."""
         del u
         space = sweep.space
         bends = space.bends(sweep.configurations)
@@ -383,7 +385,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a motion with an end at which a bend or the base is beyond its limits.
+        """Return the sorted indices of intervals of a motion at an end of which a bend or the base exceeds its limits.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -421,9 +423,9 @@ class TurnLimit(LimitOf[CurveUnknowns]):
     """Limit on the turn of every link and the travel of the base in a QP step."""
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the rows −turn ≤ Δφ ≤ turn of a QP step for every link of a planar arm, and for the base's travel.
+        """Return the bounds −turn ≤ Δφ ≤ turn of a QP step for every link of a planar arm, and for the base's travel.
 
-        In space, where links turn about three axes, there are no rows; the whole step is shortened instead.
+        In space, where links turn about three axes, there are no bounds; the whole step is shortened instead.
 
         Args:
             space: map from the unknowns of the curve to configurations.

@@ -50,7 +50,7 @@ class MotionCertificate:
     limits: tuple[LimitOf[Any], ...]
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a motion in which at least one limit cannot be certified.
+        """Return the indices of the intervals of a motion in which at least one limit cannot be certified.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -62,7 +62,7 @@ class MotionCertificate:
         return failed_intervals(self.limits, q, depth)
 
     def heading_failures(self, headings: FloatArray) -> IntArray:
-        """Return the uncertified intervals of a planar motion given by link headings, shape (K, links) [rad]."""
+        """Return the indices of uncertified intervals of a planar motion, given by link headings (K, links) [rad]."""
         return self.failures(self.arm.bends(headings))
 
 

@@ -17,18 +17,21 @@ _BEHIND = 0.06
 """Distance by which surfaces may protrude through the plane of another surface without a plane of their own, in nominal
 links."""
 _MOST_TRAVEL = 0.75
-"""Maximum travel of a joint between two times by which the reach of rows is extended, in nominal links."""
+"""Upper bound on the travel of a joint between two times by which the search distance for surfaces is extended, in
+nominal links."""
 _PLANES = 6
 """Maximum number of half-spaces per link."""
 
 
 def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> IntervalRows:
-    """Return the rows that keep an arm in space clear of surfaces and of its own links over a whole motion.
+    """Return linearised constraints (rows) that keep an arm in space clear of surfaces and of itself over a motion.
+
+    There are none at the fixed start.
 
     Args:
         sweep: the motion.
         contact: limit with the preferred gap beyond the margin.
-        finder: finder of near pairs of links and surfaces, with the margin and the reach.
+        finder: finder of near pairs of links and surfaces, with the margin and the search distance.
     """
     room = finder.margin + contact.wanted
     rows = joined_rows([_wall_rows(sweep, finder, room), pair_rows(sweep, room, room + finder.reach)])
@@ -37,12 +40,12 @@ def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> I
 
 
 def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
-    """Return the rows that keep links in half-spaces free of surfaces at all times of rows except the start.
+    """Return linearised constraints that keep links in free half-spaces, at all times of the sweep but the start.
 
     Args:
-        sweep: the motion.
+        sweep: the motion, with the times at the ends of the parts of its intervals.
         finder: finder of near surfaces.
-        room: gap that the rows demand [m].
+        room: gap that the constraints require [m].
     """
     reach = float(np.max(finder.kept)) + room + finder.reach
     chords = np.linalg.norm(np.diff(sweep.timed_joints, axis=0), axis=2)
@@ -85,7 +88,7 @@ def _half_spaces(
 
 
 def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
-    """Return by how much an arm is closer to surfaces than preferred, at all times of rows of a motion but the first.
+    """Return how much of the preferred clearance a motion lacks at the end of each part of its intervals, (K m,) [m].
 
     Args:
         sweep: the motion, of K intervals with m parts.
@@ -123,13 +126,13 @@ def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
 
 
 def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: FloatArray) -> FloatArray:
-    """Return by how much the axes of links beyond the mount are closer to surfaces than required, in several poses.
+    """Return by how much any link beyond the mount is closer to a surface than required, in each of several poses.
 
     Args:
         arm: the arm.
         tree: distance tree of the surfaces.
         points: joints and tips of several poses, shape (k, links + 1, 3) [m].
-        kept: required distance between the axis of each link and surfaces, shape (links,) [m].
+        kept: required distance between the centre line of each link and surfaces, shape (links,) [m].
 
     Returns:
         Shortfall of every pose, at least 0, shape (k,) [m].

@@ -5,8 +5,9 @@ margin where possible, as clearances do. Equations are rows that a QP step has t
 Newton's method brings the unknowns back onto the equations.
 
 A gap is divided by the norm of its derivative with respect to the headings of the links, in which the travel of the
-base counts per length of the arm. The quotient is the turn of the whole arm that closes the gap, so one margin suits
-gaps in metres, radians or any other unit, in the plane and in space.
+base counts per length of the arm. The quotient is the least rotation of the links (root of the sum of squares, to first
+order) that closes the gap [rad], so one margin suits gaps in metres, radians or any other unit, in the plane and in
+space.
 """
 
 from dataclasses import dataclass, replace
@@ -47,10 +48,11 @@ _JOINT_SHARE = 0.995
 limit. Taste."""
 
 _KNOT_RESERVES = 4.0
-"""Number of reserves to which a gap is opened at a knot of the smooth path that has less than half of that. Measured:
+"""Size to which a gap is opened at a knot of the smooth path if it is less than half of that, as a multiple of the
+reserve between keyframes. Measured:
 with 2 a path at the edge of a camera's view was refused, with 4 it was accepted."""
 _MARGIN = 2e-3
-"""Margin of a gap, as the turn of the whole arm that closes the gap [rad]. Taste: a tenth of a degree."""
+"""Margin of a gap, as the least rotation of the links that closes it [rad]. Taste: a tenth of a degree."""
 _KEEP_SHARE = 0.4
 """Fraction of the margin that every accepted pose keeps. Taste; the fraction for contacts is the same."""
 _MET_AT_GOAL = 1e-8
@@ -64,22 +66,22 @@ _ALLOWED = 1e-6
 _NEWTON_STEPS = 12
 """Maximum number of Newton steps back onto equations. Taste: the method converges in four or never."""
 _FAR = 2.0
-"""Turn of the whole arm beyond which a gap that needs it to close gets no row on a keyframe [rad]. Taste."""
+"""Least rotation of the links that closes a gap, above which the gap is not constrained at a keyframe [rad]. Taste."""
 _KEYFRAME_TURN = 0.5
 """Largest turn of a link that may be needed to bring a keyframe onto its equations [rad]. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class UserLimit(LimitOf[CurveUnknowns]):
-    """Limit that makes a motion keep all of the user's constraints and weigh the user's costs.
+    """Limit that makes a motion satisfy all of the user's constraints and adds the user's costs to its objective.
 
     Attributes:
         terms: compiled constraints and costs.
         u: path parameter at which the constraints are evaluated.
         at_goal: whether the constraints at the goal are used instead of those during the motion.
-        lead: amount of the path parameter by which intervals of constraints are widened at most, so that a path that is
-            smoothed at keyframes satisfies constraints over their whole intervals; intervals that are separated by a
-            short gap stay separate.
+        lead: largest amount of the path parameter by which the interval in which a constraint applies is extended on
+            either side, so that a path that is smoothed at keyframes satisfies the constraint over the whole interval;
+            intervals that are separated by a short gap stay separate.
     """
 
     terms: "UserTerms"
@@ -141,15 +143,16 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return self.rows.at(q, self.u)
 
     def turns(self, slopes: FloatArray) -> FloatArray:
-        """Return the change of constraint values per radian by which the whole arm turns, never 0, shape (m,).
+        """Return the largest change of each constraint value per radian of link rotation, never 0, shape (m,).
 
-        ``slopes`` are derivatives of the values with respect to the configuration, shape (m, c).
+        It is the norm of the derivatives with respect to the link headings; link rotation is the root of the sum of
+        squares over links. ``slopes`` are derivatives with respect to the configuration, shape (m, c).
         """
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the constraints linearised for a QP step: equations, and a row for each gap that the step could close.
+        """Return constraints linearised for a QP step: equations, and an inequality for each gap that it could close.
 
         Equations have to be met by the step, or as far as half of the largest turn of a link allows.
 
@@ -187,7 +190,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
         Args:
             rows: derivatives of the gaps with respect to the unknowns, shape (m, p).
-            gaps: gaps as turns of the whole arm, shape (m,) [rad].
+            gaps: gaps, each as the least rotation of the links that closes it, shape (m,) [rad].
             turn: largest opening that is aimed at in the step [rad].
         """
         margin = _MARGIN
@@ -290,12 +293,12 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """Return the greatest violation of a constraint in a configuration (c,), in the user's unit; 0 if tiny."""
+        """Return the largest violation of a constraint in a configuration (c,), in its unit; 0 if within tolerance."""
         miss = self.values(q).violation
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return linearised equations and gaps inside their margin, as turns of the whole arm, with required changes.
+        """Return linearised equations and gaps inside their margin, scaled to link rotations, with required changes.
 
         Args:
             pose: pose at which the constraints are linearised.
@@ -354,9 +357,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
     def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return linearised rows for the user's inequalities that are nearly violated at keyframes.
+        """Return the user's inequalities that are nearly violated at keyframes, linearised.
 
-        The rows are scaled so that a gap is the turn of the whole arm that closes it [rad].
+        They are scaled so that a gap is the least rotation of the links that closes it [rad].
 
         Args:
             sweep: the motion.
@@ -418,7 +421,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals of a piecewise-linear motion in which a user's inequality lacks its reserve at samples.
+        """Return indices of intervals of a piecewise-linear motion with samples at which a gap is below its reserve.
 
         A gap that is below its reserve at an end of the interval, as a start or a goal may be, must not shrink in
         between.
@@ -488,7 +491,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """Advice to the user for the case that no motion is found."""
+        """Advice to the user if no motion is found."""
         return ("relax the constraints, or make them soft",)
 
     def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
@@ -509,7 +512,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def worst(self, q: FloatArray) -> tuple[str, float]:
         """Return the name of the constraint that a configuration (c,) violates most, and the violation in its unit.
 
-        Violations are compared as turns of the whole arm.
+        Violations of different units are compared by the least rotation of the links that removes them.
         """
         rows = self.rows
         table = rows.table(q[None], self.u)[0]
@@ -521,7 +524,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return rows.names[k], float(miss[k])
 
     def describe(self, q: FloatArray) -> str:
-        """Return a description of a constraint that a configuration (c,) violates or has at its bound, or ""."""
+        """Return a description of a constraint that a configuration (c,) violates or just meets, or "" if none."""
         name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is violated by {miss:.3g}"
@@ -531,7 +534,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def _slope_norms(self, q: FloatArray) -> FloatArray:
-        """Return the change per radian of turn of the whole arm of all constraint values at a configuration, (rows,).
+        """Return ``turns`` of all constraint values at a configuration (c,), shape (rows,).
 
         Constraints that do not apply at the path parameter are included.
         """

@@ -66,7 +66,7 @@ class UserCosts:
 
     @cached_property
     def _weights(self) -> "tuple[tuple[CompiledCost, ...], list[FloatArray]]":
-        """All costs, and the weights of each at the keyframes, shape (K + 1,), which make its sum a weighted mean."""
+        """All costs, and for each the weights (K + 1,) at keyframes that turn a sum over these into a weighted mean."""
         costs = self.terms.all_costs
         weights = []
         for cost in costs:
@@ -136,6 +136,6 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:
-    """Return the norms of m derivatives with respect to the link headings, shape (m, c), never 0, shape (m,)."""
+    """Return the norms of m rows of derivatives with respect to link headings, (m, c), at least a tiny number, (m,)."""
     norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms

@@ -21,9 +21,10 @@ from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 STILL = -1
-"""Index that stands for a fixed point among the points of a motion, the last of them."""
+"""Index of a fixed point, the last of the points of a motion."""
 _SECTORS = 12
-"""Number of sectors of directions in the plane when redundant rows are removed, one kept per sector. Taste."""
+"""Number of sectors into which the directions of a plane are divided; of similar rows, the tightest one per sector is
+kept. Taste."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Sweep:
 
     @cached_property
     def turn_metrics(self) -> FloatArray:
-        """Matrices JᵀJ, with the Jacobian J of the link rotations in the unknowns, shape (K + 1, p, p)."""
+        """Matrices JᵀJ for the Jacobian J of link rotations with respect to the unknowns, shape (K + 1, p, p)."""
         turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.unknowns.shape[1])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
 
@@ -135,7 +136,7 @@ class Sweep:
 
     @cached_property
     def timed_points(self) -> FloatArray:
-        """Positions of joints, tip, end of the mount and fixed point at all row times, (K m + 1, n + 3, d) [m]."""
+        """The positions of ``points`` at all times at which rows may be imposed, shape (K m + 1, n + 3, d) [m]."""
         return self.points if self.parts == 1 else self._with_marks(self.timed_joints)
 
     @cached_property
@@ -168,7 +169,7 @@ class Sweep:
         return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return bounds on the deviation of the points of m rows from straight lines over an interval, (m,) [m].
+        """Return upper bounds on how far the points of m rows deviate from straight lines over an interval, (m,) [m].
 
         The bound is 0 if the rows account for the deviation themselves.
         """
@@ -176,7 +177,7 @@ class Sweep:
         return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return the derivatives of ``deviation`` in the change of unknowns over the interval, (m, p) [m]."""
+        """Return the derivatives of ``deviation`` with respect to the unknowns' change over an interval, (m, p)."""
         del rows
         return 0.0
 
@@ -189,9 +190,9 @@ class Sweep:
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
 
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
-        """Return the convex second derivatives of Σ λ g + pull · tip over rows g; None if they are not computed.
+        """Return the convex part of the Hessian of Σ λ g + pull · tip for rows g; None if it is not computed.
 
-        They are not computed in space, where they couple all links to each other.
+        It is not computed in space, where it couples all links to each other.
 
         Args:
             rows: m rows.
@@ -256,7 +257,7 @@ class IntervalRows:
         return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of m rows in the unknowns at the start and at the end of an interval, each (m, p)."""
+        """Return the derivatives of m rows with respect to the unknowns at both ends of their intervals, (m, p) each."""
         # A change at either keyframe moves the points by a fraction of that change. It also alters the change over the
         # interval, and so the deviation, with opposite signs at start and end.
         time = self._time(sweep)
@@ -277,14 +278,16 @@ def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
 
 
 def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
-    """Return rows that keep pairs of links, far apart along the arm, apart in space over the intervals of a motion.
+    """Return linearised constraints (rows) that keep links of the arm clear of each other over a whole motion.
+
+    Only links far enough apart along the arm to collide are considered.
 
     The direction of a row is that between the closest points half-way through the interval.
 
     Args:
         sweep: the motion.
-        margin: gap to keep beyond two radii, where the links in between allow that gap [m].
-        reach: gap above which pairs are left out [m].
+        margin: gap to keep beyond the sum of the radii, if the links in between allow that gap [m].
+        reach: gap above which pairs of links are left out [m].
     """
     arm = sweep.space.arm
     far = reach + 2.0 * arm.radius
@@ -318,7 +321,7 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
 
 
 def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
-    """Return the indices of the tightest rows, one per interval, time, group of joints and sector of directions.
+    """Return indices of the tightest constraints, one for each interval, time, group of joints and sector of normals.
 
     Args:
         rows: m rows.

@@ -141,13 +141,13 @@ class Objective:
 
     @cached_property
     def _first_weights(self) -> FloatArray:
-        """Weights of the squared first differences of the coordinates, shape (c,) or ()."""
+        """Weights of squared first differences of coordinates between keyframes, shape (c,), or () if all are equal."""
         slowness = None if self.slowness is None else self.slowness.speed
         return self._weighed(self.weights.path_length, slowness)
 
     @cached_property
     def _second_weights(self) -> FloatArray:
-        """Weights of the squared second differences of the coordinates, shape (c,) or ()."""
+        """Weights of squared second differences of coordinates between keyframes, (c,), or () if all are equal."""
         slowness = None if self.slowness is None else self.slowness.acceleration
         return self._weighed(self.weights.smoothness, slowness)
 
@@ -156,7 +156,7 @@ class Objective:
         return np.asarray(self._share * (way + time) * (1.0 if self.scale is None else self.scale**2))
 
     def _turns(self, weights: FloatArray) -> FloatArray:
-        """Return the weight matrix of the unknowns, (p, p), from weights of the squared coordinates, (c,) or ()."""
+        """Return the weight matrix of the unknowns, (p, p), for weights of the squared coordinates, (c,) or ()."""
         rows = self.curve.drive_rows
         return np.asarray(rows.T @ (np.broadcast_to(weights, len(rows))[:, None] * rows))
 
@@ -167,7 +167,7 @@ class Objective:
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives in the unknowns of the curvature at the knots and of its differences, per nominal link."""
+        """Derivatives with respect to the unknowns of the knots' curvature and its differences, per nominal link."""
         return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
     # ------------------------------------------------------------ value and derivatives for a motion
@@ -228,7 +228,7 @@ class Objective:
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the gradient, (K + 1, c), of the part that depends on coordinates, at configurations (K + 1, c)."""
+        """Return the gradient (K + 1, c), at configurations (K + 1, c), of the objective's part that depends on them."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -261,7 +261,7 @@ def _normal(intervals: int, order: int) -> FloatArray:
 Failures = Callable[[FloatArray], IntArray]
 """Function from keyframes (K, p) of a piecewise-linear motion to the indices of its uncertified intervals."""
 Restored = Callable[[FloatArray], FloatArray]
-"""Function that moves keyframes (K, p) so that they keep the limits, without moving the first and the last."""
+"""Function that moves the inner keyframes of a motion (K, p) so that they respect the limits; the ends stay."""
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:

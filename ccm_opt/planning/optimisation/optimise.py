@@ -29,19 +29,19 @@ _CLEARANCE_SAMPLES = 5
 _GATE_INTERVALS = (40, 60, 90, 135)
 """Numbers of intervals that are tried for motions through narrow gates, in order.
 
-Taste: a clearance of a hundredth of a radius needs about sixty.
+Taste: for a clearance of a hundredth of a radius, about sixty are needed.
 """
 _GATE_HALVINGS = 3
 """Maximum number of times that uncertified intervals in gates are halved. Taste."""
 _WORTH_MANY = 0.05
 """Relative shortening of a motion, by steps with many keyframes, below which no further such steps are made. Taste."""
 _COUNTED_ROUNDS = 2
-"""Number of rounds as which a series of steps with many keyframes counts.
+"""Number of rounds that a series of steps with many keyframes counts as, however many steps it has.
 
 Measured: with 5, six strongly curved motions among clutter lasted 2 % longer in the median.
 """
 _KEPT_SHARE = 0.8
-"""Fraction of its gap that a motion must keep when keyframes are removed. Taste."""
+"""Fraction of its gap that a motion must still have after keyframes are removed. Taste."""
 _FINER_LACK = 0.1
 """Lack of clearance, as a fraction of the preferred gap, above which a motion is optimised again with more keyframes.
 
@@ -52,14 +52,14 @@ _FINER_PRICE = 400.0
 _MANY = 1.5
 """Number of intervals above which a motion has many keyframes, as a multiple of the desired number. Taste."""
 _FINER = 2.2
-"""Factor by which the number of intervals is increased where no step moves a motion.
+"""Factor by which the number of intervals is increased if no step moves a motion.
 
 Measured: of 18 motions among clutter that lacked clearance, few gained much with factor 1, several with 1.5, most with
 this factor.
 """
 
 _IMPROVABLE = 0.3
-"""Fraction of missing clearance that one more step has to gain where a motion counts as improvable. Taste."""
+"""Fraction of the missing clearance that one more step has to gain for a motion to count as improvable. Taste."""
 
 _MOVED_ROUNDS = 24
 """Maximum number of steps for motions under user limits, onto which keyframes have to be moved. Taste."""
@@ -107,7 +107,8 @@ def _optimised_on_limits(
         motion: certified motion.
         task: task of the motion.
         whole: optimisation problem of the motion.
-        rounds: maximum number of steps, scaled as for a motion without user limits; that of the settings if None.
+        rounds: maximum number of steps without user limits, which is scaled to a number with them; that of the settings
+            if None.
 
     Returns:
         The optimised motion; the given motion if none can be certified.
@@ -218,7 +219,7 @@ def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[
 
 
 def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
-    """Return whether a motion keeps user-defined limits at its keyframes, and certified intervals in between."""
+    """Return whether a motion respects user-defined limits at its keyframes and all its intervals are certified."""
     if not task.user_limits:
         return True  # every motion in planning is certified
     return _certified(replace(task.program(motion), u=motion.path_parameters), motion.unknowns)
@@ -299,9 +300,9 @@ def with_more_room(
 
 
 def clearance_limit(motion: CurveMotion[Any], task: SearchTask) -> ClearanceLimit | None:
-    """Return what keeps the clearance of an optimised motion from growing; None if it is enough, or unknown.
+    """Return the cause that keeps an optimised motion's clearance from growing; None if there is enough, or unknown.
 
-    The answer is read off the multipliers of the QP of one more step, with the highest price of missing clearance.
+    The cause is read off the multipliers of the QP of one more step, with the highest price of missing clearance.
     """
     if task.wanted_gap == 0.0 or _lacking(motion, task) <= _FINER_LACK * task.wanted_gap:
         return None

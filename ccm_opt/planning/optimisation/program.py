@@ -31,12 +31,12 @@ _QP_GAP = 1e-3
 _QP_ITERATIONS = 60
 """Maximum number of iterations of the QP solver. Taste."""
 _MANY_ROWS = 2000
-"""Number of rows above which the QP is solved with the tightest rows first.
+"""Number of constraints above which the QP is first solved with the tightest ones alone.
 
 Taste: with as many rows, solving takes as long as building the matrices.
 """
 _TIGHTEST = 30
-"""Number of rows per interval, and per keyframe, that enter the QP at a time if there are many.
+"""Number of constraints per interval, and per keyframe, that enter the QP at a time if there are many.
 
 Measured in pipes: of 10,000 rows 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000 rows take a
 quarter of the time of one QP with all rows.
@@ -98,7 +98,7 @@ class LinearMotion:
         return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
 
     def foreseen_cost(self, change: FloatArray) -> float:
-        """Return the whole objective that the model predicts after a change of the unknowns, shape (K + 1, p)."""
+        """Return the whole objective that the quadratic model predicts after a change of the unknowns, (K + 1, p)."""
         value = self.objective.foreseen(self.sweep, change)
         return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
 
@@ -155,10 +155,11 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
-        """Return what keeps the least clearance of the motion from growing, or None if the solver fails.
+        """Return the cause that keeps the least clearance of the motion from growing, or None if the solver fails.
 
         At the solution of the QP the forces λ ∇g of all active rows, and the negative gradient of the cost, add up to
-        zero. Of the forces against that of the row that lacks most clearance, those of one kind are largest.
+        zero. The cause is the kind of rows (walls, links, goal, length or other limits) whose forces against that of
+        the row that lacks most clearance have the largest sum.
 
         Args:
             improvement: share of the lacking clearance that the step has to gain for the answer ``"steps"``: the motion
@@ -195,7 +196,7 @@ class KeyframeProgram:
         return max(against, key=against.__getitem__)
 
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the result of PIQP, or None if the solver fails, and the multipliers of all rows.
+        """Return the result of the QP solver PIQP, or None if it fails, and the multipliers of all inequalities.
 
         Multipliers are positive at upper and negative at lower bounds.
 
@@ -341,7 +342,7 @@ class KeyframeProgram:
 
 
 def _opposing(products: FloatArray) -> float:
-    """Return the sum of the forces against a force, from their scalar products with it, shape (m,)."""
+    """Return the sum of the magnitudes of the negative ones among scalar products (m,) of forces with one force."""
     return -float(np.sum(np.minimum(products, 0.0)))
 
 
@@ -395,7 +396,7 @@ def _solve(
 
 
 def _set(settings: Any) -> None:
-    """Set the QP tolerances and options of this module in the settings of a PIQP solver."""
+    """Set the tolerances and options of this module in the settings object of a PIQP solver."""
     settings.verbose = False
     # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage

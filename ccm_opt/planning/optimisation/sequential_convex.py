@@ -50,7 +50,7 @@ _WORTH_AFRESH = 0.1
 """Relative decrease of the objective after which prices and damping are reset if they block all motion. Taste."""
 
 _SEEN_AT_MANY = 0.5
-"""Factor, for motions with many keyframes, of the distance from their bound within which rows enter the QP.
+"""Factor that, for motions with many keyframes, reduces the distance to its bound at which a row enters the QP.
 
 Measured: among 300 and 1000 polygons equal motions in three quarters of the time.
 """
@@ -62,7 +62,7 @@ The cost applies only if the clearance has a weight.
 _YIELDINGS = 6
 """Maximum number of reductions of the step of keyframes near uncertified intervals in narrow gates. Taste."""
 _YIELDING_REACH = 4.0
-"""Number of keyframes on either side of an uncertified interval that take a smaller part of a step. Taste.
+"""Number of keyframes on either side of an uncertified interval that take a smaller fraction of a step. Taste.
 
 The reduction decreases with the distance from the interval.
 """
@@ -95,9 +95,10 @@ class MotionProgram(Generic[SweepType]):
         u: path parameters of the keyframes, shape (K + 1,).
         deadline: time at which the optimisation stops.
         weights: weights of the parts of the objective.
-        wanted_gap: preferred gap, which constraint rows demand where possible [m].
+        wanted_gap: preferred gap, which constraint rows require if possible [m].
         seen: distance from their bound below which rows enter the QP [m].
-        groups: number of groups of neighbouring joints, above which number of links rows are thinned to one per group.
+        groups: largest number of groups of neighbouring joints; of an arm with more links, only the tightest constraint
+            of each group is used.
         steps: settings of the steps.
         slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
         scale: factor of each coordinate in lengths of paths, shape (c,); None if all count alike.
@@ -153,10 +154,10 @@ class MotionProgram(Generic[SweepType]):
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
     def end_rows(self, sweep: SweepType) -> FloatArray:
-        """Return equations, to first order, that hold the last keyframe, or only its tip at the goal, shape (r, p).
+        """Return the derivatives of the equations that fix the last keyframe, or only its tip at the goal, (r, p).
 
-        The rows are derivatives with respect to the unknowns of the last keyframe. For a tip goal, those of the tip's
-        position, in nominal links, come first.
+        They are with respect to the unknowns of the last keyframe. For a goal of the tip, the rows of its position, in
+        nominal links, come first.
         """
         if self.end_fixed or self.goal is None:
             return np.eye(sweep.unknowns.shape[1])
@@ -164,14 +165,14 @@ class MotionProgram(Generic[SweepType]):
 
     # ------------------------------------------------------------ moving keyframes onto limits
     def restored(self, unknowns: FloatArray) -> FloatArray:
-        """Return keyframes moved so that they keep the limits, both of shape (K + 1, p).
+        """Return keyframes (K + 1, p) moved so that they satisfy the limits.
 
         The given array itself is returned if no limit has to move a keyframe.
         """
         return restored_keyframes(self.limits, self.curve, unknowns, self.u)
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return keyframes (K + 1, p) moved so that they keep the limits and end at the goal; None if that fails."""
+        """Return keyframes (K + 1, p) moved so that they satisfy the limits and end at the goal; None if that fails."""
         unknowns = self.restored(unknowns)
         if self.end_fixed or self.goal is None:
             return unknowns
@@ -182,7 +183,7 @@ class MotionProgram(Generic[SweepType]):
         return unknowns if self.goal.met(last) else None
 
     def feasible(self, sweep: SweepType, before: SweepType) -> bool:
-        """Return whether the keyframes of a motion keep all limits, or violate none more than those of ``before``."""
+        """Return whether a motion's keyframes satisfy all limits, or violate none more than those of ``before``."""
         return all(limit.holds(sweep, before, self.u) for limit in self.limits)
 
     # ------------------------------------------------------------ linearised motion
@@ -327,7 +328,7 @@ def sequential_convex(
 
 
 def _priced(program: MotionProgram[SweepType], sweep: SweepType) -> MotionProgram[SweepType]:
-    """Return a program whose slack costs more where the user's costs are steep, so that they do not buy contact.
+    """Return a program with higher prices of slack if the user's costs are steep, so that contact never pays.
 
     Args:
         program: the optimisation problem.
@@ -369,7 +370,7 @@ _NONE = np.zeros(0, dtype=np.intp)
 
 
 def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Iterate[SweepType] | None, IntArray]:
-    """Return the state after the longest acceptable fraction of a step, and intervals where a longer one failed.
+    """Return the state after the largest acceptable fraction of a step, and the intervals in which larger ones failed.
 
     A fraction is acceptable if the merit function falls by enough of the predicted gain, as in a trust-region method,
     and the result is certified. The state is None if no fraction is acceptable.
