@@ -265,8 +265,8 @@ class CurveMap(CurveUnknowns):
             The map, ``own`` in it, shape (m, p + b'), and ``others`` in it, shape (k, p + b').
         """
         grid = np.union1d(self.offset_at, other.offset_at)
-        blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 -
-        its own kind both = replace(self, offset=np.zeros((len(grid), 2)), offset_at=grid, blends=np.stack(blends))
+        blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 - its own kind
+        both = replace(self, offset=np.zeros((len(grid), 2)), offset_at=grid, blends=np.stack(blends))
         shared = len(self.scale)
         after = np.pad(own, ((0, 0), (0, len(other.blends))))
         before = np.insert(others, np.full(len(self.blends), shared), 0.0, axis=1)

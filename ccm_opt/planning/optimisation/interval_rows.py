@@ -257,7 +257,7 @@ class IntervalRows:
         return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of m rows with respect to the unknowns at both ends of their intervals, (m, p) each."""
+        """Return derivatives of m rows with respect to the unknowns at both ends of their intervals, (m, p) each."""
         # A change at either keyframe moves the points by a fraction of that change. It also alters the change over the
         # interval, and so the deviation, with opposite signs at start and end.
         time = self._time(sweep)

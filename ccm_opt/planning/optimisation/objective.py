@@ -228,7 +228,7 @@ class Objective:
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the gradient (K + 1, c), at configurations (K + 1, c), of the objective's part that depends on them."""
+        """Return the gradient, (K + 1, c), at configurations (K + 1, c), of the part that depends on them."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
