@@ -58,7 +58,7 @@ def retarget(
         settings: settings of the stages; None for the defaults.
 
     Returns:
-        The whole verified motion: as planned up to ``time``, then braked to rest along the planned path as soon as
+        The whole verified motion, as planned up to ``time``, then braked to rest along the planned path as soon as
         possible, then on to the new goal. An arm on a feed axis that cannot go on from there rests a little later. The
         rest is the last stop of the solution's problem; intermediate goals that were not reached are removed.
 

@@ -114,7 +114,7 @@ class ArmQuantities(ABC):
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """Symbols on which an expression for a timed motion may depend: bends, feed, path parameter and rates."""
+        """Symbols on which an expression for a timed motion may depend (bends, feed, path parameter and rates)."""
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:

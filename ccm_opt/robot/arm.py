@@ -275,7 +275,7 @@ class Arm:
 
     @property
     def coordinates(self) -> Coordinates:
-        """Layout of the arm's configurations: name, unit and drive of each of their c coordinates."""
+        """Layout of the arm's configurations, with name, unit and drive of each of their c coordinates."""
         return joint_coordinates(self.links, self.bends_a_joint, tuple(FEED for _ in self.base_axes))
 
     @cached_property

@@ -297,7 +297,7 @@ class ReachMap:
         directions: directions of the last link that were tried in space, unit vectors, shape (K, 3); empty in the
             plane.
         reachable: whether a pose was found with any heading or direction, shape N.
-        taken: whether a pose was found with each heading or direction, shape (*N, K).
+        taken: whether a pose was found with each heading or direction, shape ``(*N, K)``.
         gap: maximum clearance, beyond the required clearance, of any pose found in the cell, capped at ``seen``, shape
             N [m]; NaN where no pose was found.
         proved: whether it is proved that no pose exists, shape N; other cells without a pose are undecided.
