@@ -33,7 +33,7 @@ POLISH_TURN = 0.3
 """Largest turn of a link in a step of Newton's method onto the goal [rad]."""
 
 _STEPS = 40
-"""Maximum number of steps of a random pose towards the goal."""
+"""Maximum number of QP steps that move a random pose towards the goal."""
 
 
 _SHAPES = 4096
@@ -155,7 +155,7 @@ def chained_goal_poses(
 
 
 def _alike(arm: Arm, pose: Pose, other: Pose) -> bool:
-    """Return whether every joint has nearly the same position in two poses, up to a fraction of the arm's length."""
+    """Return whether no joint is farther apart in two poses than a small fraction of the arm's length."""
     return bool(np.max(np.linalg.norm(pose.points - other.points, axis=1)) < _ALIKE * arm.length)
 
 

@@ -56,7 +56,7 @@ _BUMP_WIDTHS = (0.05, 0.3)
 """Minimum and maximum width of a part of the arm that is turned aside, as fractions of the arm's length. Taste."""
 
 _SMOOTH_RANGE = 0.4
-"""Longest extension for arms of more links, as the root mean square turn of the links [rad]. Measured on four hard
+"""Longest extension for arms of many links, as the root mean square turn of the links [rad]. Measured on four hard
 scenes of 24 links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds
 nothing in two of them by 60 000."""
 _BUMPED = 0.2

@@ -5,9 +5,10 @@ x_i, x_{i+m}, so the points x minimise, with lengths in nominal links,
 
     ∫ κ² ds + ∫ |x'|² ds + Σ (lacking gap of a chord)² + Σ (excess of |x_{i-m} − 2 x_i + x_{i+m}|)²,
 
-where the last is the bend of a joint at x_i beyond what it may take there, near the guide tube little (S. Quinlan and
-O. Khatib, Elastic bands: connecting path planning and control, 1993). Each round solves the linearised problem. Chords
-begin short, as the path through the grid may pass a bend on its inside, where a whole link would cross the wall.
+where the last sum is over the bends of joints at x_i in excess of the bend permitted there, which is small near the
+guide tube (S. Quinlan and O. Khatib, Elastic bands: connecting path planning and control, 1993). Each round solves the
+linearised problem. Chords begin short, as the path through the grid may pass a bend on its inside, where a whole link
+would cross the wall.
 """
 
 from collections.abc import Sequence
@@ -31,16 +32,16 @@ _TENSION = 0.02
 _EVEN = 8.0
 """Weight on the differences in length of consecutive pieces, which keeps the points evenly spaced."""
 _HARD = 600.0
-"""Weight on the shortfall of a chord from the required gap, and on bends beyond the limit."""
+"""Weight on the shortfall of a chord's gap from the required gap, and on bends beyond the limit."""
 _WANTED = 5.0
-"""Weight on the shortfall of a chord from the preferred gap."""
+"""Weight on the shortfall of a chord's gap from the preferred gap."""
 _SPARE = 0.03
 """Gap beyond the required one below which the weight ``_HARD`` applies, in nominal links."""
 _BENT = 0.9
 """Fraction of the largest permitted bend above which the weight ``_HARD`` applies."""
 _SHARPER = 2.0
-"""Largest curvature of a path between the joints, relative to that of the circle through joints bent as far as they
-may."""
+"""Largest curvature of a path between joints, as a multiple of the curvature of the circle through joints bent to their
+limits."""
 _GENTLE = 0.7
 """Fraction of the largest permitted bend above which the soft weight on bends applies."""
 _STIFFNESS = 1.1
@@ -120,8 +121,8 @@ class ElasticBand:
         """Return a smooth path for the joints of the arm near a given tip path, or None if that is too short.
 
         Args:
-            behind: points on the arm's axis before the beginning of the tip path, spaced by one piece, shape (m, 3)
-                [m], for m pieces per link.
+            behind: points on the arm's centre line before the beginning of the tip path, spaced by one piece, shape (m,
+                3) [m], for m pieces per link.
             way: vertices of the tip path, shape (k, 3) [m].
             out: arc length from the end of the guide tube to the beginning of the tip path [m].
             direction: unit vector from the last joint to the end of the path, shape (3,); None for any direction.

@@ -391,7 +391,8 @@ class NearestOfSamples:
     Attributes:
         gap: gap between the nearest bodies, capped at the search distance, shape (T,) [m].
         link: number of the link, counted from 1; 0 if nothing is within the search distance, shape (T,).
-        other: index of the owner of the other surface, or number of the other link, counted from 1, shape (T,).
+        other: index of the object to which the other surface belongs, or number of the other link, counted from 1,
+            shape (T,).
     """
 
     gap: FloatArray
@@ -406,7 +407,7 @@ class GapsAtSamples:
     Attributes:
         walls: gaps of links to the nearest surface of the scene.
         itself: gaps between links that must not touch.
-        names: names of the owners of surfaces.
+        names: names of the objects to which the surfaces belong.
         reach: search distance, at which gaps to walls are capped [m].
     """
 

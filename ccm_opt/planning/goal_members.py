@@ -110,7 +110,7 @@ def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) ->
     Args:
         arm: the arm.
         goal: goal for the tip.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         fed: distance by which the base can still advance [m].
 
     Returns:
@@ -131,7 +131,7 @@ def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
     Args:
         arm: the arm.
         goal: goal for the tip.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         fed: distance by which the base can still advance [m].
     """
     places, pieces = _places(arm, goal, room, fed)
@@ -151,7 +151,7 @@ def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: 
     """Return a mask of the members onto which a straight run is free, shape (m,).
 
     Args:
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         places: positions, shape (m, 2) [m].
         headings: headings, shape (m,) [rad].
         length: length of the run [m].
@@ -181,7 +181,7 @@ def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[Floa
     Args:
         arm: the arm.
         goal: goal for the tip.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         fed: distance by which the base can still advance [m].
     """
     if goal.room[0] == 0.0:

@@ -130,7 +130,7 @@ class TipGrid:
         """Return the grid of gaps computed from distances to the surfaces.
 
         Args:
-            distances: distances, with a reach of at least ``kept + far``.
+            distances: distances of the cells from surfaces, exact up to at least ``kept + far``.
             kept: distance that the tip's centre has to keep from surfaces [m].
             far: gap beyond which obstacles have no effect on paths [m].
             deadline: deadline, or None.

@@ -94,7 +94,7 @@ class OwnPath:
 
     @classmethod
     def of(cls, arm: Arm, q: FloatArray) -> "OwnPath":
-        """Return the path on which the links of a configuration (c,) lie."""
+        """Return the path through the joints and the tip of a configuration (c,), from the end of the guide tube on."""
         bent = np.flatnonzero(np.any(np.abs(arm.bend_pairs(q)) > _STRAIGHT, axis=1))
         first = int(bent[0]) if len(bent) else arm.links
         nodes = arm.joint_positions_at(q)[first:]

@@ -96,7 +96,7 @@ class ElasticBand:
     tightness_power: int = _TIGHTNESS_POWERS[0]
 
     def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
-        """Return a smooth path near a shortest path, with its ends.
+        """Return a smooth path near a shortest path, with the same first and last point.
 
         Args:
             taut: shortest path, a polyline, shape (k, 2) [m].

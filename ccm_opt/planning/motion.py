@@ -54,7 +54,7 @@ class CurveMotion(Generic[CurveType]):
         return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
 
     def through(self, unknowns: FloatArray) -> "CurveMotion[CurveType]":
-        """Return a motion like this one through other keyframes, unknowns of shape (K, p)."""
+        """Return a copy of the motion with other keyframes, given by unknowns (K, p)."""
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:

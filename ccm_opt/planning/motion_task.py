@@ -41,7 +41,7 @@ _SPARE_IN_GATES = 0.1
 """Certified gap as a fraction of the gap beside the arm in narrow gates, if that is smaller than the usual one. Taste:
 half of the fraction that the planning margin keeps."""
 _END_REACH = 4.0
-"""Largest gap at start and goal that is measured, in multiples of ``_SPARE``. Taste."""
+"""Search distance at which measured gaps at start and goal are capped, as a multiple of ``_SPARE``. Taste."""
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Function that yields, from the arm and the configuration in which a motion ends, better goal configurations (c,)."""

@@ -43,7 +43,7 @@ LENGTHS = frozenset(
         *("place", "remaining", "route_length", "violation", "way_length"),
     )
 )
-"""Names of the numbers behind a diagnosis that are lengths."""
+"""Names of those numbers in the data of a diagnosis that are lengths and have to be converted to metres."""
 LENGTH_KEYS = frozenset(("arm.radius", "workspace.clearance", "arm.link_length", "arm.feed.range"))
 """Keys of the problem file whose values are lengths and may be bounded by a finding of a diagnosis."""
 

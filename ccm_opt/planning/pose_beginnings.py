@@ -214,7 +214,7 @@ def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[
     Args:
         problem: problem in the plane.
         ends: its resolved ends.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         route: the route.
 
     Raises:

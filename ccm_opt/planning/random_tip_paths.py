@@ -35,7 +35,7 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _FARTHEST = 0.3
-"""Maximum distance of sampled points from the tip or goal, as a fraction of the arm's length. Taste."""
+"""Maximum distance of sampled via points from the tip or goal, as a fraction of the arm's length. Taste."""
 _PLACES_DRAWN = 16
 """Number of points sampled at once to find a free one. Taste."""
 _NEARNESS = 0.17
@@ -52,7 +52,7 @@ _BY_PLACE = 0.85
 _ABOUT_GOAL = 0.7
 """Probability that random points are sampled around the goal, and not around the tip. Taste."""
 _NEAREST = 0.05
-"""Minimum distance of sampled points from the tip or goal, as a fraction of the arm's length. Taste."""
+"""Minimum distance of sampled via points from the tip or goal, as a fraction of the arm's length. Taste."""
 _ROUNDING = (0.5, 1.0, 2.0)
 """Distances that tip paths keep from obstacle corners, one sampled for each walk, as multiples of the usual distance.
 Measured: with several the mean time to a solution was 3.3 s instead of 4.1."""

@@ -38,7 +38,7 @@ _COORDINATE_WEIGHT = 1e-4
 heading depends on. Taste."""
 
 _REPAIRS = 6
-"""Maximum number of rounds that repair keyframes of intervals that fail the certificate. Taste; where these do not
+"""Maximum number of rounds that repair keyframes of intervals that fail the certificate. Taste; if these do not
 suffice, planning is repeated with the task's own links."""
 _DESIGN_LINKS = 24
 """Number of links with which arms of more links are planned; more where narrow passages require it. Measured: of 38
@@ -72,8 +72,8 @@ _TIME_SHARE = 0.4
 _MOST_BEND = 0.9
 """Largest joint limit that a coarse arm gets [rad]."""
 _RAISED_RIDGE = 1e-2
-"""Damping of the fit that is at least used as the basis for an increase, after a step that does not reduce the
-error."""
+"""Value to which a smaller damping of the fit is raised, before it is multiplied by ``_RIDGE_RISE``, after a step that
+does not reduce the error."""
 _RIDGE_RISE = 10.0
 """Factor by which the damping of the fit rises after a step that does not reduce the error, and falls after others."""
 

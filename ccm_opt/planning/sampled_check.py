@@ -63,7 +63,7 @@ class BlockedRaster:
             workspace: workspace with the walls.
             middle: centre of the square, shape (2,) [m].
             half: half of the square's side [m].
-            gap: distance that the arm's axis has to keep from walls [m].
+            gap: distance that the arm's centre line has to keep from walls [m].
             cells: number of cells along a side.
         """
         cell = 2.0 * half / cells
@@ -158,7 +158,7 @@ class SampledCheck:
 
     Attributes:
         arm: the arm.
-        raster: raster of cells in which the arm's axis is too close to a wall.
+        raster: raster of cells in which the arm's centre line is too close to a wall.
         reach: length of each link between the base and each checked point, shape (links, points) [m].
         spacing: distance that the tip moves between two checked poses [m].
         parts: number of intervals into which the checked points divide a link.
@@ -172,7 +172,7 @@ class SampledCheck:
 
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
-        """Return the check of an arm in a workspace."""
+        """Return the sampled collision check for an arm in a workspace, with its raster of blocked cells."""
         # A point in a blocked cell implies contact even for the thinnest link.
         gap = float(np.min(arm.radii)) + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)

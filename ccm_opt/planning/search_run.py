@@ -180,7 +180,9 @@ def further_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Yield withdrawals and hairpins with the fold lengths that ``first_candidates`` does not use.
+    """Yield candidates that retract the arm, or lay it onto a route, by a fold that travels along the arm.
+
+    The folds have the lengths that ``first_candidates`` does not use.
 
     Args:
         stepper: solver of QP steps.

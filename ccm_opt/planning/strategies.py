@@ -49,10 +49,10 @@ _WHOLE_ARM_BUDGETS = (8000,)
 """Numbers of extensions of the early search for other arms with a goal for the whole arm, except arms so thin that
 poses have to be checked at spacings below their width. Taste: a quarter of a second."""
 _SOON_BUDGETS = (4000,)
-"""Numbers of extensions of the search for goals of the tip that comes after the first candidates. Measured on arms
-wound among walls: most searches take less than 2000, a tenth of a second."""
+"""Numbers of extensions of the RRT-Connect searches for goals of the tip that follow the first candidates. Measured on
+arms wound among walls: most searches take less than 2000, a tenth of a second."""
 _BEFORE_SAMPLING = 2
-"""Number of candidates before it: the first tip path with its guides. Taste."""
+"""Number of candidates that are tried before that RRT-Connect search: those of the first tip path. Taste."""
 _MIDDLE_BUDGETS = (60000, 60000)
 """Numbers of extensions of the searches after the candidates with the widest margin, for arms of many links. Taste:
 three seconds."""
@@ -115,7 +115,7 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
     Args:
         task: search task.
         failures: list to which a failure is appended.
-        turn: turn of RRT-Connect, which determines the numbers of extensions.
+        turn: time at which RRT-Connect is tried, which determines the numbers of extensions.
     """
     budgets = _budgets(task, turn)
     if task.arm.links > _MOST_LINKS:

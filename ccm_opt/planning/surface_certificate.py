@@ -55,7 +55,7 @@ class SpaceCertificate:
 
     @property
     def kept(self) -> FloatArray:
-        """Certified distance of surfaces from the axis of each link, radius plus gap, shape (links,) [m]."""
+        """Certified distance of surfaces from the centre line of each link: radius plus gap, shape (links,) [m]."""
         return self.arm.radii + self.gap
 
     @cached_property

@@ -55,10 +55,11 @@ _SAMPLED = 100
 _CHAINED = 200
 """First seed number of the chains of links that become poses at the goal, among those of a task."""
 _CHAINED_TURNS = (8, 24)
-"""Turns of growths of chains and searches to them in one round after the other. Taste: a turn takes a tenth of a
-second."""
+"""Number of turns in each round of ``by_chains``, each a growth of chains of links and a search for a motion to them.
+Taste: a turn takes a tenth of a second."""
 _CHAINED_EXTENSIONS = 1000
-"""Extensions of the trees in a turn. Measured among bars: they mostly meet after less than a hundred, or never."""
+"""Maximum number of extensions of the trees in one turn of ``by_chains``. Measured among bars: they mostly meet after
+less than a hundred, or never."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
 """Effort of each round of sampled trees: maximum number of searches for poses at the tip goal, and of tree extensions.
 Taste: such a search, and 1000 extensions, take a twentieth of a second."""
@@ -396,9 +397,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.attempt("a quick sampler", partial(self._met, way), failures)
 
     def by_chains(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion found by such trees to poses made of chains of links, where no others are free, or None.
+        """Return a motion found by RRT-Connect to a pose at the goal made of a chain of links, or None.
 
-        New poses and short searches for a motion to any of them take turns, as trees meet soon or never.
+        Used only while no other collision-free pose at the goal is known. Sampling new poses and short searches for a
+        motion to any of them take turns, since two trees meet soon or never.
 
         Args:
             number: index of the round, which determines the effort.
@@ -424,7 +426,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.attempt("a quick sampler, to chains of links", partial(self._met, way), failures)
 
     def _nearest(self, goals: list[Pose]) -> list[Pose]:
-        """Return poses by the time that the slowest joint takes from the start to each."""
+        """Return poses sorted by the time that the slowest joint takes from the start to each, the nearest first."""
         return sorted(goals, key=lambda pose: float(np.max(np.abs(pose.q - self.start.q) * self.task.slowness)))
 
     @cached_property
@@ -434,7 +436,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     @cached_property
     def _chained_goals(self) -> list[Pose]:
-        """Poses at the goal made of chains of links that are known so far."""
+        """Poses at the goal made of chains of links that are known so far; the list is extended by each round."""
         return []
 
     @cached_property

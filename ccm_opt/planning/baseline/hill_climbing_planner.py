@@ -110,7 +110,7 @@ def passages(
     Args:
         world: environment of the schemas, with the curvature limit.
         start: configuration of the arm.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         goal: goal of the tip.
         obstacle: nearest point of the obstacle between base and goal, shape (2,) [m], or None.
         routes: maximum number of routes in different homotopy classes, shortest first.
@@ -134,7 +134,7 @@ def _first_open_track(
 
     Args:
         world: environment of the schemas.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         first: first subgoal, where the path begins.
         way: vertices of the route from the first subgoal to the goal, shape (k ≥ 2, 2) [m].
         goal: goal of the tip.
@@ -183,7 +183,7 @@ def _track(
 
     Args:
         world: environment of the schemas, with the curvature limit.
-        room: free space of the arm's axis.
+        room: free space of the arm's centre line.
         first: first subgoal.
         way: vertices of the route from the first subgoal to the goal, shape (k ≥ 2, 2) [m]; a route is searched if k =
             2.

@@ -130,7 +130,7 @@ def hold(
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
-    """Return the configurations midway between consecutive ones, coordinate by coordinate."""
+    """Return the configurations midway between consecutive ones, as means of their coordinates."""
     middles = []
     for one, other in pairwise(beginnings):
         first = Shapes.from_configurations([one])

@@ -72,7 +72,7 @@ class World:
 
     @property
     def of_curve(self) -> "World":
-        """Equal environment with tips of the backbone curve, not of the jointed arm, for intermediate subgoals."""
+        """Copy of the environment that measures the tip of the backbone curve instead of that of the jointed arm."""
         return replace(self, tips=_curve_tips)
 
     def crowding(self, shapes: Shapes) -> FloatArray:
@@ -117,5 +117,5 @@ class World:
         return crowding
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:
-        """Return whether the arm may move straight from one configuration to another."""
+        """Return whether the arm may move from one configuration to another by a motion that is linear in bends."""
         return bool(self.passes(Shapes.from_configurations([here]), Shapes.from_configurations([there]))[0])

@@ -3,7 +3,7 @@
 A gate is a passage that is hardly wider than the arm; its rail is its middle line, extended straight before and behind.
 With clearance rows alone, a step would turn the arm askew in the gate; the first-order rows then leave no clearance,
 and second-order terms violate them. So equations in every QP step, and at every inner keyframe of a motion, make the
-arm's axis cross lines across the gate in their middle; a step satisfies them to first order and Newton's method
+arm's centre line cross lines across the gate in their middle; a step satisfies them to first order and Newton's method
 restores them. Before and behind the gate, joints are pulled to the rail.
 """
 

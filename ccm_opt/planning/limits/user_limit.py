@@ -33,7 +33,7 @@ _PULL_WEIGHT = 30.0
 """Weight of terms that restore gaps smaller than their margin, relative to a displacement of a nominal link. Taste; the
 weight for contacts is the same."""
 _URGENCY = 10.0
-"""Scale of the rows of violated gaps, relative to those of gaps inside their margin. Taste."""
+"""Factor on the terms that open violated gaps, relative to those for gaps merely inside their margin. Taste."""
 _RANK = 1e-09
 """Fraction of the largest singular value below which a singular value counts as zero, so that equations that follow
 from others are left out. Taste."""

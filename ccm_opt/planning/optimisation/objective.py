@@ -237,7 +237,7 @@ class Objective:
 
 
 def normalised(weights: Weights) -> Weights:
-    """Return weights scaled so that the largest of path length, smoothness and duration is 1.
+    """Return weights of a cost scaled so that the largest of those for path length, smoothness and duration is 1.
 
     The slack prices and the damping of the optimisation are tuned for this scale.
     """

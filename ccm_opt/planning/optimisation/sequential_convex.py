@@ -135,7 +135,7 @@ class MotionProgram(Generic[SweepType]):
 
     @property
     def unit(self) -> float:
-        """Length of a nominal link, a fixed fraction of the arm, by which rows are scaled [m]."""
+        """Length of a nominal link, a fixed fraction of the arm's length, by which constraint rows are scaled [m]."""
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
