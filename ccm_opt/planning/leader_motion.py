@@ -245,7 +245,7 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
 
 
 def _lacking(q: FloatArray, task: SpaceTask) -> float:
-    """Return how much more of the preferred clearance a motion, keyframes (K, c), lacks on its way than at its ends."""
+    """Return how much more of the preferred clearance a motion, (K, c), lacks on its way than at its ends, ≥ 0 [m]."""
     lacking = task.room_lacking(q)
     return float(np.max(lacking) - np.max(lacking[[0, -1]]))
 

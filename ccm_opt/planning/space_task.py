@@ -204,7 +204,7 @@ class SpaceTask(SearchTask):
         )
 
     def _lack(self, sweep: Sweep) -> float:
-        """Return the clearance that a motion lacks over all its intervals, in nominal links."""
+        """Return the motion's shortfall from the preferred clearance, a mean over each interval, summed, in nominal links."""
         lacking = room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap)
         return float(np.sum(lacking)) / (self.unit * sweep.parts)
 

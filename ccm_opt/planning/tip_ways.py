@@ -83,19 +83,19 @@ _TURNED = 1.5
 """Radius about the start within which no band leads back, and about the goal within which none overshoots, in nominal
 links."""
 _SIDESTEP = 0.5
-"""Distance by which a path may enter the torus of excessive turns, as paths bend more sharply than joints, in nominal
-links."""
+"""Distance by which a grid path may enter the torus of cells that only too sharp a bend reaches, since grid paths bend
+more sharply than the arm, in nominal links."""
 _SHARP_PRICE = 10.0
-"""Relative extra cost of a path through cells that only an excessive turn reaches from an end. Taste."""
+"""Relative extra cost of cells that only too sharp a bend reaches from the start or the goal. Taste."""
 _BENT_OVER = 1.2
 """Largest bend of a joint on a band, as a multiple of its limit there, for the band to be tried; the next joint
 compensates for the excess."""
 _SHORTCUT_GAP = 0.5
-"""Gap that straight parts keep where corners are cut, in nominal links."""
+"""Gap to surfaces that a straight piece keeps if it replaces corners of a grid path, in nominal links."""
 _DETOUR_PRICE = 4.0
 """Relative extra cost of a path near one that has failed."""
 _DETOURS = 3
-"""Maximum number of paths sought away from earlier ones."""
+"""Maximum number of paths through one grid that are sought away from earlier paths."""
 _BEHIND_HOLE = np.array((0.75, 1.5))
 """Depth and radius of the region before the end of the guide tube that is closed to paths, in nominal links. Taste."""
 _SPARE_LENGTH = 2.0
@@ -337,16 +337,16 @@ class SpaceTipWays:
         return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
 
     def _sharp_turns(self, grid: TipGrid) -> FloatArray:
-        """Return the extra cost of cells beside both ends of a path, to which only too sharp a bend leads directly.
+        """Return the relative extra cost of cells next to start and goal that the arm could only reach by too sharp a bend.
 
-        Circles that touch a path's direction at its end, with joints on them bent as far as they may be, fill a torus
-        without a hole.
+        These cells lie inside the torus (without a hole) formed by all circles that are tangent to the direction at
+        that end and have the least radius on which joints stay within their limits.
 
         Args:
             grid: the grid.
 
         Returns:
-            The costs, of the shape of the grid.
+            The costs, in the grid's shape; 0 for other cells.
         """
         arm = self.task.arm
         radius = 0.5 * arm.link_length / float(np.sin(0.5 * min(arm.joint_limit, np.pi / 2.0)))
@@ -622,7 +622,7 @@ def _closed_where(
 
 
 def _cube(grid: TipGrid, middle: FloatArray, reach: float) -> tuple[tuple[slice, slice, slice], FloatArray]:
-    """Return the block of cells in a cube, and their centres, shape (nx, ny, nz, 3) [m].
+    """Return the slices that select the cells of a grid in a cube, and the centres of these cells, (nx, ny, nz, 3) [m].
 
     Args:
         grid: the grid.

@@ -213,7 +213,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def keeps_at_goal(self, space: AnyUnknowns_contra, near: Pose, final: Pose) -> bool:
-        """Return whether a pose placed exactly on the goal satisfies the limit, as seen from the pose before it was placed.
+        """Return whether a pose placed exactly on the goal satisfies the limit, or is no worse than the pose before.
 
         Args:
             space: map from the coordinates to configurations.
