@@ -204,7 +204,10 @@ class SpaceTask(SearchTask):
         )
 
     def _lack(self, sweep: Sweep) -> float:
-        """Return the motion's shortfall from the preferred clearance, a mean over each interval, summed, in nominal links."""
+        """Return the shortfall of a motion from the preferred clearance, in nominal links.
+
+        The shortfall is averaged over the parts of each interval and summed over the intervals.
+        """
         lacking = room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap)
         return float(np.sum(lacking)) / (self.unit * sweep.parts)
 

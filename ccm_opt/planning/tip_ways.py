@@ -337,7 +337,7 @@ class SpaceTipWays:
         return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
 
     def _sharp_turns(self, grid: TipGrid) -> FloatArray:
-        """Return the relative extra cost of cells next to start and goal that the arm could only reach by too sharp a bend.
+        """Return the relative extra cost of cells near start and goal that the arm can only reach by too sharp a bend.
 
         These cells lie inside the torus (without a hole) formed by all circles that are tangent to the direction at
         that end and have the least radius on which joints stay within their limits.

@@ -302,7 +302,7 @@ class KeyframeProgram:
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Return matrix, lower and upper bounds of the QP inequalities: interval rows with slack, then keyframe rows."""
+        """Return matrix and lower and upper bounds of the inequalities: interval rows with slack, then keyframe rows."""
         active = self.motion.active
         data, row, column = self._row_entries()
         m = len(active)
