@@ -145,7 +145,7 @@ class TipGrid:
         return int(x), int(y), int(z)
 
     def free_near(self, place: FloatArray, within: int = 2) -> tuple[int, int, int] | None:
-        """Return the free cell nearest to a point, shape (3,) [m], or None.
+        """Return the indices of the free cell nearest to a point (3,) [m], or None if no cell nearby is free.
 
         Args:
             place: the point.

@@ -134,7 +134,7 @@ def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray, widest: float) -> tuple[IntArray, FloatArray]:
-    """Return the crossings of lines with edges of walls.
+    """Return where lines cross the edges of walls.
 
     Args:
         walls: the walls.

@@ -481,8 +481,8 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
 def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     """Return the number of joints, counted from the base, that a wall at the mount's end forces to stay straight.
 
-    It is 0 for an arm on a feed axis, if no wall perpendicular to the mount is within clearance of its end, and if the
-    start or the goal bends one of these joints.
+    It is 0 for an arm on a feed axis, and also if no wall perpendicular to the mount is within clearance of its end, or
+    if the start or the goal bends one of these joints.
     """
     arm = problem.arm
     first, share = arm.mount_end

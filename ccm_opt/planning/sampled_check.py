@@ -82,7 +82,7 @@ class BlockedRaster:
         return cls(corner, cell, blocked)
 
     def at(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> BoolArray:
-        """Return a mask of blocked points, given their coordinates x and y of equal shape [m]."""
+        """Return a mask of the points that lie in blocked cells, given their coordinates x and y of equal shape [m]."""
         side = self.blocked.shape[0]
         scale = 1.0 / self.cell
         column = (x * scale + (1.0 - self.corner[0] * scale)).astype(np.int32)

@@ -77,11 +77,10 @@ _CHAINS = 16
 _PASSAGE = 0.6
 """Distance in nominal links above which walls add no cost to the grid path from which an elastic band is made."""
 _CLOSED = 1.0
-"""Radius about the point at which a band is hardest to follow within which no further band is sought, in nominal links.
-Taste."""
+"""Radius of the region that is closed to further elastic bands, about the point at which a band is hardest to follow,
+in nominal links. Taste."""
 _TURNED = 1.5
-"""Radius about the start within which no band leads back, and about the goal within which none overshoots, in nominal
-links."""
+"""Radius of the half-balls that are closed to elastic bands: behind the start and beyond the goal, in nominal links."""
 _SIDESTEP = 0.5
 """Distance by which a grid path may enter the torus of cells that only too sharp a bend reaches, since grid paths bend
 more sharply than the arm, in nominal links."""

@@ -22,7 +22,7 @@ from ccm_opt.problem.solution import ClearanceLimit
 _DAMPING_RIDGE = 1e-3
 """Additional damping of the unknowns, relative to that of the link rotations. Taste."""
 _SLACK_CURVATURE = 1e-6
-"""Curvature of slack, so that the Hessian is positive definite. Taste."""
+"""Second derivative of the objective by every slack variable, so that the Hessian is positive definite. Taste."""
 
 _QP_TOLERANCE = 1e-5
 """Absolute and relative tolerance of the QP solution. Taste."""
@@ -302,7 +302,7 @@ class KeyframeProgram:
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Return matrix and lower and upper bounds of the inequalities: interval rows with slack, then keyframe rows."""
+        """Return matrix, lower and upper bounds of the inequalities: interval rows with slack, then keyframe rows."""
         active = self.motion.active
         data, row, column = self._row_entries()
         m = len(active)
