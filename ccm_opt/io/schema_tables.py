@@ -431,7 +431,7 @@ class ChainTable(Table):
     )
     self_collision: bool = Field(
         default=True,
-        description="Whether links with at least max(2 l, π r) of arm between them must keep their axes 2 r apart.",
+        description="Whether links with at least two links and π r of arm between them must not touch.",
     )
     mount_length: NonNegativeLength | None = Field(
         default=None, description="Length of arm next to the base that may touch obstacles. Default: `radius`."
