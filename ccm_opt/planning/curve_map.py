@@ -62,7 +62,7 @@ class CurveMap(CurveUnknowns):
 
     @classmethod
     def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
-        """Return a map that reproduces a configuration exactly, and the unknowns of that configuration.
+        """Return a map that reproduces a configuration exactly, and the unknowns of that configuration, shape (p,).
 
         Args:
             arm: the arm.
@@ -171,7 +171,7 @@ class CurveMap(CurveUnknowns):
         return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Return the unknowns at which an edge is divided into pieces, including both ends of the edge.
+        """Return the unknowns, each (p,), at which an edge is divided into pieces, including both ends of the edge.
 
         Within a piece no joint inside the guide tube bends, and bends are nearly linear. The edge of an arm on a fixed
         base is not divided.
@@ -231,7 +231,7 @@ class CurveMap(CurveUnknowns):
         return v
 
     def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
-        """Return the map with one more blend, and the unknowns of another configuration in the new map.
+        """Return the map with one more blend, and the unknowns (p + 1,) of another configuration in the new map.
 
         With a weight of 1 for the new blend and 0 for the others, the map reproduces that configuration exactly.
 

@@ -256,7 +256,8 @@ class GoalDraws:
     def _brought(self, headings: FloatArray, members: FloatArray) -> FloatArray:
         """Return the link headings of poses moved onto members of the goal by Newton's method with least link turns.
 
-        Poses that do not converge, or exceed the limits of the bends, are left out.
+        The shape is (k, links), k ≤ m [rad]. Poses that do not converge, or exceed the limits of the bends, are left
+        out.
 
         Args:
             headings: link headings of the poses, shape (m, links) [rad].

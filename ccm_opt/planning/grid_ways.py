@@ -300,7 +300,7 @@ class _Block:
         return tuple(slice(int(start), int(stop)) for start, stop in zip(self.start, self.stop, strict=True))
 
     def sides(self, low: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the coordinates of the block's cell centres along x, y and z [m].
+        """Return the coordinates of the block's cell centres along x, y and z, shapes (nx,), (ny,) and (nz,) [m].
 
         Args:
             low: centre of the grid's first cell, shape (3,) [m].
@@ -330,7 +330,7 @@ def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArr
 
 
 def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) -> FloatArray:
-    """Return a path without vertices that straight pieces at the required distance from the surfaces can bypass.
+    """Return a path, (k, 3) [m], without vertices that straight pieces far enough from the surfaces can bypass.
 
     From each vertex the farthest visible vertex is tried first. Where the path is already closer to surfaces than
     required, a new piece must not be closer than the pieces that it replaces.

@@ -115,7 +115,7 @@ class FoldTrack(TipTrack):
         return cls(points, middles, _moving_mean(middles, arcs, headings, window))
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
-        """Return the smoothed heading at arc lengths, which are clipped to the ends of the track [rad]."""
+        """Return the smoothed heading [rad] at arc lengths [m], in their shape; they are clipped to the ends."""
         return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
 
 

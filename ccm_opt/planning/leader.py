@@ -105,7 +105,7 @@ class LeaderPath:
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
-        """Return the arc lengths of points on the path a chord's length ahead of given ones, by Newton's method [m].
+        """Return the arc lengths of points on the path a chord's length ahead of given ones, by Newton's method, (k,).
 
         Args:
             arc: arc lengths of the given points, shape (k,) [m].
@@ -221,7 +221,7 @@ def path_through(
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
-    """Return the parameters at which a spline through nodes is sampled: ``count`` per chord, all nodes included.
+    """Return parameters (m,) at which a spline through nodes is sampled: ``count`` per chord, all nodes included.
 
     ``chords`` are the parameters of the nodes, increasing.
     """
@@ -230,7 +230,7 @@ def _parameters(chords: FloatArray, count: int) -> FloatArray:
 
 
 def _on_axis(arm: Arm, leaves: float) -> FloatArray:
-    """Return the arc lengths of samples on the feed axis before the path leaves the axis at ``leaves`` [m].
+    """Return the arc lengths of samples on the feed axis before the path leaves the axis at ``leaves``, (m,) [m].
 
     The samples begin a link length before the range of the base.
     """
@@ -291,7 +291,7 @@ def feed_step(arm: Arm) -> float:
 
 
 def joined_keyframes(*pieces: FloatArray) -> FloatArray:
-    """Return the keyframes of several motions joined to one; each motion begins where the previous one ends."""
+    """Return the keyframes of several motions joined to one, (K, c); each begins where the previous one ends."""
     first, *others = [piece for piece in pieces if len(piece)]
     beginnings_dropped = [piece[1:] for piece in others]
     return np.concatenate((first, *beginnings_dropped))

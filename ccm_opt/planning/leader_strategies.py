@@ -321,7 +321,7 @@ class LedWays:
                 yield replace(self._motion(keyframes, f"{name}, {path.name}"), follows=ahead)
 
     def _settled(self, keyframes: FloatArray) -> FloatArray | None:
-        """Return keyframes extended by a change of shape to the goal, if that is a pose of the whole arm.
+        """Return keyframes (K, c) extended by a change of shape to the goal, if that is a pose of the whole arm.
 
         The result is None if no change of shape is found.
         """
@@ -332,7 +332,7 @@ class LedWays:
         return None if changed is None else joined_keyframes(keyframes, rest, changed)
 
     def _drawn_to(self, feed: float) -> FloatArray | None:
-        """Return keyframes of the arm retracted along its start shape to a feed [m].
+        """Return keyframes (K, c) of the arm retracted along its start shape to a feed [m].
 
         The result is None if the start shape bends too near to the hole to be a leader's path.
         """
@@ -361,7 +361,7 @@ class LedWays:
         return Motion(*self.task.space_through(keyframes), keyframes, name)
 
     def _changed(self, start: FloatArray, goal: Goal, outside: float) -> FloatArray | None:
-        """Return the keyframes of a change of shape at a fixed feed, or None if no motion is found.
+        """Return the keyframes (K, c) of a change of shape at a fixed feed, or None if no motion is found.
 
         Args:
             start: configuration, shape (links + 1,) [rad, m].

@@ -250,7 +250,7 @@ class MotionTask(SearchTask):
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the keyframes, the joint path, and the continuous curves nearest to the keyframes.
+        """Return the keyframes (K, c), the joint path, and the K continuous curves nearest to the keyframes.
 
         Bends of a fed arm inside its guide tube, which are rounding errors, are set to 0.
 
@@ -303,7 +303,7 @@ class CachedItems:
         self._known: list[FloatArray] = []
 
     def __iter__(self) -> Iterator[FloatArray]:
-        """Yield all items from the first on."""
+        """Yield all items, each an array, from the first on."""
         for k in count():
             if k == len(self._known):
                 item = next(self._items, None)

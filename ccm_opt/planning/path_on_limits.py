@@ -85,7 +85,7 @@ def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatA
 
 
 def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
-    """Return knots: those of the base spline and the breaks, halved until there are ``least`` spans or more."""
+    """Return knots (m,): those of the base spline and the breaks, halved until there are ``least`` spans or more."""
     knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
     while len(knots) - 1 < least:
         knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))

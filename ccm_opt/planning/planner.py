@@ -337,7 +337,7 @@ class MotionPlanner:
         return find_motion(MotionPlanner(plane=self.plane).motion_task(problem, ends, deadline))
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
-        """Yield the given configurations, timing the computation of each as the stage "configuration"."""
+        """Yield the given configurations (c,), and record the time that each takes as the stage "configuration"."""
         while True:
             with self.stages("configuration"):
                 found = next(configurations, None)

@@ -269,7 +269,7 @@ class Term:
 
 
 def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-    """Return the Hessian and gradient of a sum of least-squares terms.
+    """Return the Hessian (p, p) and gradient (p,) of a sum of least-squares terms.
 
     Args:
         terms: at least one, each with rows of shape (k, p).

@@ -124,12 +124,12 @@ class Draws(Protocol):
 
     @property
     def batch(self) -> tuple[int, int]:
-        """Minimum and maximum number of targets sampled together; the number doubles from round to round."""
+        """Minimum and maximum number of targets sampled together; the number doubles with every round of extensions."""
         ...
 
     @property
     def longest(self) -> float:
-        """Maximum length of an extension, as the norm of the difference of points."""
+        """Maximum length of an extension: the norm of the difference of its end points, in their unit."""
         ...
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:

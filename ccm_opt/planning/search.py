@@ -209,7 +209,7 @@ class SearchTask(ABC):
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the keyframes and joint path of a plan, and the continuous curves at the keyframes, if any.
+        """Return the keyframes (K, c) and joint path of a plan, and the continuous curves at the keyframes, if any.
 
         Args:
             keyframes: configurations at the keyframes of a motion, shape (K, c).

@@ -65,7 +65,7 @@ class Shortcuts:
         return way
 
     def _cut_once(self, way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-        """Return a motion with the best of several shortcuts, if that is certified, else the given motion.
+        """Return the motion with the best of several shortcuts, (k, links); the given one if that is not certified.
 
         Args:
             way: link headings at the keyframes, shape (K, links) [rad].

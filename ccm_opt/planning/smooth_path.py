@@ -227,7 +227,7 @@ class _Room:
         return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
-        """Return the path parameters at which a path lacks notably more of the preferred clearance than its motion."""
+        """Return parameters (m,) at which a path lacks notably more of the preferred clearance than its motion."""
         lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
         return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
 

@@ -424,7 +424,7 @@ class SpaceTipWays:
             yield TipWay("round another side", way, _CLOSE)
 
     def _ends(self, approach: float) -> list[FloatArray]:
-        """Return the last points of a path: the via points, the beginning of the straight approach, and the goal."""
+        """Return the last points (3,) of a path: via points, beginning of the straight approach, and goal [m]."""
         if self.direction is None or approach == 0.0:
             return [*self.task.via, self.goal]
         return [*self.task.via, self._before_goal(approach), self.goal]
@@ -449,7 +449,7 @@ class SpaceTipWays:
     def _through_grid(
         self, cells: int, nearness: float, margin: float, approach: float, avoided: list[FloatArray] | None
     ) -> FloatArray | None:
-        """Return the cheapest tip path through a grid via all via points, corners cut where possible, or None.
+        """Return the cheapest tip path through a grid via all via points, corners cut if possible, (m, 3) [m], or None.
 
         Args:
             cells: approximate number of cells of the grid.

@@ -132,7 +132,7 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
 
 
 def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
-    """Return the indices of the improving candidate moves, best first.
+    """Return the indices of the improving candidate moves, best first, shape (k,).
 
     Args:
         values: objectives of the m candidates, with weighted potential, shape (m,).

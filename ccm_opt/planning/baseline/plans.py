@@ -161,7 +161,7 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
 
 
 def _progress_share(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
-    """Return the fraction of the tip's distance to a subgoal that is covered between two configurations."""
+    """Return the fraction of the tip's initial distance to a subgoal that a motion between configurations covers."""
     before = float(np.hypot(*(start.tip[0] - subgoal.position)))
     after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before

@@ -388,7 +388,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (UserCosts(self.terms, u),)
 
     def restored_keyframes(self, space: CurveUnknowns, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return keyframes of a motion, the inner ones moved so that they satisfy the user's constraints.
+        """Return keyframes (K + 1, p), the inner ones moved so that they satisfy the user's constraints.
 
         Keyframes for which Newton's method fails are unchanged.
 
@@ -416,7 +416,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     # ------------------------------------------------------------ between keyframes
     @cached_property
     def _lasting(self) -> BoolArray:
-        """Mask of the user's inequalities that apply over the whole motion and do not depend on the path parameter."""
+        """Mask (rows,) of the inequalities that apply over the whole motion and do not depend on the path parameter."""
         rows = self.terms.path_rows
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 

@@ -167,7 +167,10 @@ class Objective:
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives with respect to the unknowns of the knots' curvature and its differences, per nominal link."""
+        """Derivatives (p columns each) of curvature at the knots and of its differences, times nominal link length.
+
+        They are with respect to the unknowns.
+        """
         return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
     # ------------------------------------------------------------ value and derivatives for a motion
@@ -291,7 +294,7 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """Return a path whose intervals are divided evenly, such that the longest part is as short as possible.
+    """Return a path (k, p) whose intervals are divided evenly, such that the longest part is as short as possible.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
@@ -390,7 +393,7 @@ class WallNearness:
         return self.share(sweep.intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
 
     def share(self, intervals: int) -> float:
-        """Return the factor of the sum of squares in the cost of a motion with a given number of intervals."""
+        """Return the factor of the sum of squares in the cost, which divides the sum by the number of intervals."""
         # A mean over intervals, and over links scaled to the nominal number of links, so that the weight has an equal
         # effect for any arm.
         return self.weight * self.nominal_share / intervals

@@ -196,7 +196,7 @@ class KeyframeProgram:
         return max(against, key=against.__getitem__)
 
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the result of the QP solver PIQP, or None if it fails, and the multipliers of all inequalities.
+        """Return the result of the QP solver PIQP, or None if it fails, and the multipliers of all inequalities, (m,).
 
         Multipliers are positive at upper and negative at lower bounds.
 
@@ -348,7 +348,7 @@ def _opposing(products: FloatArray) -> float:
 
 @lru_cache(maxsize=8)
 def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Return the block rows and columns, counted from 1, of the nonzero Hessian blocks for a given number of intervals.
+    """Return the block rows and columns, counted from 1, of the nonzero Hessian blocks, each of shape (b,).
 
     Second differences couple keyframes up to two apart.
     """
