@@ -53,7 +53,7 @@ _TURNING = 25.0
 """Largest turn of a smooth target along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5 takes 5 s,
 because an arm that curls up gets out from behind them."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Minimum and maximum width of a part of the arm that is turned aside, as fractions of the arm's length. Taste."""
+"""Minimum and maximum width of a part of the arm that is bent sideways, as fractions of the arm's length. Taste."""
 
 _SMOOTH_RANGE = 0.4
 """Longest extension for arms of many links, as the root mean square turn of the links [rad]. Measured on four hard
@@ -64,7 +64,7 @@ _BUMPED = 0.2
 _ATTRACTED = 0.1
 """Fraction of targets that are poses of the other tree. Taste."""
 _BUMP = 0.8
-"""Standard deviation of the angle by which a part of the arm is turned aside [rad]. Taste."""
+"""Standard deviation of the angle by which a part of the arm is bent sideways [rad]. Taste."""
 
 
 _RANK = 1e-6
@@ -159,7 +159,7 @@ class TargetDraws:
         return self._in_space(rng, arm.headings(bends))
 
     def _bumped(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Return the link headings of given poses, shape (m, links) [rad], with a random part of the arm turned aside.
+        """Return the link headings of given poses, shape (m, links) [rad], with a random part of the arm bent sideways.
 
         In an arm of few links the bend of one joint is changed; in an arm of many links, the headings of several.
         """

@@ -82,7 +82,8 @@ class AnyStepSettings:
         keep_share: fraction of the planning margin that every accepted pose keeps if steps are not certified. Taste.
         travel: largest travel of a joint in a step, in general and where walls or links are within reach, in nominal
             links.
-        still: whether turns and displacements cost, so that the arm does not move where no other term applies.
+        still: whether turns and displacements of links have a cost, so that the arm moves only if another term requires
+            it.
         proof_depth: number of bisections of the certificate of every step; None if only whole motions are certified.
         ridge: value on the diagonal of the step's Hessian that makes it positive definite. Taste.
         blend_ridge: ridge on unknowns that blend into a goal of the whole arm, if larger.

@@ -54,7 +54,7 @@ _REACH = 0.35
 _MARGIN = 0.06
 """Gap that steps keep beyond contact, in nominal links."""
 _LEAST_SPARE = 1.2e-5
-"""Smallest gap beyond the required clearance that is certified where the start or the goal touches almost, in nominal
+"""Certified gap beyond the required clearance if the start or the goal is hardly clear of contact, in nominal
 links. Measured: a straight
 arm of one metre can be raised off a table 1.5 µm below the arm, and hardly off one 1 µm below."""
 

@@ -45,7 +45,7 @@ Cell: TypeAlias = tuple[int, ...]
 
 @dataclass(frozen=True)
 class ReachSettings:
-    """Settings of the search for where the tip can be.
+    """Settings of the search for the positions and directions that the tip can reach.
 
     Attributes:
         step: default width of a cell in the plane, as a fraction of the arm's length. Taste.

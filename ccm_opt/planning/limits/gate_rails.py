@@ -31,7 +31,7 @@ _ACROSS = 0.25
 """Distance from the middle of a line across a gate within which the arm's centre line counts as crossing it, in nominal
 links. Taste."""
 _CATCHING_UP = 0.02
-"""Largest displacement of a crossing towards the middle that one step demands, in nominal links. Taste."""
+"""Largest displacement of a crossing towards the middle of its line that one step requires, in nominal links. Taste."""
 _EXACT = 1e-6
 """Distance from the middle of a line across a gate at which a crossing is accepted, as a fraction of the arm's length.
 Taste: a thousandth of the clearance in a gate."""

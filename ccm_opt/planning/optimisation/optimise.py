@@ -226,7 +226,7 @@ def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
 
 
 def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
-    """Return whether keyframes (K + 1, p) and the motion between them keep all limits of an optimisation problem."""
+    """Return whether keyframes (K + 1, p) and the motion between them satisfy all limits of an optimisation problem."""
     sweep = program.sweep(unknowns)
     return program.feasible(sweep, sweep) and len(program.failures(unknowns)) == 0
 

@@ -162,7 +162,7 @@ class KeyframeProgram:
         the row that lacks most clearance have the largest sum.
 
         Args:
-            improvement: share of the lacking clearance that the step has to gain for the answer ``"steps"``: the motion
+            improvement: fraction of the missing clearance that the step has to gain for the answer ``"steps"``: the motion
                 could still be improved, but no step that does so was accepted.
         """
         motion = self.motion
