@@ -162,8 +162,8 @@ class KeyframeProgram:
         the row that lacks most clearance have the largest sum.
 
         Args:
-            improvement: fraction of the missing clearance that the step has to gain for the answer ``"steps"``: the motion
-                could still be improved, but no step that does so was accepted.
+            improvement: fraction of the missing clearance that a step has to gain for the answer ``"steps"``: the
+                motion could still be improved, but no step that does so was accepted.
         """
         motion = self.motion
         result, multipliers = self._solved()
