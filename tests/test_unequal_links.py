@@ -16,9 +16,11 @@ from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm, Proportions
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.verification.limits import check_bends
 from ccm_opt.verification.selfcollision import first_distant, segment_distances
 
 from .space_arms import space_arm
@@ -87,6 +89,30 @@ def test_the_verifier_counts_distant_links_as_the_arm_does(seed: int, links: int
         between = arm.joint_places[j] - arm.joint_places[i + 1]
         assert j - i > 2
         assert between >= np.pi * arm.radii[i:].max() - 1e-9
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_the_verifier_holds_every_joint_to_its_own_limit(seed: int, links: int, in_space: bool) -> None:
+    """A motion at all limits passes, and one that exceeds the limit of any one joint, locked or not, is refused."""
+    rng = np.random.default_rng(seed)
+    plain = space_arm(links) if in_space else Arm.snake(length=0.1 * links, links=links + links % 2, radius=0.01)
+    limits = rng.uniform(0.2, 1.0, plain.links) * (rng.random(plain.links) < 0.7)
+    arm = unequal(plain, seed)
+    assert arm.proportions is not None
+    arm = replace(arm, proportions=replace(arm.proportions, limits=limits))
+
+    def passes(bends: FloatArray) -> bool:
+        still = np.zeros((2, len(bends)))
+        motion = JointTrajectory(np.array([0.0, 1e-3]), np.tile(bends, (2, 1)), still, still, arm.coordinates)
+        return check_bends(arm, motion).passed
+
+    at_limits = rng.choice([-1.0, 1.0], len(arm.bend_limits)) * arm.bend_limits
+    assert passes(at_limits)
+    beyond = at_limits.copy()
+    joint = rng.integers(len(beyond))
+    beyond[joint] += np.copysign(1e-6, beyond[joint])
+    assert not passes(beyond)
 
 
 @given(st.integers(0, 2**32 - 1))

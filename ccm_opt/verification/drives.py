@@ -12,6 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.frames import joint_names
 
@@ -22,6 +23,20 @@ Efforts: TypeAlias = tuple[FloatArray, FloatArray]
 def bends_a_ball(coordinates: Coordinates) -> int:
     """Return the number of bends per ball joint: one for a planar arm, two for an arm in space."""
     return coordinates.joints // (coordinates.revolutes // 3)
+
+
+def largest_bends(arm: Arm) -> FloatArray:
+    """Return the largest permitted absolute value of each bend of an arm, 0 for locked joints, shape (bends,) [rad].
+
+    ``Arm.bend_limits`` implements the same rule; the verifier deliberately does not use it.
+    """
+    of_joints = np.full(arm.links, arm.joint_limit)
+    of_joints[0] = arm.base_limit
+    if arm.proportions is not None:
+        of_joints[1:] *= arm.proportions.limits[1:]
+        if arm.proportions.limits[0] == 0.0:
+            of_joints[0] = 0.0
+    return np.repeat(of_joints, bends_a_ball(arm.coordinates))
 
 
 def bend_revolutes(coordinates: Coordinates) -> IntArray:

@@ -22,7 +22,7 @@ from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.drives import bend_revolutes, bends_a_ball, describe_bend_joints
+from ccm_opt.verification.drives import bend_revolutes, bends_a_ball, describe_bend_joints, largest_bends
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
@@ -178,7 +178,7 @@ def check_message_limits(
         A check whose worst value is the greatest fraction of any limit that the motion uses.
     """
     steps = _Steps.from_message(message)
-    found = _rate_shares(problem, steps) + _effort_shares(problem, steps)
+    found = _rate_shares(problem, steps, settings.bend_tolerance) + _effort_shares(problem, steps)
     dense = steps.trajectory(stops)
     states = (dense.positions, dense.velocities, dense.accelerations)
     needed = (np.zeros((len(dense.time), 0)), np.zeros(len(dense.time)))
@@ -197,21 +197,26 @@ def check_message_limits(
     return Check("message limits", worst, 1.0, UNIT, broken[0] if broken else where, passed=passed)
 
 
-def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """Return the greatest used fraction of each bend, velocity, acceleration and jerk limit, with its location."""
+def _rate_shares(problem: Problem, steps: _Steps, tolerance: float) -> list[tuple[float, str]]:
+    """Return the greatest used fraction of each bend, velocity, acceleration and jerk limit, with its location.
+
+    Args:
+        problem: the problem with the limits.
+        steps: the interpolated motion, piece by piece.
+        tolerance: bend of a locked joint that counts as rounding [rad].
+    """
     layout = steps.message.coordinates
     limits = problem.limits
     bends = bend_revolutes(layout)
     axes = len(layout.base_names)
-    most = np.full(layout.joints, problem.arm.joint_limit)
-    most[: bends_a_ball(layout)] = problem.arm.base_limit
 
     def both(of_joints: FloatArray | None, of_axis: float | None) -> FloatArray:
         joints = np.full(len(bends), np.inf) if of_joints is None else of_joints[bends]
         return np.append(joints, np.full(axes, np.inf if of_axis is None else of_axis))
 
     bounds = {
-        "bend": np.append(most, np.full(axes, np.inf)),
+        # A locked joint may deviate by rounding.
+        "bend": np.append(np.maximum(largest_bends(problem.arm), tolerance), np.full(axes, np.inf)),
         "velocity": both(limits.velocity, limits.feed_velocity),
         "acceleration": both(limits.acceleration, limits.feed_acceleration),
         "jerk": both(limits.jerk, limits.feed_jerk),

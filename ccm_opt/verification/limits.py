@@ -18,10 +18,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs, lengths_of
 from ccm_opt.verification.drives import (
     as_revolutes,
-    bends_a_ball,
     check_worst,
     describe_bend_joint,
     describe_revolute_joints,
+    largest_bends,
     sample_words,
 )
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
@@ -63,11 +63,11 @@ def check_limits(
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
     """Check all bends against the joint limits at the samples, which suffices as bends are linear in between."""
-    # The joint at the base has its own limit.
-    limit = np.full(arm.coordinates.joints, arm.joint_limit)
-    limit[: bends_a_ball(arm.coordinates)] = arm.base_limit
+    limit = largest_bends(arm)
     bends = np.abs(trajectory.bend_angles)
-    excess = bends - limit
+    # A locked joint that stays straight is not reported in place of the joint closest to its limit.
+    straight = (limit == 0.0) & (bends <= settings.bend_tolerance)
+    excess = np.where(straight, -np.inf, bends - limit)
     k, j = np.unravel_index(np.argmax(excess), excess.shape)
     where = f"{describe_bend_joint(arm.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s"
     worst = float(bends[k, j])
