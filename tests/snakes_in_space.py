@@ -132,6 +132,6 @@ def tip_grid(
     deadline: Deadline | None = None,
     ways: WaysBetween | None = None,
 ) -> TipGrid:
-    """Return the grid of collision-free tip positions; arguments as of ``GridDistances.over`` and ``TipGrid.of``."""
+    """Return the grid of collision-free tip positions, as ``GridDistances.over`` and ``TipGrid.from_distances``."""
     distances = GridDistances.over(tree, box, cells, kept + far, deadline=deadline, ways=ways)
-    return TipGrid.of(distances, kept, far, deadline)
+    return TipGrid.from_distances(distances, kept, far, deadline)

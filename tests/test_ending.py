@@ -16,7 +16,7 @@ from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
+from ccm_opt.planning.optimisation.optimise import optimise, with_more_clearance
 from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -72,7 +72,7 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
     walls = (room.minus == 0) & (keyframe > 0) & (room.low == 0)
     apart = smooth.points - sweep.points
     nearer = np.einsum("md,md->m", room.normal, apart[keyframe, room.plus] - apart[keyframe, room.minus])
-    sag = sweep.sag[room.interval, room.high] - sweep.sag[room.interval, room.low]
+    sag = sweep.chord_deviation[room.interval, room.high] - sweep.chord_deviation[room.interval, room.low]
     beside = known - sag + (WANTED - MARGIN) + nearer
     links = space.arm.link_margins(room.low, room.high - 1, WANTED) < WANTED
     assert np.all(asked[walls & ~links] >= beside[walls & ~links] - 1e-12)
@@ -92,7 +92,7 @@ def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
     found = find_motion(replace(task, optimiser="none"))
     grazing = optimise(found, task, rounds=1)
     to_end = task.with_goal_pose(grazing.unknowns[-1], grazing.configurations[-1])
-    widened = with_more_room(grazing, grazing, to_end)
+    widened = with_more_clearance(grazing, grazing, to_end)
     assert widened.configurations[[0, -1]] == pytest.approx(grazing.configurations[[0, -1]], abs=1e-9)
     frames = [swept(a, b, 10) for a, b in pairwise(task.arm.headings(widened.configurations))]
     walls, own = sweep_gaps(problem.arm, problem.workspace, np.vstack(frames))
@@ -109,9 +109,9 @@ def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
 def test_a_motion_with_room_stays_as_it_is() -> None:
     """Nothing is lacking where nothing is wanted, or where all that is wanted is there."""
     _, task, motion = optimised(90_100)
-    assert with_more_room(motion, motion, task) is motion
+    assert with_more_clearance(motion, motion, task) is motion
     little = replace(task, wanted_gap=0.5 * room(motion, replace(task, wanted_gap=WANTED)))
-    assert with_more_room(motion, motion, little) is motion
+    assert with_more_clearance(motion, motion, little) is motion
 
 
 # ---------------------------------------------------------------- another end

@@ -23,7 +23,7 @@ from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.planning.tip_ways import bend_allowances
 from ccm_opt.planning.way_strategies import SpaceRun
-from ccm_opt.planning.withdrawals import withdrawn
+from ccm_opt.planning.withdrawals import withdrawal_poses
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.arms import limits_at
@@ -100,7 +100,7 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     left = grid.costs_to_go(goal, price)
     assert left is not None
     start = somewhere(wide & (left < 0.4))
-    arcs = WayArcs.of(UNIT, RADIUS, grid.cell)
+    arcs = WayArcs.for_radius(UNIT, RADIUS, grid.cell)
     most = float(random.uniform(0.8, 3.0))
     search = FollowSearch(grid.low, grid.cell, price, left, arcs, RADIUS, UNIT, most)
     frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
@@ -165,7 +165,7 @@ def test_distances_known_farther_make_the_same_grid(kept: float) -> None:
     """What is known for the widest margin serves the narrower ones."""
     tree = SurfaceTree.from_triangles(boxes(wall_with_a_gap()))
     box = (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]))
-    shared = TipGrid.of(GridDistances.over(tree, box, 8000, 0.2), kept, 0.1)
+    shared = TipGrid.from_distances(GridDistances.over(tree, box, 8000, 0.2), kept, 0.1)
     own = tip_grid(tree, box, 8000, kept, 0.1)
     np.testing.assert_allclose(shared.gaps, own.gaps, atol=1e-12)
     assert np.max(own.gaps) <= 0.1 + 1e-12
@@ -305,7 +305,7 @@ def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
     triangle_soup = problem.workspace.triangle_soup
     task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
     curve, start = CurveMap.through(task.arm, task.start)
-    poses = withdrawn(task.stepper(curve, 0.0), start, task.deadline)
+    poses = withdrawal_poses(task.stepper(curve, 0.0), start, task.deadline)
     q = np.stack([pose.q for pose in poses])
     assert q[0] == pytest.approx(task.start, abs=1e-9)
     assert min(least_gaps(task.arm, triangle_soup, q, 10)) > 0.0

@@ -10,7 +10,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_exit import backward_tasks, reversed_motion
-from ccm_opt.planning.refinement import REFINEMENT_MARGIN, lift
+from ccm_opt.planning.refinement import REFINEMENT_MARGIN, refine_motion
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import JointPose
@@ -68,8 +68,8 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     (other,) = backward_tasks(coarse, PlanarRun.from_task(coarse, 0.06).stepper)
     assert other is not None
     found = reversed_motion(find_motion(other))
-    lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), REFINEMENT_MARGIN), task)
-    assert lifted is not None
-    np.testing.assert_allclose(lifted.configurations[0], task.start, atol=EXACT)
-    np.testing.assert_allclose(lifted.configurations[-1], task.goal_pose, atol=EXACT)
-    assert len(task.certificate.failures(lifted.configurations)) == 0
+    refined = refine_motion(optimise(found, replace(coarse, optimiser="sequential-convex"), REFINEMENT_MARGIN), task)
+    assert refined is not None
+    np.testing.assert_allclose(refined.configurations[0], task.start, atol=EXACT)
+    np.testing.assert_allclose(refined.configurations[-1], task.goal_pose, atol=EXACT)
+    assert len(task.certificate.failures(refined.configurations)) == 0

@@ -70,7 +70,7 @@ def test_refuted_poses_touch_something(seed: int) -> None:
     own = np.array([_own_gap(scene, pose) for pose in points])
     gaps = np.minimum(wall_gaps(scene.arm, scene.workspace, points).min(axis=1), own)
     inside = [shapely.contains(scene.workspace.boundary, shapely.linestrings(pose)) for pose in points]
-    refuted = SampledCheck.of(scene.arm, scene.workspace).refuted(drawn)
+    refuted = SampledCheck.for_workspace(scene.arm, scene.workspace).refuted(drawn)
     assert not (refuted & (gaps > 0.0) & inside).any()
     assert refuted[gaps < -0.3 * scene.arm.radius].all()
 
@@ -85,7 +85,7 @@ def test_certified_motions_are_never_refuted(seed: int) -> None:
     """What the certificate proves free is free by samples."""
     scene = few_link_scene(seed)
     drawn = poses(scene, seed, 12)
-    check = SampledCheck.of(scene.arm, scene.workspace)
+    check = SampledCheck.for_workspace(scene.arm, scene.workspace)
     shares = check.free_shares(drawn[:-1], drawn[1:])
     failing = Certificate(scene.arm, scene.workspace).failures(scene.arm.bends(drawn))
     proved = np.setdiff1d(np.arange(len(shares)), failing)
@@ -99,7 +99,7 @@ def test_compiled_shares_are_those_of_numpy(seed: int, many: bool) -> None:
     scene = clutter(seed, 20) if many else few_link_scene(seed)
     drawn = poses(scene, seed, 20)
     turned = drawn + np.random.default_rng(seed).normal(0.0, 0.2, drawn.shape)
-    check = SampledCheck.of(scene.arm, scene.workspace)
+    check = SampledCheck.for_workspace(scene.arm, scene.workspace)
     blocked = check.raster.blocked
     # Coordinates in single precision may fall into a neighbouring cell.
     smaller = replace(check.raster, blocked=ndimage.binary_erosion(blocked, np.ones((3, 3)), border_value=1))
@@ -115,7 +115,7 @@ def test_a_motion_is_free_up_to_the_first_pose_that_is_refuted() -> None:
     scene = open_scene(1, 4)
     arm = scene.arm
     room = replace(scene.workspace, boundary=shapely.box(-1.3, -0.5, 1.3, 1.3))
-    check = SampledCheck.of(arm, room)
+    check = SampledCheck.for_workspace(arm, room)
     straight = np.zeros((1, 4))
     share = check.free_shares(straight, straight - 0.5 * np.pi)[0]
     # The straight arm of 1 m turns until its side meets the lower wall.

@@ -22,7 +22,7 @@ from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.planner import MotionPlanner
-from ccm_opt.planning.refinement import lift
+from ccm_opt.planning.refinement import refine_motion
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.settings import GoalSettings
 from ccm_opt.planning.strategies import find_by_candidates, find_motion, is_divided
@@ -177,13 +177,13 @@ def test_a_motion_is_lifted_to_more_links(name: str, links: int) -> None:
     start = _refined(coarse.start, links)
     scene = Scene(arm, coarse.workspace, start, start)
     task = motion_task(scene.problem(coarse.goal_tip))
-    lifted = lift(motion, task)
-    assert lifted is not None
-    assert lifted.configurations.shape[1] == links
-    np.testing.assert_allclose(arm.headings(lifted.configurations[0]), start, atol=1e-12)
-    assert np.hypot(*(arm.joint_positions_at(lifted.configurations[-1])[-1] - coarse.goal_tip.position)) < EXACT
-    assert least_gap(arm, scene.workspace, arm.headings(lifted.configurations)) > 0.0
-    assert (np.abs(lifted.configurations) <= arm.bend_limits).all()
+    refined = refine_motion(motion, task)
+    assert refined is not None
+    assert refined.configurations.shape[1] == links
+    np.testing.assert_allclose(arm.headings(refined.configurations[0]), start, atol=1e-12)
+    assert np.hypot(*(arm.joint_positions_at(refined.configurations[-1])[-1] - coarse.goal_tip.position)) < EXACT
+    assert least_gap(arm, scene.workspace, arm.headings(refined.configurations)) > 0.0
+    assert (np.abs(refined.configurations) <= arm.bend_limits).all()
 
 
 @pytest.mark.parametrize("share", [1.0, 0.3, 1e-15, -1e-15])
@@ -208,9 +208,9 @@ def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool, share
     coordinates = np.linspace(np.append(first, (0.0, 0.0)), last, 12)
     if backwards:
         coordinates = coordinates[::-1]
-    lifted = lift(Motion(twice, coordinates, twice.configurations(coordinates), "bent twice"), task)
-    assert lifted is not None
-    np.testing.assert_allclose(many.headings(lifted.configurations[[0, -1]]), [start, goal], atol=1e-9)
+    refined = refine_motion(Motion(twice, coordinates, twice.configurations(coordinates), "bent twice"), task)
+    assert refined is not None
+    np.testing.assert_allclose(many.headings(refined.configurations[[0, -1]]), [start, goal], atol=1e-9)
 
 
 def _refined(headings: FloatArray, links: int) -> FloatArray:

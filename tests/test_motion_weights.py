@@ -139,7 +139,7 @@ def test_model_of_nearness_matches_differences() -> None:
     step = 1e-6
     ahead, behind = (near.value(PlanarSweep(motion.curve, sweep.unknowns + s * step * change)) for s in (1.0, -1.0))
     assert np.vdot(model.gradient, change) == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5)
-    assert near.foreseen(sweep, np.zeros_like(change)) == pytest.approx(near.value(sweep))
+    assert near.predicted(sweep, np.zeros_like(change)) == pytest.approx(near.value(sweep))
 
 
 def over_a_box(weights: Weights) -> tuple[FloatArray, float]:

@@ -22,7 +22,7 @@ FAILS = "#!/bin/sh\necho warming up >&2\necho 'x.c:1:2: error: out of paper' >&2
 @pytest.fixture
 def nowhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No library where it should be."""
-    for kept in (native.native_library, native._told, native._struct_layout):
+    for kept in (native.native_library, native._native_interface, native._struct_layout):
         kept.cache_clear()
     monkeypatch.setattr(native, "LIBRARY", tmp_path / "_native.so")
 
@@ -53,7 +53,7 @@ def test_the_library_has_every_function_that_is_called() -> None:
     sources = (path.read_text(encoding="utf-8") for path in Path(ccm_opt.__file__).parent.rglob("*.py"))
     called = {name for text in sources for name in re.findall(r'NativeCall\(\s*"(\w+)"', text)}
     assert "pair_proofs" in called
-    assert called - set(native._told()) == set()
+    assert called - set(native._native_interface()) == set()
 
 
 def test_the_command_line_tells_a_missing_library_in_one_line(tmp_path: Path) -> None:

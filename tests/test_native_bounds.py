@@ -139,7 +139,7 @@ def test_arms_in_the_plane(headings: FloatArray, reach: float) -> None:
     finder = WallFinder(arm, room.flat_walls, 0.0, 0.0, min(abs(reach), 1e3))
     finder.find(arm.joint_positions(headings[0]))
     finder.find(np.resize(headings, (LINKS + 1, 2)))
-    shares = SampledCheck.of(arm, room).free_shares(headings[:2], headings[1:])
+    shares = SampledCheck.for_workspace(arm, room).free_shares(headings[:2], headings[1:])
     assert np.all((shares >= 0.0) & (shares <= 1.0))
     walls = room.wall_segments
     free_half_planes(np.resize(headings, (2, 6, 2)), walls, abs(reach))
@@ -160,7 +160,7 @@ def test_obstacles_in_the_plane(corner: FloatArray, size: float) -> None:
 @given(place=table(3), frame=table(3, 3), goal=table(3), directed=st.booleans())
 def test_followable_ways(place: FloatArray, frame: FloatArray, goal: FloatArray, directed: bool) -> None:
     """Ways may begin and end anywhere, in any frame."""
-    arcs = WayArcs.of(0.1, 0.3, 0.05)
+    arcs = WayArcs.for_radius(0.1, 0.3, 0.05)
     shape = (4, 5, 6)
     search = FollowSearch(np.zeros(3), 0.05, np.ones(shape, np.float32), np.ones(shape), arcs, 0.3, 0.1, 2.0)
     with pytest.MonkeyPatch.context() as patched:

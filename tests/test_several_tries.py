@@ -21,7 +21,7 @@ from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
-from ccm_opt.planning.search_run import drawn_order
+from ccm_opt.planning.search_run import sampled_order
 from ccm_opt.problem import Problem
 from tests.conftest import SMALL_PROBLEM
 from tests.scenes import clutter, open_scene
@@ -137,9 +137,9 @@ def test_a_cancelled_try_loses_no_plan(plans: dict[str, VerifiedPlan]) -> None:
 def test_every_candidate_has_its_turn(count: int, seed: int, put_off: float) -> None:
     """A seed changes the order alone, always in the same way; seed 0 leaves it."""
     candidates = [GuideCandidate(str(k), lambda: None) for k in range(count)]  # type: ignore[arg-type, return-value]
-    drawn = [candidate.name for candidate in drawn_order(candidates, seed, put_off)]
+    drawn = [candidate.name for candidate in sampled_order(candidates, seed, put_off)]
     assert sorted(drawn, key=int) == [candidate.name for candidate in candidates]
-    assert drawn == [candidate.name for candidate in drawn_order(candidates, seed, put_off)]
+    assert drawn == [candidate.name for candidate in sampled_order(candidates, seed, put_off)]
     if seed == 0:
         assert drawn == [candidate.name for candidate in candidates]
 

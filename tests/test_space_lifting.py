@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.refinement import lifted_motion, nominal_task
+from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -78,13 +78,13 @@ def lies_along(random: np.random.Generator, task: SpaceTask, *, fed: bool) -> bo
     last = found.configurations[-1]
     tip, direction = few.arm.joint_positions_at(last)[-1], few.arm.link_rotations(last)[-1, :, 0]
     goal = GoalPose(tip, direction, near_enough=(1e-3, 1e-2))
-    lifted = lifted_motion(task_of(task.arm, NOTHING_NEAR, goal, start=task.start), found)
-    if lifted is None:
+    refined = refine_space_motion(task_of(task.arm, NOTHING_NEAR, goal, start=task.start), found)
+    if refined is None:
         return False
-    own = lifted.curve.configurations(lifted.unknowns)
+    own = refined.curve.configurations(refined.unknowns)
     pairs = zip(own, found.configurations, strict=True)
     apart = [places_along(task.arm.joint_positions_at(fine)) - few.arm.joint_positions_at(q) for fine, q in pairs]
     # The last pose is moved onto the goal, by the feed too.
     np.testing.assert_allclose(own[:-1, 2 * links :], found.configurations[:-1, 2 * NOMINAL_LINKS :], atol=1e-12)
-    assert np.linalg.norm(task.arm.joint_positions_at(lifted.configurations[-1])[-1] - tip) < 1e-6
+    assert np.linalg.norm(task.arm.joint_positions_at(refined.configurations[-1])[-1] - tip) < 1e-6
     return bool(np.max(np.linalg.norm([at_start, *apart], axis=-1)) < NEAR)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit_stack import ContactLimit
-from ccm_opt.planning.limits.surface_rows import motion_rows, room_lacking
+from ccm_opt.planning.limits.surface_rows import clearance_shortfall, motion_rows
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Feed
@@ -59,11 +59,11 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
     sweep, task = random_sweep(seed)
     proof = task.contact_certificate
     arm = sweep.space.arm
-    lacking = room_lacking(sweep, task.finder(0.0, 0.0), WANTED).reshape(sweep.intervals, -1)
+    shortfall = clearance_shortfall(sweep, task.finder(0.0, 0.0), WANTED).reshape(sweep.intervals, -1)
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
     for k, (before, after) in enumerate(zip(sweep.unknowns[:-1], sweep.unknowns[1:], strict=True)):
         for part, share in enumerate((0.25, 0.5, 0.75, 1.0)):
             points = arm.joint_positions_at(sweep.space.configuration((1.0 - share) * before + share * after))
             axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
             least = float(np.min(proof.tree.distances(axes, 1.0)))
-            assert lacking[k, part] == pytest.approx(max(float(proof.kept[0]) + WANTED - least, 0.0), abs=1e-9)
+            assert shortfall[k, part] == pytest.approx(max(float(proof.kept[0]) + WANTED - least, 0.0), abs=1e-9)

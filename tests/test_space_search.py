@@ -10,15 +10,15 @@ import pytest
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, goal_poses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.optimisation.optimise import optimise
-from ccm_opt.planning.refinement import lifted_motion, nominal_task
+from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.sampled_motions import SampledMotions
+from ccm_opt.planning.sampled_poses import CurveDraws, CurvePoints, goal_poses
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.strategies import find_by_ways
@@ -280,7 +280,7 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
     motions = SampledMotions(arm, task.tree, task.clearance, np.zeros((0, 3)))
     poses = CurveDraws(CurvePoints(stepper, stepper.pose(v)), motions, goals).way(rng, 8000, task.deadline)
     assert poses is not None
-    judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))
+    judged(task, BALLS, SpaceMotion.from_poses(curve, poses, "a sampler"))
 
 
 @pytest.mark.planning
@@ -333,8 +333,8 @@ def test_an_arm_of_many_links_moves_as_one_of_few() -> None:
     assert few is not None
     assert few.arm.links == 24
     assert few.arm.length == pytest.approx(task.arm.length)
-    lifted = lifted_motion(task, find_by_ways(few))
-    assert lifted is not None
-    judged(task, BALLS, lifted)
-    ends_at(task, lifted, GOAL)
+    refined = refine_space_motion(task, find_by_ways(few))
+    assert refined is not None
+    judged(task, BALLS, refined)
+    ends_at(task, refined, GOAL)
     assert nominal_task(task_of(snake(36), BALLS, GOAL)) is None

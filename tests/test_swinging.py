@@ -5,7 +5,7 @@ import pytest
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import unbending_poses
+from ccm_opt.planning.sampled_poses import unbending_poses
 from ccm_opt.planning.strategies import find_by_ways
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 

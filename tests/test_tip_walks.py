@@ -92,7 +92,7 @@ def test_ways_end_on_the_goal_along_its_heading(seed: int) -> None:
     entry = scene.goal_tip.position - 0.5 * scene.arm.length / LINKS * unit_vector(scene.goal_tip.heading)
     run_in_free = room.contains(np.linspace(entry, scene.goal_tip.position, 9)).all()
     rng = np.random.default_rng(seed)
-    drawn = [ways.drawn(run.start, rng) for _ in range(20)]
+    drawn = [ways.sample_path(run.start, rng) for _ in range(20)]
     onto_goal = [path for path, leads_there in drawn if path is not None and leads_there]
     assert 0 < len(onto_goal) < 20
     for path in [way, *onto_goal]:

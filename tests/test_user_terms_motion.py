@@ -231,4 +231,4 @@ def test_models_of_costs_are_those_of_differences() -> None:
     model = costs.model(sweeps[1])
     assert float(np.vdot(model.gradient, step)) == pytest.approx(0.5 * (after - before), rel=1e-5)
     assert at > 0.0
-    assert costs.foreseen(sweeps[1], step) == pytest.approx(after, rel=1e-7)
+    assert costs.predicted(sweeps[1], step) == pytest.approx(after, rel=1e-7)

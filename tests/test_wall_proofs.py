@@ -94,7 +94,7 @@ def test_the_hull_of_a_proved_link_is_apart(seed: int, links: int, turn: float) 
     for link in range(links):
         hull = shapely.MultiPoint(np.vstack((motion.a[0, link : link + 2], motion.b[0, link : link + 2]))).convex_hull
         gap = min(shapely.distance(hull, wall.core) - wall.rounding for wall in workspace.walls)
-        need = question.least[link] + motion.sag[0, link]
+        need = question.least[link] + motion.chord_deviation[0, link]
         assert gap > need - HAIR or (0, link) in left
         assert gap < need + HAIR or (0, link) not in left
 

@@ -10,7 +10,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.strategies import find_by_ways
-from ccm_opt.planning.withdrawals import turned_over, withdrawn
+from ccm_opt.planning.withdrawals import turned_over, withdrawal_poses
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
@@ -30,7 +30,7 @@ def back_and_onward(triangle_soup: TriangleSoup) -> tuple[SpaceTask, CurveMap, F
     shapes[1, : curve.knots] = -1.2 / curve.scale[: curve.knots]
     shapes[:, curve.feed_column] = 0.7 / curve.scale[curve.feed_column]
     stepper = task.stepper(curve, 0.0)
-    back, onward = (np.stack([pose.v for pose in withdrawn(stepper, v, task.deadline)]) for v in shapes)
+    back, onward = (np.stack([pose.v for pose in withdrawal_poses(stepper, v, task.deadline)]) for v in shapes)
     return task, curve, back, onward[::-1]
 
 

@@ -67,7 +67,7 @@ class _GapsAtSamples:
     obstacle: npt.NDArray[np.object_]
 
     @property
-    def lack(self) -> FloatArray:
+    def shortfall(self) -> FloatArray:
         """Shortfall from the preferred clearance at each sample, shape (N,) [m]; negative where clearance is larger."""
         return self.wanted - self.gap
 
@@ -149,7 +149,7 @@ class _Room:
         # The nearest pair need not fall shortest of its preferred clearance: links close along the arm want smaller
         # gaps.
         nearest = to_walls.where(to_walls.gap <= to_itself.gap, to_itself)
-        lacking = to_walls.where(to_walls.lack >= itself_lacks.lack, itself_lacks)
+        lacking = to_walls.where(to_walls.shortfall >= itself_lacks.shortfall, itself_lacks)
         rests = np.searchsorted(samples, [0, *self.trajectory.stops, len(motion.time) - 1]).tolist()
         return ClearanceRecord(
             time=self.trajectory.time[samples],
@@ -170,7 +170,7 @@ class _Room:
             poses: positions of joints and tip of n links at N samples, shape (N, n + 1, d) with d = 2 or 3 [m].
         """
         clearance = self.problem.workspace.clearance
-        seen = GapsAtSamples.of(self.problem, poses, self._reach + clearance, 0.0)
+        seen = GapsAtSamples.from_poses(self.problem, poses, self._reach + clearance, 0.0)
         near = seen.walls
         names = np.array([*seen.names, ""], dtype=np.object_)[near.other]
         wanted = np.full(len(poses), self.wanted)
@@ -229,12 +229,12 @@ class _Room:
             gaps: the pair with the largest shortfall at each recorded sample.
             rests: positions, among the recorded samples, of those at which the arm rests.
         """
-        few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
+        few = gaps.shortfall > (1.0 - self.settings.enough) * self.wanted
         edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
         for first, end in edges.reshape(-1, 2):
             last = end - 1
-            worst = first + int(np.argmax(gaps.lack[first:end]))
-            cause = self._cause(gaps, rests, (int(first), int(last)), float(gaps.lack[worst]))
+            worst = first + int(np.argmax(gaps.shortfall[first:end]))
+            cause = self._cause(gaps, rests, (int(first), int(last)), float(gaps.shortfall[worst]))
             yield ShortStretch(
                 float(self.trajectory.time[self._samples[first]]),
                 float(self.trajectory.time[self._samples[last]]),
@@ -242,7 +242,7 @@ class _Room:
                 cause,
             )
 
-    def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
+    def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], shortfall: float) -> ShortCause:
         """Return the cause of a shortfall of clearance: "start", "stop", "goal", or "passage".
 
         A pose in which the arm rests is the cause if its shortfall is the largest of the interval.
@@ -251,11 +251,11 @@ class _Room:
             gaps: the pair with the largest shortfall at each recorded sample.
             rests: positions, among the recorded samples, of those at which the arm rests.
             stretch: first and last recorded sample of the interval.
-            lack: largest shortfall in the interval [m].
+            shortfall: largest shortfall in the interval [m].
         """
         for number, sample in enumerate(rests):
             inside = stretch[0] <= sample <= stretch[1]
-            if inside and gaps.lack[sample] >= lack - self.verification.report_resolution:
+            if inside and gaps.shortfall[sample] >= shortfall - self.verification.report_resolution:
                 if number == 0:
                     return "start"
                 return "goal" if number == len(rests) - 1 else "stop"

@@ -303,9 +303,9 @@ def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm
     far = arm.length if arm.dimension == 2 else arm.link_length
-    known = GapsAtSamples.of(problem, few, far, arm.length)
+    known = GapsAtSamples.from_poses(problem, few, far, arm.length)
     # Bodies exactly at the search distance are not found, so a distance of zero would not find contacts.
     least = _LEAST_REACH * arm.link_length
     walls = np.clip(1.001 * np.min(known.walls.gap), least, far)
     itself = np.clip(1.001 * np.min(known.itself.gap), least, arm.length)
-    return GapsAtSamples.of(problem, points, float(walls), float(itself))
+    return GapsAtSamples.from_poses(problem, points, float(walls), float(itself))

@@ -327,7 +327,7 @@ class Connecting:
             seed: seed of every random choice.
         """
         task = self.task
-        check = SampledCheck.of(task.arm, task.workspace)
+        check = SampledCheck.for_workspace(task.arm, task.workspace)
         # Most searches end soon or never, so each starts afresh.
         for number, budget in enumerate(budgets):
             rng = np.random.default_rng((*seed, number))

@@ -193,10 +193,10 @@ class ElasticBand:
         gap = seen.gap[near]
         share = seen.share[near]
         hard = gap < kept
-        lacking = (np.where(hard, kept, wide) - gap) / self.unit
+        shortfall = (np.where(hard, kept, wide) - gap) / self.unit
         at = np.stack((near, near + chord), axis=1)
         weight = np.where(hard, _HARD, _WANTED) * band.piece
-        system.add(at, np.stack((1.0 - share, share), axis=1), seen.normal[near], weight, lacking)
+        system.add(at, np.stack((1.0 - share, share), axis=1), seen.normal[near], weight, shortfall)
         # Pieces of even length.
         along = np.diff(places, axis=0)
         long = np.linalg.norm(along, axis=1)
@@ -222,9 +222,9 @@ class ElasticBand:
         # The places at both ends are on every path.
         ends = min(m + round(1.0 / band.piece), (count - 1) // 2)
         about = slice(ends, count - ends)
-        lacking = np.zeros(count)
-        lacking[m // 2 : m // 2 + len(gaps)] = -gaps
-        worst = ends + int(np.argmax(share[about] if np.max(share) > 1.0 or np.min(gaps) > 0.0 else lacking[about]))
+        shortfall = np.zeros(count)
+        shortfall[m // 2 : m // 2 + len(gaps)] = -gaps
+        worst = ends + int(np.argmax(share[about] if np.max(share) > 1.0 or np.min(gaps) > 0.0 else shortfall[about]))
         places = band.places * self.unit
         return ElasticWay(places[m:], float(np.min(gaps)), float(np.max(share)), places[worst])
 

@@ -29,7 +29,7 @@ from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.optimisation.optimise import keeps_limits, optimise, with_more_room
+from ccm_opt.planning.optimisation.optimise import keeps_limits, optimise, with_more_clearance
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search import SearchTask
@@ -135,9 +135,9 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
             to_end = weighing_bottlenecks(bent, task).with_goal_pose(bent.unknowns[-1], wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
             if keeps_limits(ended, task):
-                return _with_room(ended, task, margin)
+                return _with_more_clearance(ended, task, margin)
     ended = optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
-    return _with_room(ended, task, margin)
+    return _with_more_clearance(ended, task, margin)
 
 
 def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
@@ -152,10 +152,10 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
     return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
 
 
-def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
+def _with_more_clearance(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
     """Return an optimised motion with gaps widened towards the preferred gap where possible, and an unchanged end."""
     weighed = weighing_bottlenecks(motion, task).with_goal_pose(motion.unknowns[-1], motion.configurations[-1])
-    return with_more_room(motion, motion, weighed, margin)
+    return with_more_clearance(motion, motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:

@@ -417,7 +417,7 @@ class GapsAtSamples:
     reach: float
 
     @classmethod
-    def of(
+    def from_poses(
         cls, problem: Problem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
     ) -> "GapsAtSamples":
         """Return the gaps at T poses of the arm.
@@ -437,7 +437,7 @@ class GapsAtSamples:
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
         """Return a message with the two bodies nearest to each other in a configuration (c,) and their gap, or ""."""
-        gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
+        gaps = cls.from_poses(problem, problem.arm.joint_positions_at(q)[None])
         to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
         to_itself = float(gaps.itself.gap[0])
         near = gaps.walls if to_walls <= to_itself else gaps.itself

@@ -88,7 +88,7 @@ class WayArcs:
     length: float
 
     @classmethod
-    def of(cls, unit: float, radius: float, cell: float) -> "WayArcs":
+    def for_radius(cls, unit: float, radius: float, cell: float) -> "WayArcs":
         """Return a straight arc, and arcs that bend towards evenly spaced azimuths.
 
         Args:
@@ -280,7 +280,7 @@ class FollowableWays:
 
     @cached_property
     def _arcs(self) -> WayArcs:
-        return WayArcs.of(self.unit, self.radius, self.grid.cell)
+        return WayArcs.for_radius(self.unit, self.radius, self.grid.cell)
 
 
 def _frame(direction: FloatArray) -> FloatArray:

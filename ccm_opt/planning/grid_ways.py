@@ -126,7 +126,9 @@ class TipGrid:
     deadline: Deadline = field(default_factory=Deadline.never)
 
     @classmethod
-    def of(cls, distances: GridDistances, kept: float, far: float, deadline: Deadline | None = None) -> "TipGrid":
+    def from_distances(
+        cls, distances: GridDistances, kept: float, far: float, deadline: Deadline | None = None
+    ) -> "TipGrid":
         """Return the grid of gaps computed from distances to the surfaces.
 
         Args:

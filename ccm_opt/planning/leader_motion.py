@@ -93,7 +93,7 @@ class OwnPath:
     points: FloatArray
 
     @classmethod
-    def of(cls, arm: Arm, q: FloatArray) -> "OwnPath":
+    def from_configuration(cls, arm: Arm, q: FloatArray) -> "OwnPath":
         """Return the path through the joints and the tip of a configuration (c,), from the end of the guide tube on."""
         bent = np.flatnonzero(np.any(np.abs(arm.bend_pairs(q)) > _STRAIGHT, axis=1))
         first = int(bent[0]) if len(bent) else arm.links
@@ -218,10 +218,10 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
     if on_path is None or len(task.certificate.failures(on_path)) > 0:
         return None
     bounded = any(isinstance(limit, FollowingLimit) for limit in task.held)
-    most_lack = np.max(task.room_lacking(on_path)) + _LOST_ROOM * task.wanted_gap
+    most_lack = np.max(task.clearance_shortfall(on_path)) + _LOST_ROOM * task.wanted_gap
     for weight in _WEIGHTS:
         keyframes = keyframes_behind_tip(task.arm, *ends, weight)
-        if keyframes is None or np.max(task.room_lacking(keyframes)) > most_lack:
+        if keyframes is None or np.max(task.clearance_shortfall(keyframes)) > most_lack:
             continue
         if not (bounded or (_worth(keyframes, motion.configurations, task) if optimised else _best(keyframes, task))):
             continue
@@ -231,7 +231,7 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
             name = f"{motion.candidate}, on the path of the tip"
             spare = certified_spare(spline, task.certificate)
             path = JointPath(spline, keyframes, curves, name, spare=spare)
-            lacks = _lacking(keyframes, task) > _GAINED_ROOM * task.wanted_gap
+            lacks = _worst_shortfall(keyframes, task) > _GAINED_ROOM * task.wanted_gap
             return replace(path, clearance_limit="path of the tip") if lacks else path
     return None
 
@@ -240,14 +240,14 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
     """Return whether ``_worth`` would prefer a motion, keyframes (K, c), to even the best motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
-    roomy = _lacking(behind, task) <= _LOST_ROOM * task.wanted_gap
+    roomy = _worst_shortfall(behind, task) <= _LOST_ROOM * task.wanted_gap
     return roomy and _time(behind, task) <= _LONGER * fastest
 
 
-def _lacking(q: FloatArray, task: SpaceTask) -> float:
+def _worst_shortfall(q: FloatArray, task: SpaceTask) -> float:
     """Return how much more of the preferred clearance a motion, (K, c), lacks on its way than at its ends, ≥ 0 [m]."""
-    lacking = task.room_lacking(q)
-    return float(np.max(lacking) - np.max(lacking[[0, -1]]))
+    shortfall = task.clearance_shortfall(q)
+    return float(np.max(shortfall) - np.max(shortfall[[0, -1]]))
 
 
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
@@ -255,7 +255,7 @@ def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
 
     The motion along the tip's path may have slightly less clearance, and may take longer if it has more.
     """
-    gained = np.max(task.room_lacking(optimised)) - np.max(task.room_lacking(behind))
+    gained = np.max(task.clearance_shortfall(optimised)) - np.max(task.clearance_shortfall(behind))
     roomier = gained > _GAINED_ROOM * task.wanted_gap
     longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * _time(optimised, task)
     return bool(gained >= -_LOST_ROOM * task.wanted_gap) and _time(behind, task) <= longest
@@ -285,7 +285,7 @@ def keyframes_behind_tip(
         weight: weight on displacements from the paths for the sake of smooth bends; if infinite, bends are not
             smoothed.
     """
-    out, inwards = OwnPath.of(arm, start), OwnPath.of(arm, end)
+    out, inwards = OwnPath.from_configuration(arm, start), OwnPath.from_configuration(arm, end)
     # Where the tip lies on the axis, which both paths share.
     fork = min(out.feed, inwards.feed, min(out.straight, inwards.straight) + arm.hole - arm.length)
     fork = max(fork, arm.base_range[0])

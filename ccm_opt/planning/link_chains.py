@@ -82,7 +82,7 @@ class LinkChains:
     mounted: int = 0
 
     @classmethod
-    def of(cls, arm: Arm, tree: SurfaceTree, box: FloatArray, limits: FloatArray, *, exact: bool) -> "LinkChains":
+    def in_box(cls, arm: Arm, tree: SurfaceTree, box: FloatArray, limits: FloatArray, *, exact: bool) -> "LinkChains":
         """Return the search for chains of an arm's links; all links get the mean length and the largest radius.
 
         Args:
@@ -119,11 +119,11 @@ class LinkChains:
             ends /= np.linalg.norm(ends, axis=1)[:, None]
         ends = np.atleast_2d(ends)
         count = len(ends)
-        own = _Tree.of(start.place[None], start.direction[None], np.array([-1]), np.array([0]))
+        own = _Tree.from_places(start.place[None], start.direction[None], np.array([-1]), np.array([0]))
         # The last link has the direction of the goal.
         places = np.vstack((np.broadcast_to(goal.place, (count, 3)), goal.place - self.length * ends))
         parents = np.concatenate((np.full(count, -1), np.arange(count)))
-        other = _Tree.of(places, np.vstack((-ends, -ends)), parents, np.repeat((0, 1), count))
+        other = _Tree.from_places(places, np.vstack((-ends, -ends)), parents, np.repeat((0, 1), count))
         met = np.zeros((_CHAINS, 2), dtype=np.int64)
         call = NativeCall(
             "link_chains",
@@ -163,7 +163,7 @@ class _Tree:
     links: IntArray
 
     @classmethod
-    def of(cls, places: FloatArray, ahead: FloatArray, parents: IntArray, links: IntArray) -> "_Tree":
+    def from_places(cls, places: FloatArray, ahead: FloatArray, parents: IntArray, links: IntArray) -> "_Tree":
         """Return a tree of m nodes with memory for more.
 
         Args:

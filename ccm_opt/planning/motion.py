@@ -44,7 +44,7 @@ class CurveMotion(Generic[CurveType]):
     follows: bool = False
 
     @classmethod
-    def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
+    def from_poses(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
         """Return the motion through given poses, named after a candidate."""
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
 

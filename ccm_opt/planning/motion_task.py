@@ -233,15 +233,15 @@ class MotionTask(SearchTask):
             deadline=self.deadline,
             weights=normalised(self.weights),
             wanted_gap=self.wanted_gap,
-            seen=_ROW_SEEN * link + self.wanted_gap,
+            row_reach=_ROW_SEEN * link + self.wanted_gap,
             groups=_GROUPS,
             steps=optimisation.steps,
             slowness=self.slowness,
             many=1.5 * optimisation.intervals,
-            yielding=self.gates is not None,
+            local_step_reduction=self.gates is not None,
         )
 
-    def room_lacking(self, q: FloatArray) -> FloatArray:
+    def clearance_shortfall(self, q: FloatArray) -> FloatArray:
         """Return how much of the preferred clearance each configuration (k, c) lacks, at least 0, shape (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]

@@ -42,11 +42,11 @@ from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_room
+from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_clearance
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
-from ccm_opt.planning.refinement import lifted_motion, nominal_task
+from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
@@ -153,12 +153,12 @@ def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTas
         stepper: solver of QP steps.
         task: the task with the goal.
     """
-    reference = Reference.of(known, stepper.space)
+    reference = Reference.from_motion(known, stepper.space)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
     except Stalled:
         return None
-    motion = Motion.of(stepper.space, way.poses, known.candidate)
+    motion = Motion.from_poses(stepper.space, way.poses, known.candidate)
     return motion if len(task.failures(motion.curve, motion.unknowns)) == 0 else None
 
 
@@ -213,7 +213,7 @@ class MotionPlanner:
             refuse_ends(problem, task)
             task = replace(task, refuse=partial(self.refuse, problem))
         try:
-            found = _Planned((any_motion(task),)) if self.first_found else self._lifted(problem, task)
+            found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
             planned = found or self._planned(problem, task)
         except NoPlanFound as none:
             raise annotate_clamped_base(none, problem) from none
@@ -371,12 +371,12 @@ class MotionPlanner:
                 return _Planned((motion,), ending.record, path)
         with self.stages("optimisation"):
             motions = (
-                with_more_room(optimise(motion, ending.task), motion, ending.task),
+                with_more_clearance(optimise(motion, ending.task), motion, ending.task),
                 found if motion.u is None else motion,
             )
         return _Planned(motions, ending.record)
 
-    def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
+    def _refined(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """Return the motion in space of an arm with many links, planned with few links and then refined, or None.
 
         None if the task is to be planned with its own links (see ``nominal_task``), or if planning or refinement fails.
@@ -389,8 +389,8 @@ class MotionPlanner:
         except NoPlanFound:
             return None
         with self.stages("lifting"):
-            lifted = lifted_motion(task, planned.motions[0])
-        return None if lifted is None else replace(planned, motions=(lifted,))
+            refined = refine_space_motion(task, planned.motions[0])
+        return None if refined is None else replace(planned, motions=(refined,))
 
 
 def _following(problem: Problem, arm: Arm) -> tuple[FollowingLimit, ...]:

@@ -22,14 +22,14 @@ from ccm_opt.planning.curve_routes import (
     find_routes,
     route_room,
 )
-from ccm_opt.planning.drawn_poses import goal_poses
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.refinement import lifted_motion, nominal_task
+from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.sampled_poses import goal_poses
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.strategies import find_by_ways
@@ -161,11 +161,11 @@ def any_motion(task: SpaceTask) -> SpaceMotion:
     few = nominal_task(task)
     if few is not None:
         try:
-            lifted = lifted_motion(task, find_by_ways(few))
+            refined = refine_space_motion(task, find_by_ways(few))
         except NoPlanFound:
-            lifted = None
-        if lifted is not None:
-            return lifted
+            refined = None
+        if refined is not None:
+            return refined
     return find_by_ways(task)
 
 
@@ -192,7 +192,7 @@ def brought_poses(
     space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
     share = settings.motion.step.limit_share
     shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share)
-    check = SampledCheck.of(arm, problem.workspace)
+    check = SampledCheck.for_workspace(arm, problem.workspace)
     goals = [
         replace(
             ends.goal,

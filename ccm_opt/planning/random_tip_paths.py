@@ -86,7 +86,7 @@ class TipWays:
         back = pose.points[max(nearest, 1) :][::-1]
         return self._led_onto(np.vstack((back, entry)), place, self.shrink)
 
-    def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
+    def sample_path(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
         """Return a random tip path from a pose, and whether it leads onto the goal.
 
         Returns:
@@ -235,7 +235,7 @@ class TipWalks:
         node = self._beginning()
         begin = self.reached.poses[node]
         run = self.runs[int(self.rng.integers(len(self.runs)))]
-        taut, onto_goal = self.ways.drawn(begin, self.rng)
+        taut, onto_goal = self.ways.sample_path(begin, self.rng)
         if taut is None:
             return None
         poses, arrived = self._led(run, begin, taut, onto_goal=onto_goal)

@@ -78,13 +78,13 @@ _RIDGE_RISE = 10.0
 """Factor by which the damping of the fit rises after a step that does not reduce the error, and falls after others."""
 
 
-def lift(motion: Motion, task: MotionTask) -> Motion | None:
+def refine_motion(motion: Motion, task: MotionTask) -> Motion | None:
     """Return the motion refined to the task's own links and certified; None if that fails.
 
     The coordinates v are kept; the matrix A and the offset are rebuilt, so that the task's start is met exactly; the
     last keyframe is moved onto the goal; keyframes of intervals that fail the certificate are each moved by a step.
     """
-    space = _lifted_space(motion, task)
+    space = _space_of_all_links(motion, task)
     coordinates = motion.unknowns.copy()
     # With other links the same coordinates move the tip slightly; the space itself meets a goal of the whole arm.
     if task.goal_pose is None:
@@ -117,7 +117,7 @@ def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
     return np.column_stack(resampled) if resampled else np.zeros((links, 0))
 
 
-def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
+def _space_of_all_links(motion: Motion, task: MotionTask) -> LinkSpace:
     """Return the link space of the task's arm in which the motion's first coordinates give the task's start.
 
     A motion with a blended end has one more coordinate w, which is 1 at the end that is given for the whole arm (the
@@ -240,14 +240,14 @@ def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: li
     Returns:
         None if both methods fail.
     """
-    lifted = _lifted(found, coarse, task)
-    if lifted is not None:
-        return lifted
+    refined = _refined(found, coarse, task)
+    if refined is not None:
+        return refined
     again = _found_again(found, task, failures)
     return optimised_to_end_pose(straightened(again, task), task) if again is not None else None
 
 
-def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
+def _refined(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
     """Return a coarse motion refined to the task's links, or None.
 
     The coarse motion is optimised and then refined; if that fails, it is refined first and then optimised.
@@ -255,11 +255,11 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
     # An optimised motion runs close to the walls, and the links of the finer arm lie elsewhere; hence the wider margin.
     # Where its refinement still fails, the motion as found has more clearance.
     optimised = optimised_to_end_pose(straightened(found, coarse), coarse, REFINEMENT_MARGIN)
-    lifted = lift(optimised, task)
-    if lifted is not None or optimised is found:
-        return lifted
-    lifted = lift(found, task)
-    return optimise(lifted, task) if lifted is not None else None
+    refined = refine_motion(optimised, task)
+    if refined is not None or optimised is found:
+        return refined
+    refined = refine_motion(found, task)
+    return optimise(refined, task) if refined is not None else None
 
 
 def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
@@ -294,7 +294,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
     straight = np.concatenate((np.zeros(2 * coarse.links), task.start[2 * arm.links :]))
     through = CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0]
     of_coarse = replace(task, arm=coarse, start=straight).stepper(through, 0.0)
-    points = _Along.coarse_joints(arm.links).of(arm.joint_positions_at(task.start))
+    points = _Along.coarse_joints(arm.links).interpolate(arm.joint_positions_at(task.start))
     same_curve = start * curve.scale / of_coarse.space.scale
     kept = _COARSE_ROOM * task.unit
     begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve)
@@ -309,7 +309,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
     )
 
 
-def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
+def refine_space_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     """Return a motion of the coarse arm refined to the arm's links; None if it misses the goal or is not certified.
 
     Args:
@@ -394,7 +394,7 @@ class _Along:
         link = np.minimum(np.arange(links + 1), links - 1)
         return cls(link, (np.arange(links + 1) - link).astype(np.float64))
 
-    def of(self, values: FloatArray) -> FloatArray:
+    def interpolate(self, values: FloatArray) -> FloatArray:
         """Return the values at these points, shape (m, ...), interpolated linearly from those at joints and tip."""
         share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
@@ -412,15 +412,15 @@ def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatA
         v: initial unknowns, shape (p,).
     """
     pose = stepper.pose(v)
-    missing = ((wanted - along.of(pose.points)) / stepper.space.nominal_length).ravel()
+    missing = ((wanted - along.interpolate(pose.points)) / stepper.space.nominal_length).ravel()
     ridge = _RIDGE
     for _ in range(_FITS):
-        rows = along.of(pose.moving).reshape(len(missing), -1) / stepper.space.nominal_length
+        rows = along.interpolate(pose.moving).reshape(len(missing), -1) / stepper.space.nominal_length
         if stepper.space.arm.base_axes:
             rows[:, stepper.space.feed_column] = 0.0
         step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ missing)
         trial = stepper.pose(pose.v + step)
-        left = ((wanted - along.of(trial.points)) / stepper.space.nominal_length).ravel()
+        left = ((wanted - along.interpolate(trial.points)) / stepper.space.nominal_length).ravel()
         gained = float(missing @ missing - left @ left)
         if not gained > 0.0:
             ridge = _RIDGE_RISE * max(ridge, _RAISED_RIDGE)

@@ -154,7 +154,7 @@ WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
 begins to leave the goal pose, and the route from that joint, shape (k, 2) [m]."""
 
 
-def drawn_back(
+def retraction_candidates(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
     """Yield candidates that retract the arm along its own shape and lay it onto a goal pose.

@@ -171,7 +171,7 @@ class SampledCheck:
     parts: int
 
     @classmethod
-    def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
+    def for_workspace(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
         """Return the sampled collision check for an arm in a workspace, with its raster of blocked cells."""
         # A point in a blocked cell implies contact even for the thinnest link.
         gap = float(np.min(arm.radii)) + workspace.clearance

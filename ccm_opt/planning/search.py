@@ -198,12 +198,12 @@ class SearchTask(ABC):
         """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for the others, shape (c,)."""
 
     @abstractmethod
-    def room_lacking(self, q: FloatArray) -> FloatArray:
+    def clearance_shortfall(self, q: FloatArray) -> FloatArray:
         """Return how much of the preferred clearance each configuration (k, c) lacks, at least 0, shape (k,) [m]."""
 
     def least_gap(self, q: FloatArray) -> float:
         """Return the least gap beyond contact over configurations (K, c), capped at the preferred clearance [m]."""
-        return float(self.wanted_gap - np.max(self.room_lacking(q)))
+        return float(self.wanted_gap - np.max(self.clearance_shortfall(q)))
 
     @abstractmethod
     def keyframes_along(

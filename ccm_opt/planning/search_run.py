@@ -26,7 +26,7 @@ from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.passage_exit import gate_entry, pose_at_goal, slid_out
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import CurveUnknowns, Pose
-from ccm_opt.planning.retraction import drawn_back, fold_width, lies_confined, widths_beside_arm
+from ccm_opt.planning.retraction import fold_width, lies_confined, retraction_candidates, widths_beside_arm
 from ccm_opt.planning.search import Failure, SearchTask, report_tried
 from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.planning.tip_paths import TipPath
@@ -96,10 +96,12 @@ def first_candidates(
         yield from interpolated
 
     first_length = FOLD_LENGTHS[:1]
-    withdrawn = _withdrawn(stepper, start, goal_coordinates, tip_paths, first_length, whole_arm=whole_arm is not None)
+    withdrawal_candidates = _withdrawal_candidates(
+        stepper, start, goal_coordinates, tip_paths, first_length, whole_arm=whole_arm is not None
+    )
     # The arm can leave a narrow passage only along its own shape, and leading only the tip back buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
-        yield from withdrawn
+        yield from withdrawal_candidates
         passage = (tip_paths[0], passage_entry(stepper, start, tip_paths[0]))
         yield from slid_out(stepper, start, whole_arm, [passage], "drawn in")
 
@@ -118,7 +120,7 @@ def first_candidates(
             yield from interpolated
 
     yield from interpolated
-    yield from withdrawn
+    yield from withdrawal_candidates
 
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
@@ -134,7 +136,7 @@ def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[Fl
         yield GuideCandidate(f"interpolation {k}", make_guide)
 
 
-def _withdrawn(
+def _withdrawal_candidates(
     stepper: Stepper,
     start: Pose,
     goal_coordinates: Iterable[FloatArray],
@@ -155,7 +157,7 @@ def _withdrawn(
     """
     for path in tip_paths[:1]:
         for goal in goal_coordinates:
-            yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
+            yield from retraction_candidates(stepper, start, goal, path, lengths, whole_arm=whole_arm)
 
 
 def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
@@ -192,7 +194,9 @@ def further_candidates(
         whole_arm: coordinates of a goal of the whole arm, shape (p,), or None.
     """
     others = FOLD_LENGTHS[1:]
-    yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
+    yield from _withdrawal_candidates(
+        stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None
+    )
     for path in tip_paths:
         lengths = FOLD_LENGTHS if whole_arm is None else fitting_folds(stepper, path)
         yield from pulled_over(stepper, start, whole_arm, path, lengths[1:])
@@ -211,7 +215,7 @@ _MENDS = 3
 """Maximum number of rounds that insert poses where a motion through gates is not certified. Taste."""
 
 
-def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:
+def sampled_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:
     """Yield all candidates, some of them deferred at random until all others have been yielded.
 
     The first candidate that succeeds decides which motion is optimised, but another may lead to a better one. With
@@ -276,7 +280,7 @@ class SearchRun(Generic[TaskType, CurveType]):
 
     def motion(self, name: str, poses: list[Pose]) -> CurveMotion[CurveType]:
         """Return the motion through the poses, with the name of its candidate."""
-        return CurveMotion.of(self.stepper.space, poses, name)
+        return CurveMotion.from_poses(self.stepper.space, poses, name)
 
     def failure(self, name: str, stalled: Stalled) -> Failure:
         """Return the record of a stalled candidate, with the obstruction nearest to its last pose."""
@@ -389,7 +393,9 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
     def first(self) -> Iterator[GuideCandidate]:
         """Return the candidates that solve most problems, in the order given by the seed."""
         whole_arm = self.goal.coordinates
-        return self._drawn(first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
+        return self._in_sampled_order(
+            first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm)
+        )
 
     def lies_in_gates(self) -> bool:
         """Return whether the arm passes through a narrow gate at the start."""
@@ -398,11 +404,13 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
     def further(self) -> Iterator[GuideCandidate]:
         """Return all other candidates, in the order given by the seed."""
         whole_arm = self.goal.coordinates
-        return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
+        return self._in_sampled_order(
+            further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm)
+        )
 
-    def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
+    def _in_sampled_order(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
         """Return the candidates, some of them deferred at random according to the seed."""
-        return drawn_order(candidates, self.task.seed, _PUT_OFF)
+        return sampled_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """Return the certified motion of the first candidate that reaches the goal; None if none does so in time.
@@ -502,7 +510,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
             failures: list to which a failure is appended.
         """
         name = f"{found.candidate}, tracked"
-        reference = Reference.of(found, self.stepper.space)
+        reference = Reference.from_motion(found, self.stepper.space)
         if self.goal.coordinates is not None:
             reference.unknowns[-1] = self.goal.coordinates
         try:

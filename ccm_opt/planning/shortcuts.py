@@ -125,7 +125,7 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
     intervals = len(thinned(motion, task)[0]) - 1
     if intervals <= MANY_INTERVALS:
         return motion
-    check = SampledCheck.of(task.arm, task.workspace)
+    check = SampledCheck.for_workspace(task.arm, task.workspace)
     # Measured: among 1000 polygons 64 rounds of 32 take a third off a motion in 0.17 s, these two fifths in 0.28 s, and
     # twice as many rounds hardly more.
     shortcuts = Shortcuts(check, task.certificate.heading_failures, rounds=128, tries=64, saved=0.005)

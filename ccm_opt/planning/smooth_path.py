@@ -19,8 +19,8 @@ from ccm_opt.planning.spline_path import (
     certified_spare,
     certified_spline,
     clamped_spline,
-    drawn_near,
     parameter_spans,
+    spline_near,
     uncertified_spans,
 )
 from ccm_opt.problem.solution import JointPath
@@ -172,7 +172,7 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
     curve = motion.curve
     # A follow-the-leader motion has such close keyframes that its spline loses no notable clearance.
     sought = task.wanted_gap > 0.0 and not motion.follows
-    room = _Room.of(task, motion.configurations) if sought else None
+    room = _Room.for_task(task, motion.configurations) if sought else None
     failing = partial(_failing_places, task, room, tube=not curve.affine)
     nearest = None
     if not curve.affine and len(motion.unknowns) > DEGREE and motion.u is None:
@@ -183,8 +183,10 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
             return nearest
     # A leg may violate a gap that both its ends keep.
     mended = partial(restored_keyframes, task.user_limits, curve) if task.user_limits else None
-    near = drawn_near(motion.unknowns, curve.along, failing, task.deadline, u=motion.u, mended=mended)
-    if nearest is not None and (near is None or (room is not None and room.lacking(near) >= room.lacking(nearest))):
+    near = spline_near(motion.unknowns, curve.along, failing, task.deadline, u=motion.u, mended=mended)
+    if nearest is not None and (
+        near is None or (room is not None and room.worst_shortfall(near) >= room.worst_shortfall(nearest))
+    ):
         return nearest
     if near is not None or curve.affine or motion.u is not None:
         return near
@@ -199,7 +201,7 @@ def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline
         task: task with the certificate.
     """
     failing = partial(_failing_places, task, None, tube=bool(task.arm.base_axes))
-    return drawn_near(keyframes, lambda spline: spline, failing, task.deadline)
+    return spline_near(keyframes, lambda spline: spline, failing, task.deadline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,17 +211,17 @@ class _Room:
     Attributes:
         task: task with the preferred clearance.
         keyframes: number of keyframes of the motion.
-        lack: largest shortfall of the motion itself from the preferred clearance [m].
+        motion_shortfall: largest shortfall of the motion itself from the preferred clearance [m].
     """
 
     task: SearchTask
     keyframes: int
-    lack: float
+    motion_shortfall: float
 
     @classmethod
-    def of(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
+    def for_task(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
         """Return the comparison with a motion, given by configurations (K, c) [rad, m]."""
-        return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
+        return cls(task, len(configurations), float(np.max(task.clearance_shortfall(configurations))))
 
     @property
     def _looks(self) -> FloatArray:
@@ -228,12 +230,12 @@ class _Room:
 
     def lost_places(self, spline: BSpline) -> FloatArray:
         """Return parameters (m,) at which a path lacks notably more of the preferred clearance than its motion."""
-        lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
-        return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
+        shortfall = self.task.clearance_shortfall(np.asarray(spline(self._looks)))
+        return self._looks[shortfall > self.motion_shortfall + _LOST_ROOM * self.task.wanted_gap]
 
-    def lacking(self, spline: BSpline) -> float:
+    def worst_shortfall(self, spline: BSpline) -> float:
         """Return the largest shortfall of a path from the preferred clearance [m]."""
-        return float(np.max(self.task.room_lacking(np.asarray(spline(self._looks)))))
+        return float(np.max(self.task.clearance_shortfall(np.asarray(spline(self._looks)))))
 
 
 def _halfway_onto(keyframes: FloatArray) -> FloatArray:

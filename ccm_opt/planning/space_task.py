@@ -17,7 +17,7 @@ from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, assembled_limits, within_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.limits.surface_rows import distance_lacking, motion_rows, room_lacking
+from ccm_opt.planning.limits.surface_rows import clearance_shortfall, distance_shortfall, motion_rows
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
@@ -196,25 +196,25 @@ class SpaceTask(SearchTask):
             deadline=self.deadline,
             weights=normalised(self.weights),
             wanted_gap=self.wanted_gap,
-            seen=_ROW_SEEN * self.unit,
+            row_reach=_ROW_SEEN * self.unit,
             groups=_GROUPS,
             steps=self.settings.optimisation.steps,
             scale=self.slowness,
-            lack=self._lack,
+            shortfall=self._shortfall,
         )
 
-    def _lack(self, sweep: Sweep) -> float:
+    def _shortfall(self, sweep: Sweep) -> float:
         """Return the shortfall of a motion from the preferred clearance, in nominal links.
 
         The shortfall is averaged over the parts of each interval and summed over the intervals.
         """
-        lacking = room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap)
-        return float(np.sum(lacking)) / (self.unit * sweep.parts)
+        shortfall = clearance_shortfall(sweep, self.finder(0.0, 0.0), self.wanted_gap)
+        return float(np.sum(shortfall)) / (self.unit * sweep.parts)
 
-    def room_lacking(self, q: FloatArray) -> FloatArray:
+    def clearance_shortfall(self, q: FloatArray) -> FloatArray:
         """Return the shortfall of configurations (k, c) from the preferred clearance, at least 0, shape (k,) [m]."""
         kept = self.arm.radii + self.clearance + self.wanted_gap
-        return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
+        return distance_shortfall(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
 
     def free(self, q: FloatArray) -> FloatArray:
         """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for clamped joints, (c,)."""

@@ -105,10 +105,10 @@ def certified_spline(
         knots = spline.t[DEGREE:-DEGREE]
         return np.asarray((0.5 * (knots[:-1] + knots[1:]))[uncertified_spans(spline, certificate)])
 
-    return drawn_near(keyframes, lambda spline: spline, failing, refinements=refinements)
+    return spline_near(keyframes, lambda spline: spline, failing, refinements=refinements)
 
 
-def drawn_near(
+def spline_near(
     keyframes: FloatArray,
     path: Callable[[BSpline], BSpline],
     failing: Callable[[BSpline, int], FloatArray],

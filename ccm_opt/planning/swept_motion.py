@@ -44,7 +44,7 @@ class PlanarSweep(Sweep):
         return np.diff(self.headings, axis=0)
 
     @cached_property
-    def sag(self) -> FloatArray:
+    def chord_deviation(self) -> FloatArray:
         """Upper bounds on the distance of base, joints and tip from their chords over each interval, (K, n + 1) [m]."""
         # ⅛ Σ_{i<j} l_i Δφ_i² for joint j, while links turn evenly.
         squares = 0.125 * self.space.arm.lengths * self.turns**2
@@ -52,7 +52,7 @@ class PlanarSweep(Sweep):
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
-        """Derivatives of ``sag`` with respect to the coordinates' change over an interval, shape (K, n + 1, p)."""
+        """Derivatives of ``chord_deviation`` by the coordinates' change over an interval, shape (K, n + 1, p)."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         steps = (0.25 * self.space.arm.lengths * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
@@ -62,7 +62,9 @@ class PlanarSweep(Sweep):
     # ------------------------------------------------------------ what rows need
     def deviation(self, rows: IntervalRows) -> FloatArray:
         """Return upper bounds on how far the contact points of m rows leave their chords over an interval, (m,) [m]."""
-        return np.asarray(self.sag[rows.interval, rows.high] - self.sag[rows.interval, rows.low])
+        return np.asarray(
+            self.chord_deviation[rows.interval, rows.high] - self.chord_deviation[rows.interval, rows.low]
+        )
 
     def deviation_slopes(self, rows: IntervalRows) -> FloatArray:
         """Return the derivatives of ``deviation`` with respect to the coordinates' change over the interval, (m, p)."""
@@ -123,9 +125,9 @@ class PlanarSweep(Sweep):
         # Forces on the fixed point, the last of all, act through the base.
         forces[:, 0] += forces[:, -1]
 
-        sag = np.zeros((keyframes - 1, links + 1))
-        np.add.at(sag, (rows.interval, rows.low), multipliers)
-        np.add.at(sag, (rows.interval, rows.high), -multipliers)
+        chord_deviation = np.zeros((keyframes - 1, links + 1))
+        np.add.at(chord_deviation, (rows.interval, rows.low), multipliers)
+        np.add.at(chord_deviation, (rows.interval, rows.high), -multipliers)
 
         # ∂²x_j/∂φ_i² = −l_i (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
         # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it,
@@ -133,4 +135,4 @@ class PlanarSweep(Sweep):
         l = space.arm.lengths
         carried = np.cumsum(forces[:, :links], axis=1)
         bent = np.cos(self.headings) * carried[..., 0] + np.sin(self.headings) * carried[..., 1]
-        return -l * bent, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]
+        return -l * bent, 0.25 * l * np.cumsum(chord_deviation, axis=1)[:, :links]

@@ -17,13 +17,13 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import POLISH_TURN, random_unknowns
 from ccm_opt.planning.draws import TargetDraws
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.link_space import KNOTS, fit_coordinates
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.sampled_poses import POLISH_TURN, random_unknowns
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.step import StepperOf

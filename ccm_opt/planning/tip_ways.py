@@ -318,7 +318,7 @@ class SpaceTipWays:
         links = max(1, int(self._longest_followed / arm.link_length))
         places = self.out + self.straight + arm.link_length * np.arange(links)
         limits = _BEND_SHARE * arm.joint_limit * bend_shares(arm, np.asarray(places, dtype=np.float64))
-        return LinkChains.of(arm, self.task.tree, self._box, limits, exact=False)
+        return LinkChains.in_box(arm, self.task.tree, self._box, limits, exact=False)
 
     def _passages(self, cells: int) -> TipGrid:
         """Return the grid from whose paths elastic bands are made; a cell is free if a path may pass anywhere in it.
@@ -330,7 +330,7 @@ class SpaceTipWays:
         far = _PASSAGE * task.unit
         distances = self._distances(cells, self._longest_followed, task.kept + task.margin + _FAR * task.unit)
         kept = max(task.kept - 0.5 * distances.cell, 0.25 * distances.cell)
-        grid = self._closed_behind(TipGrid.of(distances, kept, far, task.deadline))
+        grid = self._closed_behind(TipGrid.from_distances(distances, kept, far, task.deadline))
         radius = _TURNED * task.unit
         grid = _closed_about(grid, self.start, radius, -self.heading)
         return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
@@ -497,7 +497,7 @@ class SpaceTipWays:
             around = task.kept + beside
             # Distances up to the whole margin will be needed later.
             distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
-            grid = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)
+            grid = TipGrid.from_distances(distances, around + margin * task.margin, far, task.deadline)
             self._grids[key] = self._closed_behind(grid)
         return self._grids[key]
 

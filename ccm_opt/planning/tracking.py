@@ -54,13 +54,13 @@ class Reference:
     unknowns: FloatArray
 
     @classmethod
-    def of(cls, motion: Motion, space: LinkSpace) -> "Reference":
+    def from_motion(cls, motion: Motion, space: LinkSpace) -> "Reference":
         """Return a planar motion as a reference in the unknowns of ``space``, with u proportional to link rotations."""
         way = arc_lengths(space.arm.poses(motion.configurations))
         u = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
         return cls(u, space.closest(motion.configurations))
 
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
+    def tracking_terms(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
         """Return the least-squares terms that pull a step towards the reference at u, and whether one step may suffice.
 
         The rotations of the links are limited to a largest rotation per step; the flag is True if all are below it.
@@ -178,7 +178,7 @@ def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, p
     for _ in range(_MEETING_STEPS):
         before = pose
         # The last interval of u is for moving onto the goal, so the reference ends where tracking ends.
-        terms, near = reference.drawn(stepper.space, u / _ARRIVAL, pose)
+        terms, near = reference.tracking_terms(stepper.space, u / _ARRIVAL, pose)
         pose = stepper.step(pose, terms)
         if pose is not before:
             poses.append(pose)
@@ -320,4 +320,4 @@ def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) 
         tracked = follow_reference(stepper, Reference(u, motion.unknowns), goal, start, task.deadline)
     except Stalled as stalled:
         raise MotionNotFound(Diagnosis(str(stalled), "motion", user.advice)) from None
-    return replace(SpaceMotion.of(motion.curve, tracked.poses, motion.candidate), u=np.array(tracked.u))
+    return replace(SpaceMotion.from_poses(motion.curve, tracked.poses, motion.candidate), u=np.array(tracked.u))

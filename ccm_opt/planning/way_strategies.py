@@ -11,20 +11,27 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, chained_goal_poses, free_goal_poses, goal_poses, swung
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, placed_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.sampled_motions import SampledMotions
+from ccm_opt.planning.sampled_poses import (
+    CurveDraws,
+    CurvePoints,
+    chained_goal_poses,
+    free_goal_poses,
+    goal_poses,
+    swung,
+)
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
 from ccm_opt.planning.via_places import passings
-from ccm_opt.planning.withdrawals import turned_over, withdrawn
+from ccm_opt.planning.withdrawals import turned_over, withdrawal_poses
 from ccm_opt.robot.biarc import free_before
 
 _WANTED_POSES = 8
@@ -156,12 +163,12 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             from_tube = partial(self._found_from, home, find)
             found = from_tube(task)
             if found is not None:
-                whole = self._drawn_back_before(found) or self._led_back_before(found, from_tube)
+                whole = self._retracted_before(found) or self._led_back_before(found, from_tube)
                 if whole is not None:
                     return whole
         if task.deadline.passed():
             return None
-        poses = withdrawn(task.stepper(self.stepper.space, 0.0), self.start.v, task.deadline)
+        poses = withdrawal_poses(task.stepper(self.stepper.space, 0.0), self.start.v, task.deadline)
         if len(poses) < 2:
             return None
         back = replace(self, start=poses[-1])
@@ -187,11 +194,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         except (MotionNotFound, TimeLimitReached):
             return None
 
-    def _drawn_back_before(self, found: SpaceMotion) -> SpaceMotion | None:
+    def _retracted_before(self, found: SpaceMotion) -> SpaceMotion | None:
         """Return a certified motion back along the arm's own shape, then along a motion found from the guide tube."""
         curve, start = found.curve.blended_to(self.start.q)
         stepper = self.task.stepper(curve, 0.0)
-        poses = withdrawn(stepper, start, self.task.deadline)
+        poses = withdrawal_poses(stepper, start, self.task.deadline)
         onward = found.without_blending(curve)
         return self._turned_over(onward, np.stack([pose.v for pose in poses]))
 

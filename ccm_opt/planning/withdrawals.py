@@ -15,7 +15,7 @@ _TURNING_FEEDS = 24
 """Number of feeds at which a change from the retraction to the onward motion is tried. Taste."""
 
 
-def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
+def withdrawal_poses(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
     """Return the certified poses of a retraction of a fed arm into its guide tube, from a start, inclusive.
 
     The backbone curve is kept fixed in space while the feed decreases to its minimum. From the first motion that is not

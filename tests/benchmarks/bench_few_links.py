@@ -57,7 +57,7 @@ def goal_poses(problem: Problem, seed: int) -> FloatArray:
     task = motion_task(problem)
     run = PlanarRun.from_task(task, MARGINS[-1])
     connecting = Connecting(task, run.stepper.space, run.start, run.goal, lambda: iter(()))
-    check = SampledCheck.of(arm, problem.workspace)
+    check = SampledCheck.for_workspace(arm, problem.workspace)
     goals = connecting._search(check, np.random.default_rng(seed)).goals
     drawn = [pose for _ in range(DRAWS) for pose in next(goals)]
     proved = [pose for pose in drawn if len(task.certificate.failures(np.stack((pose, pose)))) == 0]

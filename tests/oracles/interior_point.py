@@ -65,7 +65,7 @@ def _solution(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, all_rows:
     frames, p = sweep.unknowns.shape
 
     # The rows stay as they are for a whole solution, and keyframes travel farther in it than in one step.
-    rows = program.active_rows(all_rows, sweep, _WIDER * program.seen)
+    rows = program.active_rows(all_rows, sweep, _WIDER * program.row_reach)
     objective = program.objective(frames - 1)
 
     moving = ca.SX.sym("v", p, frames - 1)

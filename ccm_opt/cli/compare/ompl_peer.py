@@ -17,12 +17,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import goal_poses
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.sampled_poses import goal_poses
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask, space_task
@@ -281,7 +281,7 @@ class _InPlane:
             yield self._ends.goal_pose
             return
         rng = np.random.default_rng(self.problem.planner.seed)
-        check = SampledCheck.of(arm, self.problem.workspace)
+        check = SampledCheck.for_workspace(arm, self.problem.workspace)
         shapes = _any_shape(self.problem, self._ends)
         samples = GoalDraws(shapes, self._ends.goal, check).poses(rng)
         until = Deadline.after(settings.goal_share * self.problem.planner.time_limit)

@@ -294,19 +294,19 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
 
     # Each plan gets a new world, since the time allotted to a plan begins when its world is created.
     for k in range(_TYPES_TRIED):
-        yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
+        yield f"type selection {k + 1}", by_type(follower.quick_world, start, goal, k)
 
     # The fold's subgoal lies in front of an obstacle; without one there is nothing to fold round.
     obstacle = obstacle_ahead(follower.problem, goal.position)
     if obstacle is not None:
         for subgoal, side in zip(subgoals(start.base, obstacle), ("right", "left"), strict=True):
-            fold = fold_plan(follower.hurried_world, start, subgoal, goal, sliding=True, folds=folds)
+            fold = fold_plan(follower.quick_world, start, subgoal, goal, sliding=True, folds=folds)
             yield f"fold to the {side}", fold
 
     count = follower.problem.planner.routes
     found = passages(follower.world, start, follower.free_space, goal, obstacle, count)
     for k, passage in enumerate(found, start=1):
-        yield f"passage {k}", region_plan(follower.hurried_world, start, passage, goal, folds)
+        yield f"passage {k}", region_plan(follower.quick_world, start, passage, goal, folds)
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:

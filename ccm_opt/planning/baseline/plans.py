@@ -461,7 +461,7 @@ class Follower:
         return FreeSpace(self.problem.workspace, need + _ROUTE_INFLATION * arm.length)
 
     @property
-    def hurried_world(self) -> World:
+    def quick_world(self) -> World:
         """New environment of the schemas for one plan, whose fraction of the remaining time begins to run now."""
         # A share of the time left now, so that late plans have less but every one has some.
         until = Deadline.after(_PLAN_SHARE * self.deadline.left)

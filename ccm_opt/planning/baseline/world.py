@@ -88,8 +88,8 @@ class World:
             return crowding
         points = shapes.points(CROWDING_POINTS)
         if self.gap is not _far:
-            lack = np.maximum(0.0, 1.0 - self.gap(points) / (_KEPT_OFF * shapes.length[:, None]))
-            crowding += np.square(lack).mean(axis=1)
+            shortfall = np.maximum(0.0, 1.0 - self.gap(points) / (_KEPT_OFF * shapes.length[:, None]))
+            crowding += np.square(shortfall).mean(axis=1)
         if self.thickness > 0.0:
             crowding += self._crowding_itself(shapes, points[:, :: CROWDING_POINTS // _SELF_POINTS])
         return crowding
@@ -112,8 +112,8 @@ class World:
         squares = np.square(x[:, one] - x[:, other]) + np.square(y[:, one] - y[:, other])
         kept = _KEPT_OFF * shapes.length
         shape, pair = np.nonzero(squares < np.square(self.thickness + kept)[:, None])
-        lack = 1.0 - (np.sqrt(squares[shape, pair]) - self.thickness) / kept[shape]
-        crowding: FloatArray = np.bincount(shape, np.square(lack), minlength=len(shapes)) / count
+        shortfall = 1.0 - (np.sqrt(squares[shape, pair]) - self.thickness) / kept[shape]
+        crowding: FloatArray = np.bincount(shape, np.square(shortfall), minlength=len(shapes)) / count
         return crowding
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:

@@ -186,8 +186,8 @@ def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, s
     at_keyframe = beside[keyframe, rows.plus] - beside[keyframe, rows.minus]
     between = half_way[rows.interval, rows.plus] - half_way[rows.interval, rows.minus]
     loss = np.maximum(np.einsum("md,md->m", rows.normal, at_keyframe), np.einsum("md,md->m", rows.normal, between))
-    sag = sweep.sag[rows.interval, rows.high] - sweep.sag[rows.interval, rows.low]
-    missing = np.maximum(more + np.maximum(loss, 0.0) - sag, 0.0)
+    chord_deviation = sweep.chord_deviation[rows.interval, rows.high] - sweep.chord_deviation[rows.interval, rows.low]
+    missing = np.maximum(more + np.maximum(loss, 0.0) - chord_deviation, 0.0)
     at_start = keyframe == 0
     return replace(rows, constant=rows.constant + np.where(at_start, 0.0, missing))
 

@@ -129,7 +129,7 @@ class MotionCost(Protocol):
         """Return the cost of a motion."""
         ...
 
-    def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
+    def predicted(self, sweep: "Sweep", change: FloatArray) -> float:
         """Return the cost that the quadratic model predicts after a change of a motion's coordinates, (K + 1, p)."""
         ...
 

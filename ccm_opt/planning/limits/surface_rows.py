@@ -87,7 +87,7 @@ def _half_spaces(
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
 
-def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
+def clearance_shortfall(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
     """Return how much of the preferred clearance a motion lacks at the end of each part of its intervals, (K m,) [m].
 
     Args:
@@ -98,7 +98,7 @@ def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArr
     Returns:
         Shortfalls, at least 0, shape (K m,) [m].
     """
-    return distance_lacking(sweep.space.arm, finder.tree, sweep.timed_joints[1:], finder.kept + wanted)
+    return distance_shortfall(sweep.space.arm, finder.tree, sweep.timed_joints[1:], finder.kept + wanted)
 
 
 def _rows_of_points(
@@ -125,7 +125,7 @@ def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
-def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: FloatArray) -> FloatArray:
+def distance_shortfall(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: FloatArray) -> FloatArray:
     """Return by how much any link beyond the mount is closer to a surface than required, in each of several poses.
 
     Args:

@@ -40,7 +40,7 @@ class UserCosts:
             for cost, weights in zip(*self._weights, strict=True)
         )
 
-    def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
+    def predicted(self, sweep: "Sweep", change: FloatArray) -> float:
         """Return the user's costs that the quadratic model predicts after a change of the unknowns (K + 1, p)."""
         model = self.model(sweep)
         bent = np.einsum("kp,kpq,kq->", change, model.diagonal, change)

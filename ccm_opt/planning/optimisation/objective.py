@@ -182,7 +182,7 @@ class Objective:
             value += 0.5 * float(np.vdot(sweep.configurations, self._ties(sweep.configurations)))
         return value
 
-    def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
+    def predicted(self, sweep: Sweep, change: FloatArray) -> float:
         """Return the objective after a change of the unknowns (K + 1, p), predicted with linearised coordinates."""
         value = self._of_unknowns(sweep.unknowns + change)
         if not self.curve.affine:
@@ -359,7 +359,7 @@ class WallNearness:
         """Return the cost of closeness to walls for a motion."""
         return self._cost(self.rows.values(sweep), sweep)
 
-    def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
+    def predicted(self, sweep: Sweep, change: FloatArray) -> float:
         """Return the cost after a change of the unknowns (K + 1, p), predicted with linearised wall rows."""
         start, end = self.rows.slopes(sweep)
         k = self.rows.interval
@@ -372,18 +372,18 @@ class WallNearness:
         p = sweep.unknowns.shape[1]
         k = self.rows.interval
         model = Quadratic(np.zeros((intervals + 1, p)), np.zeros((intervals + 1, p, p)), np.zeros((intervals, p, p)))
-        lack = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
+        shortfall = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
         start, end = self.rows.slopes(sweep)
         scale = 2.0 * self.share(intervals) / self.distance
         # Cost c Σ (1 + g/D)₊²: gradient (2c/D) Σ lack · ∇g, and Hessian (2c/D²) Σ ∇g ∇gᵀ without the second derivatives
         # of g.
-        for j in np.unique(k[lack > 0.0]):
-            lacking = np.flatnonzero((k == j) & (lack > 0.0))
-            a = start[lacking]
-            b = end[lacking]
+        for j in np.unique(k[shortfall > 0.0]):
+            below = np.flatnonzero((k == j) & (shortfall > 0.0))
+            a = start[below]
+            b = end[below]
             c = scale / self.distance
-            model.gradient[j] += scale * lack[lacking] @ a
-            model.gradient[j + 1] += scale * lack[lacking] @ b
+            model.gradient[j] += scale * shortfall[below] @ a
+            model.gradient[j + 1] += scale * shortfall[below] @ b
             model.diagonal[j] += a.T @ (c * a)
             model.diagonal[j + 1] += b.T @ (c * b)
             model.above[j] += a.T @ (c * b)

@@ -197,7 +197,7 @@ def _few_keyframes(
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
-    if whole.yielding:
+    if whole.local_step_reduction:
         return _few_in_gates(motion, whole)
     return thinned(motion, task, gap=gap)
 
@@ -271,7 +271,7 @@ def thinned(
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
-def with_more_room(
+def with_more_clearance(
     motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
 ) -> CurveMotion[Any]:
     """Return a motion with more clearance if an optimised motion falls short of the preferred gap.
@@ -286,17 +286,22 @@ def with_more_room(
         margin: gap beyond contact that constraint rows demand, as a fraction of the arm's length; the default if None.
     """
     # In the middle of a gate hardly wider than the arm, no more clearance is possible.
-    if task.wanted_gap == 0.0 or task.optimiser == "none" or motion.u is not None or task.program(motion).yielding:
+    if (
+        task.wanted_gap == 0.0
+        or task.optimiser == "none"
+        or motion.u is not None
+        or task.program(motion).local_step_reduction
+    ):
         return motion
-    lacking = _lacking(motion, task)
-    if lacking <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
+    shortfall = _worst_shortfall(motion, task)
+    if shortfall <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
         return motion
     settings = task.settings.optimisation
     steps = settings.steps
     dearer = replace(steps, price=_FINER_PRICE, highest_price=steps.highest_price * _FINER_PRICE / steps.price)
     finer = replace(settings, intervals=settings.finer_intervals, steps=dearer)
     other = optimise(begun, replace(task, settings=replace(task.settings, optimisation=finer)), margin)
-    return other if _lacking(other, task) < lacking else motion
+    return other if _worst_shortfall(other, task) < shortfall else motion
 
 
 def clearance_limit(motion: CurveMotion[Any], task: SearchTask) -> ClearanceLimit | None:
@@ -304,7 +309,7 @@ def clearance_limit(motion: CurveMotion[Any], task: SearchTask) -> ClearanceLimi
 
     The cause is read off the multipliers of the QP of one more step, with the highest price of missing clearance.
     """
-    if task.wanted_gap == 0.0 or _lacking(motion, task) <= _FINER_LACK * task.wanted_gap:
+    if task.wanted_gap == 0.0 or _worst_shortfall(motion, task) <= _FINER_LACK * task.wanted_gap:
         return None
     if task.optimiser == "none":
         return "not optimised"
@@ -316,12 +321,12 @@ def clearance_limit(motion: CurveMotion[Any], task: SearchTask) -> ClearanceLimi
     return "time" if found == "steps" and task.deadline.passed() else found
 
 
-def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
+def _worst_shortfall(motion: CurveMotion[Any], task: SearchTask) -> float:
     """Return the largest shortfall from the preferred gap along the smooth path through a motion's keyframes [m].
 
     The shortfall at the start or goal, whichever is larger, is subtracted.
     """
     control = at_least_four(motion.unknowns)
     unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
-    lacking = task.room_lacking(motion.curve.configurations(unknowns))
-    return float(np.max(lacking) - np.max(lacking[[0, -1]]))
+    shortfall = task.clearance_shortfall(motion.curve.configurations(unknowns))
+    return float(np.max(shortfall) - np.max(shortfall[[0, -1]]))

@@ -97,10 +97,10 @@ class LinearMotion:
         """Return the whole objective of a motion: the quadratic part plus all further costs."""
         return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
 
-    def foreseen_cost(self, change: FloatArray) -> float:
+    def predicted_cost(self, change: FloatArray) -> float:
         """Return the whole objective that the quadratic model predicts after a change of the unknowns, (K + 1, p)."""
-        value = self.objective.foreseen(self.sweep, change)
-        return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
+        value = self.objective.predicted(self.sweep, change)
+        return value + sum(cost.predicted(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
         """Return the largest violation of rows, at least 0, in every part of the intervals, shape (parts,) [m]."""

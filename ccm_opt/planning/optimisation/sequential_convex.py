@@ -59,7 +59,7 @@ _WALL_DISTANCE = 0.03
 
 The cost applies only if the clearance has a weight.
 """
-_YIELDINGS = 6
+_STEP_REDUCTIONS = 6
 """Maximum number of reductions of the step of keyframes near uncertified intervals in narrow gates. Taste."""
 _YIELDING_REACH = 4.0
 """Number of keyframes on either side of an uncertified interval that take a smaller fraction of a step. Taste.
@@ -96,17 +96,17 @@ class MotionProgram(Generic[SweepType]):
         deadline: time at which the optimisation stops.
         weights: weights of the parts of the objective.
         wanted_gap: preferred gap, which constraint rows require if possible [m].
-        seen: distance from their bound below which rows enter the QP [m].
+        row_reach: distance from their bound below which rows enter the QP [m].
         groups: largest number of groups of neighbouring joints; of an arm with more links, only the tightest constraint
             of each group is used.
         steps: settings of the steps.
         slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
         scale: factor of each coordinate in lengths of paths, shape (c,); None if all count alike.
-        many: number of intervals above which rows enter the QP within half the distance ``seen`` only.
-        lack: function that returns the clearance that a motion lacks over all its intervals, in nominal links; a term
-            of the merit function.
-        yielding: whether keyframes may take a smaller part of a step where the motion would not be certified, while the
-            others take the full step.
+        many: number of intervals above which rows enter the QP within half the distance ``row_reach`` only.
+        shortfall: function that returns the clearance that a motion lacks over all its intervals, in nominal links; a
+            term of the merit function.
+        local_step_reduction: whether keyframes may take a smaller part of a step where the motion would not be
+            certified, while the others take the full step.
     """
 
     curve: CurveUnknowns
@@ -119,14 +119,14 @@ class MotionProgram(Generic[SweepType]):
     deadline: Deadline
     weights: Weights
     wanted_gap: float
-    seen: float
+    row_reach: float
     groups: int
     steps: ConvexSettings
     slowness: JointSlowness | None = None
     scale: FloatArray | None = None
     many: float = np.inf
-    lack: Callable[[SweepType], float] = lambda _: 0.0
-    yielding: bool = False
+    shortfall: Callable[[SweepType], float] = lambda _: 0.0
+    local_step_reduction: bool = False
 
     @property
     def arm(self) -> Arm:
@@ -221,7 +221,9 @@ class MotionProgram(Generic[SweepType]):
                 *(cost for limit in limits for cost in limit.costs(self.curve, self.u)),
             ),
             rows=rows,
-            active=self.active_rows(rows, sweep, self.seen * (_SEEN_AT_MANY if sweep.intervals > self.many else 1.0)),
+            active=self.active_rows(
+                rows, sweep, self.row_reach * (_SEEN_AT_MANY if sweep.intervals > self.many else 1.0)
+            ),
             keyframe_rows=tuple(each for limit in limits for each in limit.keyframe_rows(sweep, self.u)),
             equations=tuple(each for limit in limits for each in limit.keyframe_equations(sweep, self.u)),
             end_rows=self.end_rows(sweep),
@@ -248,9 +250,9 @@ class _Certified(Generic[SweepType]):
         return self.program.linearised(self.sweep)
 
     @cached_property
-    def lack(self) -> float:
+    def shortfall(self) -> float:
         """Clearance that the motion lacks, a term of the merit function, in nominal links."""
-        return self.program.lack(self.sweep)
+        return self.program.shortfall(self.sweep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +307,7 @@ def sequential_convex(
     worth_afresh = (1.0 - _WORTH_AFRESH) * objective.value(sweep)
     for _ in range(rounds):
         motion = iterate.motion
-        before = objective.value(motion.sweep) + settings.price * motion.lack
+        before = objective.value(motion.sweep) + settings.price * motion.shortfall
         following = _round(iterate)
         if following is None:
             # Prices and damping have risen so far that nothing moves. They are reset if the motion has improved much
@@ -320,7 +322,7 @@ def sequential_convex(
         better = following.gained > 0.0 or not settings.counts_room
         # Where the rows did not predict the outcome of the step, try a shorter one.
         iterate = following if better else iterate.refused(following.damping, following.prices)
-        patience = settings.patience if better and iterate.motion.lack <= 0.0 else settings.patience_in_want
+        patience = settings.patience if better and iterate.motion.shortfall <= 0.0 else settings.patience_in_want
         done = idle >= patience if enough is None else enough(iterate.motion.sweep)
         if done or program.deadline.passed():
             break
@@ -385,13 +387,13 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
     start = iterate.motion.sweep
     failed = _NONE
     shares: list[float | FloatArray] = list(_SHORTENINGS)
-    if program.yielding:
-        shares.insert(0, _yielding_shares(program, start, step.change))
+    if program.local_step_reduction:
+        shares.insert(0, _local_step_shares(program, start, step.change))
 
     # The merit is an exact l∞ penalty per interval: the slack of the QP predicts the worst row.
     cost = motion.cost(start)
     before = cost + float(iterate.prices @ motion.worst_rows(start)) / motion.unit
-    foreseen = before - motion.foreseen_cost(step.change) - float(iterate.prices @ step.slack)
+    predicted = before - motion.predicted_cost(step.change) - float(iterate.prices @ step.slack)
 
     # By convexity of the model a fraction of the step gains at least that fraction of the predicted gain of the whole
     # step; the ratio of true to predicted gain decides, as in a trust-region method.
@@ -403,7 +405,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
         sweep = program.sweep(unknowns)
         after = motion.cost(sweep)
         worst = motion.worst_rows(sweep)
-        gain = (before - after - float(iterate.prices @ worst) / motion.unit) / max(share * foreseen, 1e-12)
+        gain = (before - after - float(iterate.prices @ worst) / motion.unit) / max(share * predicted, 1e-12)
         # The certificate is the most costly and comes last.
         # Negated, so that a NaN gain, from a user cost that is not finite there, is refused.
         if not gain > _SUFFICIENT or not program.feasible(sweep, start):
@@ -415,17 +417,17 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
             curvature = sweep.curvature(motion.active, step.multipliers, step.pull)
             # Where longer steps failed, slack was too cheap, even though this shorter step passes.
             prices = _raised(iterate.prices, failed, sweep)
-            lacking = worst > _LACK * program.wanted_gap
+            short = worst > _LACK * program.wanted_gap
             if program.wanted_gap > 0.0:
-                prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], settings.highest_price / sweep.parts)
+                prices[short] = np.minimum(_LACK_RISE * prices[short], settings.highest_price / sweep.parts)
             found = _Certified(program, sweep)
-            gained = cost - after + settings.price * (iterate.motion.lack - found.lack)
+            gained = cost - after + settings.price * (iterate.motion.shortfall - found.shortfall)
             damping = _damping(iterate.damping, share, gain)
             return _Iterate(found, prices, damping, curvature, gained), failed
         failed = failing
         if share == 1.0 and not program.curve.affine:
             # The links of a fed arm move far; a single interval that fails would else refuse or shorten the whole step.
-            shares.insert(1, _yielding_shares(program, start, step.change))
+            shares.insert(1, _local_step_shares(program, start, step.change))
     return None, failed
 
 
@@ -442,7 +444,7 @@ def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
     return raised.ravel()
 
 
-def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
+def _local_step_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
     """Return the fraction of a step that each keyframe takes, shape (K + 1, 1), reduced near uncertified intervals.
 
     In a narrow passage, a few intervals block a step that all other intervals could take in full.
@@ -454,7 +456,7 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
     """
     shares = np.ones(len(change))
     keyframes = np.arange(len(change))
-    for _ in range(_YIELDINGS):
+    for _ in range(_STEP_REDUCTIONS):
         taken = program.ended(start.unknowns + shares[:, None] * change)
         failing = _NONE if taken is None else program.failures(taken)
         if len(failing) == 0:

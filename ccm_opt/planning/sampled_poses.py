@@ -134,7 +134,7 @@ def chained_goal_poses(
     limits = np.full(arm.links, _CHAIN_BENDS * arm.joint_limit)
     limits[0] = arm.base_limit
     limits[: arm.clamped_joints] = 0.0
-    chains = LinkChains.of(arm, task.tree, task.box, limits, exact=True)
+    chains = LinkChains.in_box(arm, task.tree, task.box, limits, exact=True)
     ends = (WayEnd(arm.base, arm.direction), WayEnd(goal.position, goal.direction))
     found: list[Pose] = []
     kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
