@@ -155,7 +155,9 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
-        """Return the cause that keeps the least clearance of the motion from growing, or None if the solver fails.
+        """Return the cause that keeps the least clearance of the motion from growing; None if the solver fails.
+
+        None, too, if no row lacks clearance.
 
         At the solution of the QP the forces λ ∇g of all active rows, and the negative gradient of the cost, add up to
         zero. The cause is the kind of rows (walls, links, goal, length or other limits) whose forces against that of
@@ -176,6 +178,8 @@ class KeyframeProgram:
         # Rows of one part share their slack; the one that lacks most carries the largest multiplier.
         part = int(np.argmax(motion.worst_rows(motion.sweep)))
         of_part = np.flatnonzero(motion.active.part(motion.sweep) == part)
+        if len(of_part) == 0:
+            return None  # clearance is lacking between the rows only
         worst = of_part[np.argmax(multipliers[of_part])]
         slack = x[~unknown][part]
         if slack < (1.0 - improvement) * float(motion.worst_rows(motion.sweep)[part]) / motion.unit:
