@@ -54,7 +54,12 @@ def turned_by(vectors: ca.SX) -> ca.SX:
 
 
 def axis(quaternions: ca.SX, number: int) -> ca.SX:
-    """Return the x, y or z axis (0, 1 or 2) turned by each of n symbolic quaternions, shape (4, n), shape (3, n)."""
+    """Return an axis turned by each of n symbolic unit quaternions, shape (3, n).
+
+    Args:
+        quaternions: the quaternions, shape (4, n).
+        number: 0 for the x axis, 1 for y, 2 for z.
+    """
     w, x, y, z = ca.vertsplit(quaternions)
     if number == 0:
         return ca.vertcat(w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y))
@@ -64,7 +69,11 @@ def axis(quaternions: ca.SX, number: int) -> ca.SX:
 
 
 def chained_quaternions(turns: FloatArray) -> FloatArray:
-    """Return the cumulative products of numerical quaternions, both of shape (n, 4), without changes of sign."""
+    """Return the cumulative products of numerical quaternions, from the first to each, both of shape (n, 4).
+
+    The products are not normalised to a sign (q and −q are the same rotation), so they change continuously with the
+    arguments.
+    """
     chained = np.empty_like(turns)
     latest = np.array([1.0, 0.0, 0.0, 0.0])
     for step, turn in enumerate(turns):
@@ -83,8 +92,8 @@ class BishopFrames(CurveFrames):
     """Links in space as unit quaternions that follow a symbolic curve, whose frames are shot from joint to joint.
 
     Every link points along the curve's mean direction over the link, up to a fraction of the offset that the links of
-    the start pose have from the nearby curve. So the start pose satisfies every row. The solver may reduce the offsets
-    but need not; the coordinates in which motions are planned keep their offset from the curve throughout.
+    the start pose have from the nearby curve. So the start pose satisfies every constraint. The solver may reduce the
+    offsets but need not.
     """
 
     directions = ("left", "up")
@@ -92,7 +101,7 @@ class BishopFrames(CurveFrames):
 
     @cached_property
     def lies(self) -> ca.SX:
-        """Unit quaternions of the n links relative to the straight arm, shape (4, n)."""
+        """Unit quaternions that turn the axes of the straight arm into those of each of the n links, shape (4, n)."""
         return ca.SX.sym("link", 4, self.links)
 
     @cached_property
@@ -167,9 +176,11 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(turns[:, 0], turned)))
 
     def _mapping(self) -> RowBlock:
-        """Return the NLP rows that align every link with the mean direction of the curve over the link.
+        """Return the NLP constraints that align every link with the curve's mean direction over it, up to an offset.
 
-        A common fraction of the offsets that the links of the start pose have from the curve remains.
+        The links of the start pose do not follow the curve exactly. Each link may therefore keep the offset of its
+        direction in the start pose, times a factor in [0, 1] that all links share and that is a variable of the NLP
+        ("stray"). The start pose satisfies these constraints with the factor 1, which the solver may reduce.
         """
         means, frames, stray = (self.further_symbols[name] for name in ("means", "frames", "stray"))
         directions = mean_direction(means)
@@ -239,10 +250,11 @@ class BishopFrames(CurveFrames):
         return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * np.array(self.per_length) - at_joints[:-1]
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return the bounds of the curve's turns, the components of the last link, and the offset of the links.
+        """Return bounds on the curve's turns, the last link's direction and the links' offsets from the curve, by name.
 
-        Turns start at 0, and the fraction of the offsets lies in [0, 1]. The two components of the last link lie in a
-        square whose corners are at the tolerance.
+        Turns start at 0, and the fraction of the offsets that remains lies in [0, 1]. Each of the last link's two
+        components perpendicular to the goal direction is at most sin(tolerance)/√2 in magnitude, so that their norm is
+        at most sin(tolerance).
 
         Args:
             lies: unused.

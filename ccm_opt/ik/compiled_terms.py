@@ -22,7 +22,7 @@ TIME_TO_BUILD = 10.0
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 """CasADi operations whose result is true or false."""
 _SYMBOLS_USED_AS_NUMBERS = ("truth value of a CasADi", "interpreted as an integer", "to numeric matrix not supported")
-"""Parts of the errors of CasADi and Python where a symbol stands in place of a number."""
+"""Fragments of the messages with which CasADi and Python reject code that uses a symbol as a number."""
 _USE_CASADI = (
     "quantities are symbols: use ca.if_else for if, ca.fmax and ca.fmin for max and min, ca.sin for math.sin, and so on"
 )
@@ -220,9 +220,10 @@ class UserTerms:
         }
 
     def softened(self, q: FloatArray, weight: float) -> "UserTerms":
-        """Return the terms with every hard constraint made soft, its violation weighted like turns of the links.
+        """Return the terms with all constraints made soft, with weights that make their violations comparable.
 
-        The derivative of a constraint with respect to link turns converts its unit into radians.
+        The violation of a constraint is divided by its steepest derivative with respect to link turns, which converts
+        its unit into radians.
 
         Args:
             q: configuration at which the derivatives are evaluated, shape (c,) [rad, m].

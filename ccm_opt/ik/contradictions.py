@@ -128,7 +128,10 @@ def _cosine(a: Intervals) -> Intervals:
 
 
 def _holds_turn(a: Intervals, angle: float) -> Any:
-    """Return whether intervals of angles contain an angle modulo 2π, shape (B,); near misses count [rad]."""
+    """Return whether intervals of angles [rad] contain an angle modulo 2π, shape (B,).
+
+    Angles outside an interval by no more than 1e-12 of a turn count as inside, to allow for rounding.
+    """
     turn = 2.0 * np.pi
     return np.floor((a.high - angle) / turn + 1e-12) >= np.ceil((a.low - angle) / turn - 1e-12)
 

@@ -179,7 +179,7 @@ class CurveFrames(ABC):
 
     @property
     def costs(self) -> dict[str, ca.SX]:
-        """Unweighted parts that a subclass adds to the objective of the NLP, by name."""
+        """Unweighted cost terms that a subclass adds to the objective of the NLP, by name; empty by default."""
         return {}
 
     def rows(self) -> tuple[RowBlock, ...]:
@@ -206,7 +206,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the turns in each direction for joint bends, both of shape (n, k) [rad]."""
+        """Return the turns in the curve's k directions for n joints' bends, both of shape (n, k) [rad]."""
 
     @abstractmethod
     def lies_at(self, bends: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ class PathProfile:
         return self.directions[leg_indices(self.arcs, length)]
 
     def point_at(self, length: FloatArray) -> FloatArray:
-        """Return the points at given lengths along the path, shape (m,), in arm lengths, shape (m, 2)."""
+        """Return the points of the path at given lengths along it, shape (m, 2); both are in arm lengths."""
         return points_at(self.points, self.arcs, length)
 
 
@@ -104,9 +104,10 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
-    """Return the lengths along a route's shortest path at which it changes region, with both ends, (regions + 1,).
+    """Return the lengths along a route's shortest path at which it changes region, shape (regions + 1,).
 
-    Lengths are in units of the arm's length.
+    The first entry is 0 and the last the length of the path, in units of the arm's length. Where two regions overlap,
+    the change is in the middle of the overlap.
     """
     t = np.linspace(0.0, profile.arcs[-1], _PATH_SAMPLES)
     world = profile.point_at(t) * task.length + task.base
@@ -132,7 +133,7 @@ def _taut_points(task: ConfigurationTask) -> FloatArray:
 _SEGMENT_TOTALS = (4, 6, 8)
 """Total numbers of segments in the attempts after the first. Taste."""
 _WINDINGS = 3
-"""Number of windings (whole turns at the ends) that are tried, the fewest turns first. Taste."""
+"""Number of combinations of whole turns at base and tip that are tried, the least total turn first. Taste."""
 _GUESS_SAMPLES = 401
 """Number of samples of the guessed heading. Taste."""
 _CORNER_ROUNDING = 0.06
@@ -345,9 +346,12 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: Float
 
 
 def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
-    """Return the distances from a point (2,) to the edge of a convex region along a heading and its opposite [m].
+    """Return the distances [m] from a point to the edge of a convex region, in a direction and in the opposite one.
 
-    ``across`` is the heading [rad].
+    Args:
+        region: the region; infinite distances are returned where it is unbounded.
+        point: a point inside, shape (2,) [m].
+        across: heading of the direction [rad].
     """
     slack = region.offsets - region.normals @ point
     rate = region.normals @ unit_vector(across)
@@ -422,7 +426,7 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
 def attempt(
     task: ConfigurationTask, regions: tuple[int, ...], profile: PathProfile, bulge: int
 ) -> Configuration | FailedAttempt:
-    """Return the checked curve that an NLP gives from one initial guess, or the reasons why the attempt failed.
+    """Solve one NLP from one initial guess; return its checked curve, or a ``FailedAttempt`` with the reasons.
 
     Args:
         task: the task to be solved.

@@ -29,7 +29,7 @@ class MotionStates:
     time: FloatArray
 
     def where(self, where: Where) -> "MotionStates":
-        """Return the states at which a constraint or cost applies, given its ``where``."""
+        """Return the states at which a constraint or cost with the given value of ``where`` applies."""
         chosen = applies_at(where, self.u)
         return MotionStates(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
 

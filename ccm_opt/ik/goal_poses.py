@@ -24,15 +24,16 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 _GOAL = 1.0
 """Path parameter at the goal."""
 _REGION_SIZES = (8, 16, 24, 32, 48, 64, 96, 128)
-"""Numbers of sides per joint for which NLPs are built, so that poses share solvers (measured: all of 42 scenes of
-clutter in the plane need eight or fewer)."""
+"""Numbers of sides per joint for which NLPs are built; the number a pose needs is rounded up to one of these, so that
+poses share solvers (measured: all of 42 scenes of clutter in the plane need eight or fewer)."""
 
 
 @lru_cache(maxsize=4)  # regions are redrawn several times per question, but the solver is built once
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
-    """Return a goal-pose NLP extended by the user's hard constraints as rows and soft constraints and costs as costs.
+    """Return a goal-pose NLP with the user's constraints and costs added.
 
-    The objective is divided by the largest weight above 1.
+    Hard constraints become constraints of the NLP; soft constraints and costs are added to its objective. The objective
+    is divided by the largest of the user's weights if that exceeds 1.
 
     Args:
         program: the NLP without the user's constraints and costs.
@@ -79,7 +80,7 @@ class GoalPoses:
     Attributes:
         problem: the problem, with a goal for the tip.
         tree: distance tree of the walls and surfaces of the workspace.
-        near: configuration from which deviations cost, shape (c,) [rad, m]; None for the pose to be improved.
+        near: configuration from which deviations are penalised, shape (c,) [rad, m]; None for the pose to be improved.
         terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
         wanted_share: multiple of the preferred clearance above which more clearance does not lower the cost.
@@ -157,7 +158,7 @@ class GoalPoses:
 
         Args:
             q: configuration of the pose, shape (c,) [rad, m].
-            drawn_with: settings with the reach and the number of sides of the regions.
+            drawn_with: settings with the distance up to which walls bound a region, and the maximum number of sides.
         """
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
@@ -169,8 +170,8 @@ class GoalPoses:
 
         Args:
             start: configuration from which the solver starts, shape (c,) [rad, m].
-            seed: configuration from which deviations cost unless ``near`` is set, shape (c,) [rad, m].
-            drawn_with: settings with the reach and the number of sides of the regions.
+            seed: configuration from which deviations are penalised unless ``near`` is set, shape (c,) [rad, m].
+            drawn_with: settings with the distance up to which walls bound a region, and the maximum number of sides.
         """
         arm = self.problem.arm
         regions = self.regions(start, drawn_with)
@@ -201,7 +202,8 @@ class GoalPoses:
     def strays(self, pose: ArmPose) -> bool:
         """Return whether a solution has less clearance than the sides of its regions imply.
 
-        This happens if a link has moved beyond the reach of its region, or if a side was left out of the region.
+        This happens if a link has moved farther than the distance up to which its region takes walls into account, or
+        if the region was limited to its nearest sides.
         """
         points = self.problem.arm.joint_positions_at(pose.q)
         hidden = self.settings.behind * self.problem.arm.length
@@ -212,7 +214,8 @@ class GoalPoses:
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
         """Return one solution of the NLP, feasible or not, in regions that are large enough for the links' motion.
 
-        If a link has left the reach of its region, the NLP is solved again with larger regions.
+        If the solution has less clearance than its regions imply (``strays``), the NLP is solved again with regions
+        that take farther walls and more sides into account.
 
         Args:
             start: configuration from which the solver starts, shape (c,) [rad, m].

@@ -36,7 +36,7 @@ _LEAST_PIECE = 0.08
 
 @dataclass(frozen=True, eq=False)
 class SplinePieces:
-    """Symbolic cubic pieces of a curvature spline, m of them, on which methods work at once.
+    """The m symbolic cubic pieces of a curvature spline; every method evaluates all of them at once.
 
     Attributes:
         start: arc length at the start of each piece, shape (m, 1).

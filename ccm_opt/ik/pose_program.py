@@ -170,8 +170,8 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
     """Return the rows that keep both ends of every link in the convex region of the link, with a common clearance.
 
     The rows are n · P ≥ b + c g for every side (n, b) of the region of every joint and of the tip. The factor c is the
-    fraction of the clearance that the side requires. A link that may touch obstacles near its start is held from the
-    start of its constrained part.
+    fraction of the clearance that the side requires. If the first part of a link may touch obstacles, only the rest of
+    the link is kept in the region.
 
     Args:
         points: positions P of the joints and the tip, shape (d, links + 1).

@@ -16,7 +16,7 @@ _PAIR_REACH = 0.1
 
 @dataclass(frozen=True, eq=False)
 class JointRegions:
-    """Half-spaces n · P ≥ b, called sides, in which the joints and the tip must stay as points of the arm's axis.
+    """Half-spaces n · P ≥ b, called sides, in which the positions P of the joints and the tip must stay.
 
     The sides of a joint form a convex region. A joint lies in the regions of both its links, so both ends of a link lie
     in the region of that link, and hence the whole link does. The offsets include the radius and the required clearance
@@ -64,7 +64,10 @@ class JointRegions:
         return found
 
     def gap(self, first_shares: FloatArray, points: FloatArray) -> float:
-        """Return the least gap of any link to the sides of its region, without parts that may touch obstacles [m].
+        """Return the least gap between any link and the sides of its region [m]; negative if a side is crossed.
+
+        Each side's gap is divided by the fraction of it that the side requires. The parts of the arm that may touch
+        obstacles are left out.
 
         Args:
             first_shares: fraction of each link at which its constrained part starts, shape (links,).
@@ -79,14 +82,15 @@ class JointRegions:
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
-    """Return the axes of the parts of the arm that may not touch obstacles, as k segments in space.
+    """Return the centre-line segments of all links, without the parts that may touch obstacles, as segments in space.
 
     Args:
         arm: the arm.
         points: positions of joints and tip, shape (links + 1, d) [m].
 
     Returns:
-        Both ends of the segment on each of the last k links, shape (k, 2, 3) [m].
+        Both ends of the segment on each of the last k links, shape (k, 2, 3) [m]; the k links are those not wholly
+        allowed to touch obstacles.
     """
     shares = arm.free_shares
     starts = points[:-1] + shares[:, None] * np.diff(points, axis=0)

@@ -16,8 +16,8 @@ _CLEARANCE_WEIGHT = 10.0
 """Cost of having none of the preferred clearance, much higher than that of bending (taste)."""
 _KNOT_WEIGHT = 4.0
 """Weight of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP; measured:
-with 0.05 clutter takes 28 iterations in the median, with 4 it takes 12, and the parts of the cost that describe the
-pose grow by 0.1 %)."""
+with 0.05 scenes of clutter take 28 iterations in the median, with 4 they take 12, and the cost terms that describe
+the pose grow by 0.1 %)."""
 _BOW_WEIGHT = 1e-3
 """Weight of the deviation of the curvature from its chords between knots; for the same reason (taste)."""
 _TORQUE_WEIGHT = 0.1
@@ -58,8 +58,7 @@ class PoseSettings:
         feasible: violation up to which a row counts as satisfied; one millionth of the arm (derived: below the
             certificate's own margin).
         binding: multiplier above which a row counts as shaping the pose; the objective is of order one (taste).
-        behind: distance by which a surface in space may protrude through a side that covers it, as in the distance
-            computation.
+        behind: distance by which a surface in space may protrude through the side of a region that stands for it.
         most_sides: maximum number of sides of a link's region, the nearest ones (measured: in narrow passages half of
             the links need four, but others need 16 to 128, which would cost time at every link in every iteration).
         enough: fraction of the preferred clearance at which no further round is worth its time (taste).
@@ -86,11 +85,11 @@ class PoseSettings:
         return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / self.links_a_segment)
 
     def objective_weights(self, parts: tuple[str, ...], given: Weights, bends_a_joint: int) -> FloatArray:
-        """Return the weights of parts of the objective, shape (parts,).
+        """Return the weights of cost terms of the objective, in the order of their names, shape (terms,).
 
         Args:
-            parts: names of the parts.
-            given: weights of the problem, which scale several of them.
+            parts: names of the cost terms, such as "bending".
+            given: weights of the problem, which scale the terms "bending" and "distance".
             bends_a_joint: 1 in the plane, 2 in space.
         """
         weights = {

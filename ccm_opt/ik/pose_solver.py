@@ -80,11 +80,11 @@ class PoseQuestion:
     Attributes:
         program: symbolic program, possibly with the user's constraints and costs.
         settings: settings of the NLP.
-        weights: weights of the parts of the objective, in their order.
+        weights: weights of the program's own cost terms, in the order of ``program.parts``.
         arm: the arm.
         position: goal of the tip, shape (d,) [m].
         direction: direction of the last link at the goal, a unit vector of shape (d,), or None.
-        near: configuration from which deviations cost, shape (c,) [rad, m].
+        near: configuration from which deviations are penalised, shape (c,) [rad, m].
         start: configuration from which the solver starts, usually inside its regions, shape (c,) [rad, m]. In the
             plane the heading of the last link keeps the number of whole turns of the start.
         regions: convex regions of every joint and of the tip.
@@ -220,7 +220,8 @@ class PoseQuestion:
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the program's variables, each of shape (variables,).
 
-        They hold the ends of the curve, the joint limits, the range of the feed, the goal and the largest gap.
+        They fix the ends of the curve, limit bends and feed, keep the tip within the goal's tolerances, and cap the gap
+        at ``wanted_gap``.
         """
         length = self.arm.length
         frames = self.program.frames
@@ -242,7 +243,10 @@ class PoseQuestion:
 
     @property
     def _least_gap(self) -> float:
-        """Lower bound on the gap [m]; none without costs of the user, as the lack of clearance outweighs all others."""
+        """Lower bound on the gap [m]; −∞ if the user has no costs.
+
+        Without the user's costs, the cost of missing clearance outweighs all others, so that no bound is needed.
+        """
         return _USER_GAP * self.wanted_gap if len(self.program.parts) > len(self.weights) else -np.inf
 
     @cached_property

@@ -95,11 +95,11 @@ class ArmQuantities(ABC):
         return ca.horzcat(*points)
 
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Return derivatives with respect to link turns from derivatives with respect to a configuration, both (m, c).
+        """Convert derivatives with respect to a configuration into derivatives with respect to link turns, both (m, c).
 
-        The column of the base becomes a derivative per arm length of feed. If one link turns about a bend axis and all
-        other links keep their direction, the bend of the link's joint grows by the turn and the next bend decreases by
-        as much.
+        A link turn is the turn of one link about a bend axis while all other links keep their directions: the bend of
+        the link's joint grows by the turn, and that of the next joint decreases by as much. The derivatives with
+        respect to the base position are multiplied by the arm's length.
         """
         bends, k = len(self.arm.bend_limits), self.arm.bends_a_joint
         turned: FloatArray = np.concatenate((slopes[:, :bends], self.arm.length * slopes[:, bends:]), axis=1)
@@ -147,7 +147,7 @@ class ArmQuantities(ABC):
         return ca.jtimes(point, ca.vertcat(self.bends, self.base_feed), ca.vertcat(*self.rates))
 
     def _link_at_arc_length(self, s: float) -> tuple[int, float]:
-        """Return the index of the link that contains an arc length [m], and the fraction of the link before that."""
+        """Return the index of the link that contains an arc length [m], and the fraction of the link before it."""
         links = float(np.interp(self._checked(s), self.arm.joint_places, np.arange(self.arm.links + 1)))
         # The tip itself belongs to the last link, not to a link beyond it.
         link = min(int(links), self.arm.links - 1)
@@ -157,7 +157,7 @@ class ArmQuantities(ABC):
         """Return an arc length [m] clipped to the arm.
 
         Raises:
-            ProblemError: the value is no number, or off the arm by more than rounding.
+            ProblemError: the value is not a number, or lies outside the arm by more than rounding.
         """
         length = self.arm.length
         rounding = 1e-9 * length
@@ -206,7 +206,7 @@ class Quantities(ArmQuantities):
         return self.link_headings[-1]
 
     def heading_at(self, s: float) -> Any:
-        """Return the heading of the arm at arc length ``s`` [m] from the base [rad], linear between link middles."""
+        """Return the heading of the arm at arc length ``s`` [m] from the base [rad], linear between link midpoints."""
         # A link's heading belongs to its middle.
         at = float(np.interp(self._checked(s), self.arm.link_middles, np.arange(self.arm.links)))
         return _linear(self.link_headings, at)

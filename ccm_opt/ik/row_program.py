@@ -79,11 +79,11 @@ class RowProgram:
 
     Attributes:
         unknowns: the variables.
-        parameters: values that may change between solutions, including the weights of the parts.
+        parameters: values that may change between solutions, including the weights of the cost terms.
         rows: all blocks of constraint rows.
-        parts: parts of the objective by name: first those whose weights are parameters, unweighted, then those of the
-            user, weighted.
-        objective: weighted sum of the parts.
+        parts: cost terms of the objective by name. Those whose weights are parameters come first, unweighted; the
+            user's follow, with their weights included.
+        objective: weighted sum of the cost terms.
     """
 
     unknowns: Symbols
@@ -104,7 +104,7 @@ class RowProgram:
 
     @cached_property
     def parts_function(self) -> ca.Function:
-        """CasADi function from variables and parameters to the parts of the objective, in one column."""
+        """CasADi function from variables and parameters to the cost terms in ``parts``, in one column."""
         parts = ca.vertcat(*self.parts.values())
         return ca.Function("parts", [self.variables, self.parameters.column], [parts])
 
@@ -121,12 +121,12 @@ class RowProgram:
         return lower, upper
 
     def costs(self, variables: FloatArray, parameters: FloatArray, weights: FloatArray) -> dict[str, float]:
-        """Return the values of the weighted parts of the objective by name.
+        """Return the values of the weighted cost terms of the objective by name.
 
         Args:
             variables: values of the variables, shape (variables,).
             parameters: values of the parameters, shape (parameters,).
-            weights: weights of the first parts; the remaining parts, those of the user, include their weights already.
+            weights: weights of the first cost terms; the remaining ones, the user's, already include their weights.
         """
         own = np.ones(len(self.parts) - len(weights))
         amounts = np.asarray(self.parts_function(variables, parameters), dtype=np.float64).ravel()
@@ -139,7 +139,7 @@ class RowAnswer:
 
     Attributes:
         variables: values of the variables at which the solver stopped, shape (variables,).
-        costs: weighted parts of the objective by name; their sum is the objective.
+        costs: weighted cost terms of the objective by name; their sum is the objective.
         multipliers: magnitudes of the Lagrange multipliers of active rows and bounds by name, the largest first: the
             decrease of the objective per unit by which the row is relaxed (arm length, radian, or the user's unit).
         status: return status of the solver.
@@ -162,7 +162,7 @@ class RowAnswer:
 
     @property
     def cost(self) -> float:
-        """Value of the objective, the sum of its weighted parts."""
+        """Value of the objective, the sum of its weighted cost terms."""
         return float(sum(self.costs.values()))
 
 
@@ -183,7 +183,7 @@ def row_answer(
         answer: results of CasADi's solver, with the keys "x", "g" and "lam_g".
         statistics: statistics of CasADi's solver.
         feasible: violation up to which a row counts as satisfied.
-        costs: weighted parts of the objective by name.
+        costs: weighted cost terms of the objective by name.
         bounded: multipliers, by name, of bounds on variables that are reported like those of rows.
         binding: multiplier above which a row or bound counts as active.
     """
@@ -213,7 +213,7 @@ def row_answer(
 
 
 def _is_tie(name: str) -> bool:
-    """Return whether a row of the given name only relates variables to each other and does not restrict the pose."""
+    """Return whether a constraint row, judged by its name, only defines variables and does not restrict the pose."""
     if name.startswith("user: "):  # whatever its name
         return False
     return any(tie in name for tie in ("mapping", "gap in", "spline at", "of its end"))
@@ -248,8 +248,8 @@ def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:
     """Return CasADi functions for the Jacobian of a program's rows and the Hessian of its Lagrangian, by option name.
 
     They are built block by block. All rows of a block depend on few variables in a similar way, so the derivatives of a
-    block take fewer sweeps than those of all rows at once: with CasADi's own derivatives a program in space takes half
-    as long again (measured).
+    block take fewer sweeps than those of all rows at once: with CasADi's own derivatives a program in space takes 1.5
+    times as long (measured).
     """
     variables, parameters = program.variables, program.parameters.column
     weight = ca.SX.sym("weight")

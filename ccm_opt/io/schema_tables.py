@@ -265,7 +265,10 @@ class Table(BaseModel):
         return cls.model_construct(**{name: value for name, value in values.items() if value is not None})
 
     def written(self, unit: LengthUnit) -> dict[str, Any]:
-        """Return the keys that are set as plain data, with lengths in ``unit`` and angles in degrees."""
+        """Return the table as plain data for a file, with lengths in ``unit`` and angles in degrees.
+
+        Keys that were not set explicitly are left out.
+        """
         return self.model_dump(by_alias=True, exclude_unset=True, context={"unit": unit}, warnings=False)
 
     @property

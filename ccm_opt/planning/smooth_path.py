@@ -1,4 +1,9 @@
-"""The smooth path along a motion: a spline near its keyframes, or one through knots that are moved onto user limits."""
+"""The smooth path along a motion: a spline near its keyframes, or through knots projected onto user constraints.
+
+The knots are tried first if a user constraint is an equation, or if a user constraint or cost depends on the path
+parameter; otherwise the spline near the keyframes is tried first. If the first alternative yields no certified path,
+the other is tried; without user constraints and costs, the knots are not tried at all.
+"""
 
 from dataclasses import dataclass
 from functools import partial
@@ -100,8 +105,9 @@ def _no_path(task: SearchTask) -> Diagnosis:
 def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
     """Return the certified path through joint space along a motion; None if there is none.
 
-    A path near the keyframes is short and smooth, but violates equations, and may violate user constraints between the
-    keyframes. A path through knots that are moved onto the limits meets these, but leaves no gap for timing to use.
+    A path near the keyframes is short and smooth, but violates user constraints that are equations, and may violate
+    the others between keyframes. A path through knots projected onto the constraints satisfies them, but leaves no
+    spare gap for timing. The module's docstring says which one is tried first.
 
     Args:
         motion: certified motion; its keyframes meet the equations of the limits.
@@ -122,7 +128,7 @@ def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath 
 
 # ------------------------------------------------------------ through knots on the limits
 def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """Return a certified path, interpolating knots that are moved onto the user limits; None if none is certified.
+    """Return a certified path through knots projected onto the user's constraints; None if no path is certified.
 
     Args:
         motion: the motion; the result is None unless its configurations are affine in its unknowns.

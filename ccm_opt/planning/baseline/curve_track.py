@@ -151,9 +151,10 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
 
 
 def without_near(points: Sequence[FloatArray], least: float) -> FloatArray:
-    """Return points without those closer than ``least`` [m] to the previous kept or the last point, shape (k, 2) [m].
+    """Return a polyline's points thinned to a minimum distance ``least`` [m], shape (k, 2) [m].
 
-    First and last point are always kept.
+    The first and the last point are always kept. A point between them is dropped if it is closer than ``least`` to the
+    last point or to the previous point that was kept.
     """
     kept = [points[0]]
     for point in points[1:-1]:

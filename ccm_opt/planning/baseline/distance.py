@@ -39,7 +39,7 @@ class DistanceWeights:
 
 @dataclass(frozen=True)
 class Precision:
-    """Maximum errors of a tip that has reached a goal: position as a fraction of the reach, and heading [rad]."""
+    """Tolerances within which a tip counts as at its goal: position as a fraction of the reach, and heading [rad]."""
 
     position: float = 4e-4
     heading: float = 6e-3
@@ -54,7 +54,7 @@ class Distance:
         reach: reach R of the arm, the unit of length [m].
         weights: weights of heading and base rotation.
         base_heading: reference θ_ref of the base heading [rad].
-        precision: maximum errors of a tip at the goal.
+        precision: tolerances of a tip at the goal.
     """
 
     goal: TipPose

@@ -26,7 +26,7 @@ _LEAST_PUSH = 1e-6
 _TRIED_AT_ONCE = 4
 """Number of candidate moves checked for collision in the first batch, best first. Taste."""
 _MORE_EACH_GO = 3
-"""Growth of the batch size from batch to batch. Derived: one check costs nearly as much as ten."""
+"""Factor by which batches grow. Derived: checking one move takes nearly as long as checking ten."""
 _MOST_TRIED = 96
 """Maximum number of improving candidates checked before the climb counts as blocked. Taste."""
 _HEADWAY = 0.2

@@ -40,7 +40,8 @@ _FIRST_SUBGOALS = (0.15, 0.08)
 """Distances of the first subgoal from the base along the route, as fractions of the arm's length; the farther one is
 tried first, since a nearer subgoal requires a tighter fold. Taste."""
 _CORNER_SPACING = 0.7
-"""Distance between corners below which they are merged, as a fraction of the straight lines at the ends. Taste."""
+"""Distance between corners below which they are merged, as a fraction of the length of the straight lines at the ends
+of the reference path. Taste."""
 _CORNER_DISTANCE = 0.04
 """Distance to keep from corners of obstacles where possible, as a fraction of the arm's length. Taste."""
 _NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
@@ -88,9 +89,10 @@ def region_plan(
 
 
 def _interface(world: World, start: Configuration) -> Schema:
-    """Run schema SCM-6, which reduces the curvature at the tip to zero; if it stops, yield no steps, return the start.
+    """Run schema SCM-6 of the paper: reduce the curvature at the tip to zero while the tip keeps its pose.
 
-    Without SCM-6, curvature jumps where the reference path begins.
+    Without it, curvature jumps where the reference path begins. If SCM-6 succeeds, its steps are yielded and its last
+    configuration is returned. If it is blocked, no step is yielded and ``start`` is returned.
     """
     try:
         steps, here = run(scm_6(world, start))
@@ -103,16 +105,17 @@ def _interface(world: World, start: Configuration) -> Schema:
 def passages(
     world: World, start: Configuration, room: FreeSpace, goal: TipPose, obstacle: FloatArray | None, routes: int
 ) -> Iterator[Passage]:
-    """Yield passages from near the base to the goal: first past the obstacle ahead, then along routes from the base.
+    """Yield passages (first subgoal near the base, reference path to the goal) that touch no wall.
 
-    Passages longer than the arm are left out, since the arm cannot reach their ends.
+    Those past the obstacle ahead come first, then those along routes from the base. Passages longer than the arm are
+    left out, since the arm cannot reach their ends.
 
     Args:
         world: environment of the schemas, with the curvature limit.
         start: configuration of the arm.
         room: free space of the arm's centre line.
         goal: goal of the tip.
-        obstacle: nearest point of the obstacle between base and goal, shape (2,) [m], or None.
+        obstacle: result of ``obstacle_ahead``, shape (2,) [m]; None if the line of sight from base to goal is free.
         routes: maximum number of routes in different homotopy classes, shortest first.
     """
     shrink = _CORNER_DISTANCE * start.length
@@ -130,7 +133,9 @@ def passages(
 def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
-    """Return the first collision-free reference path, with the longest possible straight ends; None if there is none.
+    """Return a collision-free reference path whose straight ends are the longest of those tried.
+
+    The lengths in ``_STRAIGHT_RUNS`` are tried in order; the result is None if no path is collision-free.
 
     Args:
         world: environment of the schemas.
@@ -324,7 +329,11 @@ def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Sch
 
 
 def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
-    """Return the point nearest to the base on the first obstacle between base and goal, shape (2,) [m], or None."""
+    """Return the point nearest to the base on the first obstacle between base and goal, shape (2,) [m].
+
+    An obstacle lies between them if, inflated by the arm's radius, it meets the straight line from base to goal. The
+    result is None if there is none.
+    """
     base = shapely.Point(problem.arm.base)
     sight = shapely.LineString([problem.arm.base, goal])
 

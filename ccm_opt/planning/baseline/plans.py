@@ -136,7 +136,11 @@ def fold_plan(
 def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     """Change the curve to a type that suits a subgoal (SCM-1, SCM-8), then move the tip straight to it (SCM-7).
 
-    SCM-7 begins at the last collision-free step of SCM-8, or, if it fails early, at an earlier step.
+    SCM-7 begins at the last collision-free step of SCM-8, or, if it fails early, at an earlier step. Steps are yielded
+    only if it succeeds.
+
+    Returns:
+        A configuration with the tip at the subgoal.
 
     Raises:
         SchemaStopped: SCM-7 does not reach the subgoal from any step of SCM-8.
@@ -161,7 +165,10 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
 
 
 def _progress_share(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
-    """Return the fraction of the tip's initial distance to a subgoal that a motion between configurations covers."""
+    """Return the fraction of the tip's distance to a subgoal that a motion from ``start`` to ``end`` removes.
+
+    It is at most 1, and negative if the tip ends farther from the subgoal.
+    """
     before = float(np.hypot(*(start.tip[0] - subgoal.position)))
     after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before
@@ -213,6 +220,12 @@ def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = 
         start: configuration of the arm.
         goal: goal of the tip.
         sliding: whether the boundary moves throughout.
+
+    Returns:
+        A configuration at the goal.
+
+    Raises:
+        SchemaStopped: no segment reaches the goal, or the feed or the climb stops before the goal.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
     return (yield from trace(world, start, SegmentTrack((curve,)), goal, sliding=sliding))
@@ -229,6 +242,9 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
         track: the reference path.
         goal: goal of the tip.
         sliding: whether the start of the path moves ahead throughout the feed, not just when the feed is blocked.
+
+    Returns:
+        A configuration at the goal.
 
     Raises:
         SchemaStopped: the feed ends too far from the goal, or the climb does not reach the goal.
@@ -264,7 +280,7 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
 
 
 def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
-    """Return the steps and last configuration of merging segments and climbing to the goal, or None if that fails."""
+    """Return the steps and last configuration of ``_arrival`` at the goal; None if the goal is not reached."""
     try:
         return run(_arrival(world, start, goal))
     except SchemaStopped:

@@ -82,13 +82,13 @@ def scm_6(world: World, start: Configuration) -> Schema:
 def hold(
     world: World, before: Configuration, changed: Configuration, segment: int, held: TipPose, schema: str
 ) -> Configuration:
-    """Return a changed configuration, corrected such that the end of a segment is at a given pose again.
+    """Correct a changed configuration until the end of a segment is back at a given pose, and return the result.
 
     The correction is a hill climb with the operators that keep the curvature at that end.
 
     Args:
         world: environment of the schemas.
-        before: the arm before the change, from which the straight motion to the result must be allowed.
+        before: the arm before the change; the motion from there to the result, linear in bends, must be allowed.
         changed: the arm after the change.
         segment: index of the segment whose end is held; the operators change this segment and those before.
         held: pose at which the end is held.
@@ -130,7 +130,7 @@ def hold(
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
-    """Return the configurations midway between consecutive ones, as means of their coordinates."""
+    """Return the midpoints of consecutive configurations: means of curvatures, knots and base headings."""
     middles = []
     for one, other in pairwise(beginnings):
         first = Shapes.from_configurations([one])
@@ -143,10 +143,10 @@ def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
 
 
 def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
-    """Return a configuration whose base segment is replaced by the curve that SCM-1 would select, as a tuple of one.
+    """Replace the base segment of a configuration by the curve that schema SCM-1 of the paper would select.
 
-    Length and end curvature of the segment are kept. The tuple is empty if the pose is out of reach or the segment is
-    not the base segment.
+    The segment keeps its length and its end curvature. The result is a tuple with the new configuration; it is empty
+    if the pose is out of reach, or if ``segment`` is not the base segment.
 
     Args:
         changed: the configuration.
@@ -222,8 +222,8 @@ def scm_0(
 def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
     """Run SCM-7: a sequence of SCM-0 with subgoals on the straight line from the tip to a goal.
 
-    The heading of the tip changes evenly from subgoal to subgoal. The motion between subgoals is straight if that is
-    allowed.
+    The heading of the tip changes evenly from subgoal to subgoal. The motion between subgoals is linear in bends if
+    that is allowed.
 
     Args:
         world: environment of the schemas.
@@ -232,7 +232,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
         precision: maximum errors of the tip at the goal; default values if None.
 
     Yields:
-        A step at every subgoal, and the moves between subgoals where straight motion is not allowed.
+        A step at every subgoal, and the moves of the climb between two subgoals if a linear motion is not allowed.
 
     Returns:
         A configuration at the goal.
@@ -258,7 +258,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 
 
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
-    """Move to the next subgoal of SCM-7 by SCM-0, in one step if the straight motion is allowed.
+    """Move to the next subgoal of SCM-7 by SCM-0, in one step if a motion that is linear in bends is allowed.
 
     Raises:
         SchemaStopped: the subgoal is not reached.
@@ -275,7 +275,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
 
 
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
-    """Return a text for messages with the errors of the tip relative to a goal in position and heading."""
+    """Describe, for messages, how far the tip is from a goal in position and, if the goal has one, in heading."""
     (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
     text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
     if goal.heading is not None:
@@ -356,13 +356,16 @@ def turned(configuration: Configuration, angle: float) -> Configuration:
 
 
 def direction_to_tip(world: World, configuration: Configuration) -> float:
-    """Return the direction of the vector from base to tip of a configuration [rad]."""
+    """Return the heading of the vector from base to tip of a configuration [rad]; ``world`` tells where the tip is."""
     (tip,), _ = world.tips(Shapes.from_configurations([configuration]))
     return vector_heading(tip - configuration.base)
 
 
 def _shares(start: Configuration, target: Configuration) -> list[float]:
-    """Return interpolation parameters in (0, 1], with at most 0.12 rad change of any heading between two."""
+    """Return evenly spaced interpolation parameters in (0, 1] for a motion between two configurations.
+
+    From one to the next, no heading along the curve changes by more than ``_STRIDE``.
+    """
     arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
     count = max(1, int(np.ceil(most / _STRIDE)))

@@ -61,7 +61,7 @@ class Feeding:
         return replace(self, configuration=configuration)
 
     def with_length_out(self, out: float) -> "Feeding":
-        """Return the state with another length ``out`` [m] on the path and the segments before scaled to compensate."""
+        """Return the state with the length ``out`` [m] on the path; the segments before it are scaled to compensate."""
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         scale = (before.length - (out - self.out)) / before.length
         return self._made_of(_scaled(before, slice(None), scale), self.track, out)
@@ -69,7 +69,8 @@ class Feeding:
     def with_boundary_ahead(self, length: float) -> tuple["Feeding", TipPose]:
         """Return the state with the start of the path moved ahead by ``length`` [m], and the pose of the new start.
 
-        The path loses its first part, and segment ``holder`` is stretched by the same length.
+        The path loses the first ``length`` metres, by which segment ``holder`` is stretched. The new pose is the one at
+        which the end of that segment has to be held.
         """
         ahead = self.track.after(length)
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
@@ -87,7 +88,7 @@ class Feeding:
         return whole.segments[len(before.segments) :]
 
     def _made_of(self, before: Configuration, track: SegmentTrack, out: float) -> "Feeding":
-        """Return the state of an arm of the segments ``before`` a path and the first ``out`` [m] of the path."""
+        """Return the state of an arm that consists of the segments ``before`` and the first ``out`` [m] of a path."""
         whole = before
         for segment in track.first(out):
             whole = add_segment(whole, segment)
@@ -262,12 +263,15 @@ def end_pose(configuration: Configuration, segment: int) -> TipPose:
 
 
 def resized(configuration: Configuration, segment: int, length: float) -> Configuration:
-    """Return a configuration with one segment scaled to another length [m] in equal shape, curvature included."""
+    """Return a configuration with one segment scaled to another length [m]; the segment keeps its shape.
+
+    Its curvatures are scaled by the inverse factor.
+    """
     return _scaled(configuration, slice(segment, segment + 1), length / configuration.segments[segment].length)
 
 
 def _scaled(configuration: Configuration, which: slice, scale: float) -> Configuration:
-    """Return a configuration with a range of segments scaled in length by a factor, of equal shape."""
+    """Return a configuration with a range of segments scaled in length by a factor; they keep their shape."""
     shapes = Shapes.from_configurations([configuration])
     shapes.lengths[0, which] *= scale
     shapes.curvature[0, which] /= scale
@@ -281,7 +285,7 @@ def fed(configuration: Configuration, curve: CurvatureSegment, length: float) ->
 
 
 def _parts(first: float, last: float, stride: float) -> list[float]:
-    """Return evenly spaced lengths after ``first`` up to ``last``, spaced by at most ``stride``, all [m]."""
+    """Return evenly spaced lengths from ``first`` (excluded) to ``last``, at most ``stride`` apart, all [m]."""
     count = max(1, int(np.ceil(abs(last - first) / stride)))
     return [first + (last - first) * k / count for k in range(1, count + 1)]
 
@@ -390,7 +394,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     that is shorter.
 
     Args:
-        world: the world.
+        world: environment of the schemas.
         start: configuration of the arm before the segment.
         goal: goal of the segment's end.
         longest: maximum length of the segment [m].
