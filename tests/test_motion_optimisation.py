@@ -200,16 +200,19 @@ def test_step_in_free_space_straightens_the_motion() -> None:
         ("goal", 5, 1e4, None, False),
         ("length", 2, 1e-3, None, False),
         ("steps", 2, 1e4, None, False),
+        (None, 2, 1e4, None, False),
     ],
 )
 def test_what_limits_clearance_is_what_pushes_against_it(
-    limit: ClearanceLimit, interval: int, price: float, opposite: int | None, *, held: bool
+    limit: ClearanceLimit | None, interval: int, price: float, opposite: int | None, *, held: bool
 ) -> None:
-    """A tip that lacks clearance on one side is held by what was put on the other side, or by nothing but its cost."""
+    """A tip that lacks clearance on one side is held by what is on the other side, or by its cost; else by nothing."""
     sweep = random_sweep(4, 6, size=0.0)
     unit, p = sweep.space.nominal_length, sweep.unknowns.shape[1]
     tip = sweep.points[0, -3]
-    sides = [(STILL, 1.0, 0.5 * unit)] + ([] if opposite is None else [(opposite, -1.0, 0.3 * unit)])
+    sides = [(STILL, 1.0, (-0.5 if limit is None else 0.5) * unit)] + (
+        [] if opposite is None else [(opposite, -1.0, 0.3 * unit)]
+    )
     normal = np.array([[0.0, side] for _, side, _ in sides])
     minus = np.array([other for other, _, _ in sides])
     lacks = np.array([lack for _, _, lack in sides])
