@@ -464,6 +464,7 @@ WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
     _chaining(1),
     Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),
     _sampling(3),
+    _chaining(2),
     _poses(whole=False),
     _sampling(4),
     Strategy("ways of the tip through the finest grid", SpaceRun.find_along_finest_ways, costly=True),

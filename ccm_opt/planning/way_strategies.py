@@ -61,7 +61,7 @@ _SAMPLED = 100
 """First seed number of the sampled trees, among those of a task."""
 _CHAINED = 200
 """First seed number of the chains of links that become poses at the goal, among those of a task."""
-_CHAINED_TURNS = (8, 24)
+_CHAINED_TURNS = (8, 24, 60)
 """Number of turns in each round of ``by_chains``, each a growth of chains of links and a search for a motion to them.
 Taste: a turn takes a tenth of a second."""
 _CHAINED_EXTENSIONS = 1000
