@@ -74,6 +74,9 @@ STRAIGHT_BEFORE = 0.3
 one needs more stops of the feed."""
 FREE_AFTER = 2.0
 """Distance beyond the end of the guide tube from which on joints bend freely, in nominal links (1/24 of the arm)."""
+_FEW_LINKS = 36
+"""Number of links above which joints need only a part of the distance from ``STRAIGHT_BEFORE`` to ``FREE_AFTER``, as
+they bend less. Measured: arms of 60 links need it in helical pipes; arms of 36 links lose clearance among baffles."""
 
 
 def free_before(arm: Arm) -> float:
@@ -99,7 +102,10 @@ def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
     """
     if not arm.base_axes:
         return np.ones(len(places))
-    return smooth_step(places, free_before(arm), FREE_AFTER * arm.length / NOMINAL_LINKS)
+    free_after = STRAIGHT_BEFORE + (FREE_AFTER - STRAIGHT_BEFORE) * (
+        1.0 if arm.links <= _FEW_LINKS else NOMINAL_LINKS / arm.links
+    )
+    return smooth_step(places, free_before(arm), free_after * arm.length / NOMINAL_LINKS)
 
 
 def smooth_step(places: FloatArray, first: float, last: float) -> FloatArray:
