@@ -67,10 +67,10 @@ def refuse_without_effect(problem: Problem) -> None:
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
-    """Return kind and name of every constraint and cost of the user, first those that a reason of failure mentions.
+    """Return every constraint and cost of the user as a pair (kind, name), first those named in a reason for failure.
 
     Args:
-        reason: the reason, in words.
+        reason: the reason why no plan was found, in words.
         constraints: constraints of the user.
         costs: costs of the user.
     """
@@ -84,7 +84,7 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
     """Return the user's constraints and costs compiled for an arm; None where there are none.
 
     Raises:
-        ProblemError: an argument is no list, or a constraint or cost is invalid.
+        ProblemError: an argument is not a list, or a constraint or cost is invalid.
     """
     # An empty list is valid; other falsy values are not.
     expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")

@@ -1,7 +1,7 @@
 """Measurement of the clearance of a motion over time.
 
-Clearances are recorded at a subset of the motion's samples. The minimum clearance is that over all times, with linear
-motion between samples, as proved by the verifier's checks.
+Clearances are recorded at a subset of the motion's samples. The minimum clearance, taken from the verifier's checks,
+covers all times, with linear interpolation of the joint angles between samples.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,14 +28,14 @@ class ClearanceSettings:
     """Settings for the record of a motion's clearance; no check depends on them.
 
     Attributes:
-        samples: maximum number of samples at which clearance is recorded, besides ends and stops of the motion; the
-            minimum clearance does not depend on this number. Taste: more than a chart shows.
+        samples: maximum number of samples at which clearance is recorded, besides start, goal and stops of the motion.
+            The minimum clearance of the motion does not depend on this number. Taste: more than a chart shows.
         enough: fraction of the preferred clearance below which a shortfall is recorded. Taste: planning keeps the
             preferred clearance by soft constraints, which may be violated a little.
         reach: search distance, at which recorded clearances are capped, as a fraction of the arm's length. Taste:
             several times the default preferred clearance.
-        reach_wanted: search distance in multiples of the preferred clearance; the larger of both distances applies.
-            Taste.
+        reach_wanted: alternative search distance, as a multiple of the preferred clearance; the larger of the two
+            search distances applies. Taste.
     """
 
     samples: int = 240
@@ -72,7 +72,7 @@ class _GapsAtSamples:
         return self.wanted - self.gap
 
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
-        """Return the pairs of this object at the samples of a mask, shape (N,), those of another elsewhere."""
+        """Return the pairs of this object where a mask of shape (N,) is True, and those of another object elsewhere."""
         return _GapsAtSamples(
             *(np.where(choose, mine, theirs) for mine, theirs in zip(*map(_columns, (self, other)), strict=True))
         )
@@ -202,7 +202,7 @@ class _Room:
         return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
 
     def _nearest(self, at_samples: _GapsAtSamples) -> NearPlace:
-        """Return the minimum clearance over all times, at a recorded sample or, as checks prove, between samples."""
+        """Return the minimum clearance over all times: at a recorded sample, or from a check if that is less."""
         known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted

@@ -15,16 +15,16 @@ from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 
 _FIRST_LOOKS = 40
 """Number of samples at which clearances of the simulated arm are measured first, to determine the search distance for
-all samples. Taste: for 9500 samples of an example problem in space, this takes a hundredth of the time of a search as
-far as one link length at all samples."""
+all samples. Taste: for 9500 samples of an example problem in space, this first pass takes a hundredth of the time of
+searching all samples up to one link length."""
 _LEAST_REACH = 1.0 / 16.0
 """Minimum search distance for clearances at all samples, in link lengths. Taste."""
 _STEP_HALVINGS = 4
 """Maximum number of times that the integration step is halved before the arm is reported not to follow the plan. Taste:
 a sixteenth of the step takes sixteen times as long."""
 _SAME_ERROR = 0.1
-"""Relative change of the tracking error by halving the step, up to which the step size does not explain a failure to
-follow the plan, so that no smaller step is tried. Taste."""
+"""Maximum relative change of the tracking error, when the step is halved, for which the step size is not blamed for a
+failure to follow the plan; no smaller step is tried then. Taste."""
 
 WALLS = "simulated_least_wall_clearance_m"
 """Name of the figure of merit for the minimum distance to obstacles."""
@@ -47,7 +47,7 @@ class Touch:
 
     Attributes:
         link: number of the link, from 1.
-        obstacle: name of the obstacle, or for example "link 9".
+        obstacle: name of the obstacle; for contact with another link "link" and its number, for example "link 9".
         time: time of the contact [s].
     """
 
@@ -65,8 +65,10 @@ class Seen:
 
     Attributes:
         touch: first contact; None without contact.
-        walls: minimum distance to obstacles [m]; inf where no obstacle is near; meaningless after a contact.
-        itself: minimum distance between links [m]; inf where none are near each other; None if links may touch.
+        walls: minimum distance to obstacles [m]; inf if no obstacle is within the search distance. Without meaning
+            if there is a contact.
+        itself: minimum distance between links [m]; inf if none are within the search distance of each other; None if
+            the problem allows links to touch.
     """
 
     touch: Touch | None
@@ -171,12 +173,15 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
 
 def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
-    """Return whether halving the step changed the result so little that the step size does not explain the failure.
+    """Return whether halving the step gave the same outcome and nearly the same tracking error.
+
+    The step size then does not explain why the arm fails to follow the plan. The result is False if the run with half
+    of the step diverged or was not simulated.
 
     Args:
         coarse: run with the larger step.
         fine: run with half of that step.
-        share: maximum relative change of the tracking error that counts as little.
+        share: maximum relative change of the tracking error.
     """
     if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
         return False
@@ -248,8 +253,8 @@ def seen(
 ) -> Seen | None:
     """Return first contact and minimum distances of a simulated arm.
 
-    The angles of all revolute joints determine the pose; in space these include rolls that the controller does not
-    hold at zero.
+    The angles of all revolute joints determine the pose. In space these include the roll of each ball joint, which the
+    controller does not hold at exactly zero.
 
     Args:
         problem: the problem, which gives arm and obstacles.
@@ -257,7 +262,7 @@ def seen(
         simulated: motion of the simulated arm.
 
     Returns:
-        None if nothing was simulated, or a planar arm left its plane.
+        First contact and minimum distances; None if nothing was simulated, or a planar arm left its plane.
     """
     angles = simulated.angles
     if simulated.verdict.outcome == "not simulated" or len(angles) < 2:
@@ -286,15 +291,15 @@ def seen(
 
 
 def _least(near: NearestOfSamples) -> float:
-    """Return the minimum clearance over all samples [m]; inf where nothing was near at any sample."""
+    """Return the minimum clearance over all samples [m]; inf if nothing was within the search distance."""
     return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """Return the clearances in all poses, of which those above a search distance are reported as that distance.
+    """Return the clearances in all poses, capped at a search distance at which the minimum clearance is exact.
 
-    A first pass over a few poses, with a generous search distance, bounds the minimum clearance from above. The second
-    pass, over all poses, searches just that far.
+    A first pass over a few poses, with a large search distance, gives an upper bound on the minimum clearance. This
+    bound is the search distance of the second pass, over all poses.
 
     Args:
         problem: the problem, which gives arm and obstacles.

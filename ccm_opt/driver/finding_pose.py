@@ -31,11 +31,11 @@ from ccm_opt.problem.solution import BindingSide, StaticPose
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEANING = 1e-4
-"""Allowed difference between a joint's distance to an active side of its region and the clearance of the pose, as a
-fraction of the arm's length. Taste."""
+"""Maximum difference, as a fraction of the arm's length, between a joint's distance to a side of its region and the
+clearance of the pose for which this side counts as active. Taste."""
 
 _ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
-"""Pattern of the names of constraint rows that keep a link inside its convex region."""
+"""Pattern of the names of NLP constraints that keep one end of a link inside its convex region."""
 
 
 def find_pose(
@@ -56,7 +56,7 @@ def find_pose(
 
     Args:
         problem: problem with a goal for the tip; a planar arm must have a fixed base.
-        constraints: constraints of the user; those that apply at the goal become rows of the NLP.
+        constraints: constraints of the user; those that apply at the goal become constraints of the NLP.
         costs: costs of the user; those that apply at the goal become terms of the objective.
         progress: function called when a stage starts, and when the search turns to another candidate.
         settings: settings of the stages; None for the defaults.
@@ -66,7 +66,8 @@ def find_pose(
 
     Raises:
         ProblemError: the goal gives the pose of the whole arm, or a planar arm has a feed axis.
-        NoPlanFound: no pose was found; the diagnosis states violations, and whether it is proved that none exists.
+        NoPlanFound: no pose was found; the diagnosis states violated constraints, and whether it is proved that no pose
+            exists.
     """
     Problem.expected(problem)
     refuse_without_effect(problem)
@@ -168,7 +169,7 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
 
 
 def binding_sides(goal_poses: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
-    """Yield the region sides that are active constraints of an optimised pose, in order of decreasing multiplier.
+    """Yield the sides of convex regions that are active constraints of an optimised pose, largest multiplier first.
 
     Args:
         goal_poses: the nonlinear program (NLP) for the pose.
@@ -195,12 +196,12 @@ def _normal(
     """Return the outward unit normal of the region side whose distance to a joint equals the pose's clearance.
 
     Args:
-        region_sets: convex regions around the joints, for each widening step.
+        region_sets: convex regions around the joints, one set for each step of the search that widens them.
         joint: index of the joint.
         side: index of the side among those of the joint's region.
         place: position of the joint, shape (d,) with d = 2 or 3.
-        gap: clearance of the pose.
-        allowed: allowed difference between distance and clearance.
+        gap: clearance of the pose [m].
+        allowed: maximum difference between the distance of joint and side and the clearance [m].
 
     Returns:
         The normal, shape (d,); None if no region has such a side.

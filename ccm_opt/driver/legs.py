@@ -16,11 +16,11 @@ _LEAST_TIME = 0.5
 """CPU time granted to every leg even if earlier legs used up the limit, since a late leg may be easy [s]. Taste."""
 
 _DIRECT_SHARE = 0.5
-"""Fraction of the remaining time for planning a leg in space from the previous goal, before planning it from the first
-start. Taste."""
+"""Fraction of the remaining time spent on planning a leg in space from the previous goal. If that fails, the leg is
+planned from the first start. Taste."""
 
 _SAME = 1e-9
-"""Difference of coordinates up to which two configurations are equal, for rounding of numbers in files [rad, m]."""
+"""Maximum difference between coordinates of equal configurations, since numbers in files are rounded [rad, m]."""
 
 _OF_DRIVES = frozenset(
     ("masses", "inertia_axial", "inertia_transverse", "payload", "rotor_inertia", "friction", "axes")
@@ -69,7 +69,7 @@ class Leg:
 
 
 def whole_path(legs: Sequence[Leg]) -> JointPath:
-    """Return the joint paths of all legs joined into one, each over an equal part of the path parameter's range [0, 1].
+    """Return the joint paths of all legs joined into one, each over an equal interval of the path parameter in [0, 1].
 
     The spline has a corner at every intermediate goal.
     """
@@ -118,7 +118,7 @@ def plan_legs(
     Args:
         problem: problem with any number of intermediate goals; its time limit applies to all legs together.
         planner: the planner of every leg.
-        recorded: known paths with their problems, which are reused; new ones are appended.
+        recorded: known paths with their problems, which are reused; new paths are appended to this list.
         retrace: whether an arm in space may traverse legs backwards.
 
     Raises:
@@ -187,7 +187,7 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
 
 
 def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:
-    """Return a diagnosis that also states to which of several goals it applies."""
+    """Return a diagnosis with the words "goal ``number`` of ``count``", the goal to which no path was found, added."""
     return replace(
         found, reason=f"goal {number} of {count}: {found.reason}", evidence={**found.evidence, "goal": number}
     )
@@ -219,7 +219,8 @@ def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
 def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Problem) -> JointPath | None:
     """Return the known path of a problem that agrees with this one in everything that affects paths, else None.
 
-    Torque limits and masses do not affect paths, so problems that differ in these need not be planned again.
+    Limits of the drives and masses do not affect paths, so problems that differ only in these need not be planned
+    again.
 
     Args:
         recorded: known paths with their problems.
@@ -231,7 +232,8 @@ def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Proble
 def _same_geometry(one: Problem, other: Problem) -> bool:
     """Return whether two problems agree in everything that affects paths.
 
-    Parts that ``dataclasses.replace`` did not change are identical objects, so they are compared by identity.
+    Workspace, start and goals are compared by identity, since ``dataclasses.replace`` keeps the same objects for
+    attributes that it does not change; equal copies count as different.
     """
     numbers = [each.name for each in fields(one.arm) if each.name not in _OF_DRIVES]
     parts = ("workspace", "start", "goal", "stops")

@@ -297,7 +297,10 @@ class LivePlan:
 
     @on_one_thread()
     def _kept(self) -> bool:
-        """Return whether the present motion in space solves the changed problem with enough clearance, and keep it."""
+        """Keep the present motion in space if it solves the changed problem with enough clearance; return whether.
+
+        Enough is the preferred clearance or, if less, the clearance that the motion had before the change.
+        """
         if not (self.problem.dimension == 3 and self.current):
             return False
         if self.plan.problem.goal is not self.problem.goal:
@@ -325,7 +328,7 @@ class LivePlan:
             what: what is expected, with ``{}`` for the coordinates, for the message.
 
         Raises:
-            ProblemError: the value is no vector of this shape.
+            ProblemError: the value is not a vector of this shape.
         """
         vector = finite_array(value)
         size = self.problem.dimension

@@ -23,7 +23,7 @@ degree."""
 
 @dataclass(frozen=True)
 class LeaderDeviation:
-    """Distances of the centre line of an arm, beyond the guide tube of its feed axis, from the path of the tip.
+    """Distances between the path of the tip and the arm's centre line outside the guide tube of the feed axis.
 
     Attributes:
         mean: mean distance over all points and poses [m].
@@ -60,7 +60,7 @@ def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ())
 
 
 def _straight_legs(path: FloatArray, reach: float) -> BoolArray:
-    """Return whether a polygonal path is straight around each of its segments, shape (m − 1,).
+    """Return a mask of the segments around which a polygonal path is straight, shape (m − 1,).
 
     Args:
         path: vertices of the path, shape (m, 3) [m].
@@ -126,7 +126,7 @@ def motion_figures(
 
 
 def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return figures of merit of a planar motion: goal errors, and deviation of a controller's interpolation."""
+    """Return a planar motion's goal errors, and the deviation of the arm due to a controller's linear interpolation."""
     arm = problem.arm
     figures = {"interpolation_deviation_m": interpolation_deviation(arm, trajectory)}
     if problem.goal.whole(arm) is None:
@@ -164,5 +164,5 @@ def total_bends(pairs: FloatArray) -> FloatArray:
 
 
 def _around_joints(arm: Arm) -> FloatArray:
-    """Return the mean length of the two links at every joint but the first, shape (links - 1,) [m]."""
+    """Return the mean length of the two links that meet at every joint but the first, shape (links - 1,) [m]."""
     return np.asarray(0.5 * (arm.lengths[1:] + arm.lengths[:-1]))

@@ -26,8 +26,8 @@ class ParetoSettings:
             first plan keeps without a preference up to the maximum preferred clearance; the last must be 1.
         most: maximum preferred clearance, as a multiple of the default; an upper bound on the clearance of any motion
             replaces this value where it is less.
-        least_top: fraction of the default preferred clearance below which such an upper bound is ignored, since a
-            motion can keep more clearance between ends that have almost none.
+        least_top: fraction of the default preferred clearance below which such an upper bound is ignored. The bound
+            often comes from a start or goal with almost no clearance, between which a motion can keep more.
         enough_of_top: fraction of the maximum preferred clearance that the plan for this value must keep; otherwise the
             clearance that the plan kept becomes the maximum, so that the plans differ.
         narrowings: maximum number of times that the maximum preferred clearance is reduced in this way.
@@ -136,12 +136,12 @@ def _largest_gap_try(
 ) -> ParetoPlan:
     """Return the plan for the maximum preferred clearance.
 
-    The maximum is a multiple of the default or, where that is less, an upper bound for any motion. It is reduced to the
-    clearance that the plan keeps where that is much less.
+    The maximum is a multiple of the default preferred clearance or, if that is less, an upper bound on the clearance of
+    any motion. If the plan keeps much less clearance, it is made again with that clearance as the maximum.
 
     Args:
         fastest: plan without preferred clearance.
-        tried: function of preferred clearance [m] and number of the plan that makes a plan.
+        tried: function that makes a plan, given the preferred clearance [m] and the plan's number.
         settings: settings of all stages.
         trade_off: settings of the trade-off.
     """
@@ -182,7 +182,7 @@ def _planning_time(solution: Solution) -> float:
 
 
 def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
-    """Return a plan with the additional duration, compared with the fastest plan, in its record of clearance."""
+    """Return a plan whose record of clearance also holds the additional duration compared with the fastest plan."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
@@ -207,7 +207,10 @@ class Judgement:
     trade_off: ParetoSettings
 
     def dominator(self, plan: ParetoPlan) -> int:
-        """Return the number of a plan no worse in duration and clearance, and better in one; 0 if there is none."""
+        """Return the number, from 1, of a plan that dominates this one; 0 if there is none.
+
+        It is no worse in duration and capped clearance, and better in one of them, beyond the tolerances of equality.
+        """
         if plan.solution is None:
             return 0
         gap = self.worth(plan)
@@ -221,7 +224,11 @@ class Judgement:
         return 0
 
     def recommended(self) -> int:
-        """Return the number of the plan with maximum clearance among those not dominated and not much slower."""
+        """Return the number, from 1, of the recommended plan.
+
+        Of the plans that are not dominated and take at most ``most_time`` longer than the fastest, this is the one with
+        maximum clearance.
+        """
         most = (1.0 + self.trade_off.most_time) * min(plan.duration for plan in self.plans)
         eligible = [
             number

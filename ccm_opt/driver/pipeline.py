@@ -1,7 +1,7 @@
 """The function ``solve``, from a problem to a verified plan, and its policies for repeated planning.
 
-Each policy (lowered costs, several seeds, robustness to joint errors) takes a function that plans a problem, calls the
-function for one modified problem after another, and returns the best plan.
+Each policy (lowered costs, several seeds, robustness to joint errors) takes a function that plans a problem, and calls
+this function for one modified problem after another. It returns the best plan.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,15 +45,15 @@ from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, Tolera
 from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 
 _CLEARANCE_SHARE = 0.9
-"""Fraction of the maximum clearance of all attempts, each capped at the preferred clearance, that an attempt must keep
-to be chosen. Taste, like ``ClearanceSettings.enough``."""
+"""Fraction of the best attempt's clearance that an attempt must keep to be chosen; clearances are capped at the
+preferred clearance. Taste, like ``ClearanceSettings.enough``."""
 
 _GAP_ROUNDS = 4
 """Maximum number of times that a motion is planned again with a larger preferred clearance. Taste."""
 _GAP_GROWTH = (1.2, 4.0)
 """Minimum and maximum factor by which the preferred clearance grows in one round. Taste."""
 _GAP_BEYOND = 1.1
-"""Safety factor on the preferred clearance that follows by scaling in proportion to the joint error. Taste."""
+"""Safety factor on the next preferred clearance, which is scaled in proportion to the joint error. Taste."""
 
 STAGE = "tolerance"
 """Name of the stage in the diagnosis of a motion that does not tolerate the required joint error."""
@@ -147,7 +147,7 @@ def best_try(
 
 
 def least_gap(plan: VerifiedPlan) -> float:
-    """Return the minimum clearance of a plan beyond the required one, between any two bodies, from its checks [m]."""
+    """Return a plan's minimum clearance, beyond the required one, to obstacles and between links [m]."""
     return min(check.worst - check.limit for check in plan.checks if check.name in {"wall clearance", "self-collision"})
 
 
@@ -168,7 +168,7 @@ class _Tries:
     def best(self) -> VerifiedPlan:
         """Return the fastest of the plans with nearly the maximum clearance, with a record of all attempts.
 
-        Clearances are capped at the preferred clearance.
+        Nearly means a fraction ``_CLEARANCE_SHARE`` of the maximum; clearances are capped at the preferred clearance.
 
         Raises:
             NoPlanFound: no attempt found a plan; the error is that of the first attempt.

@@ -136,7 +136,7 @@ class PlanningRun:
         return timed_and_verified(changed, legs, stages, self.retimer, terms, self.settings)
 
     def _held_again(self, changed: Problem, plan: object) -> VerifiedPlan:
-        """Return a plan with its path timed and verified again, for a problem that differs in one number.
+        """Return a plan whose path is kept, timed and verified again for a problem that differs in one number.
 
         Raises:
             ProblemError: the plan has more than one leg.

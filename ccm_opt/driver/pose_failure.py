@@ -25,11 +25,12 @@ from ccm_opt.problem.solution import PoseOutcome
 from ccm_opt.scene.bad_pose import clearance_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
-"""Weights of half the squared violations of the user's constraints, converted to turns of the whole arm, in the search
-for the pose of minimum violation, applied in turn [1/rad²]. Measured: the solver fails with the last weight alone;
-with the last weight violations are exact to a thousandth."""
+"""Successive penalty weights in the search for the pose of minimum violation [1/rad²]. Each multiplies half the
+squared violation of a user's constraint, converted to radians by the constraint's derivative with respect to the link
+angles. Measured: the solver fails if it starts with the last weight, with which violations are exact to a
+thousandth."""
 _ELASTIC_SHARE = 0.02
-"""Fraction of a pose's worst violation below which its other violations are ignored. Taste."""
+"""Fraction of a pose's worst violation, all converted to radians, below which other violations are ignored. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class PoseTry:
         return np.inf if self.best is None else self.poses[self.best].answer.cost
 
     def begun(self, number: int) -> FloatArray:
-        """Return the configuration of c coordinates from which solution ``number`` was started, shape (c,) [rad, m]."""
+        """Return the configuration from which the solution with index ``number`` was started, shape (c,) [rad, m]."""
         return np.asarray(self.poses[number - 1].q if number else self.beginning.q)
 
     @property
@@ -169,10 +170,11 @@ def describe_violations(missed: dict[str, float]) -> str:
 
 
 def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
-    """Return the violations of the user's hard constraints in the pose of minimum violation, by name, the worst first.
+    """Return the violations of the user's hard constraints in the pose of minimum violation, by name, largest first.
 
-    The nonlinear program is solved again from all initial poses with softened constraints. The result is empty if this
-    yields no pose either, because other constraints are infeasible.
+    The nonlinear program is solved again from all initial poses with these constraints made soft. The pose that
+    violates the fewest of them is chosen. The result is empty if no pose is found even so, because other constraints,
+    such as clearance, are infeasible.
     """
     found = [misses for each in tries if each.poses and (misses := _goal_violations(each)) is not None]
     # The pose that violates the fewest constraints names those that cannot be satisfied.
@@ -181,9 +183,9 @@ def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
 
 
 def _goal_violations(each: PoseTry) -> dict[str, float] | None:
-    """Return the violations of hard constraints in the pose found from one initial pose with softened constraints.
+    """Return the violations of hard constraints in the pose found from one initial pose with these made soft.
 
-    The result is None if no pose is found, or there are no constraints.
+    The result is None if no pose is found, or the user gave no hard constraints for the goal.
     """
     terms = each.goal_poses.terms
     if terms is None or not terms.hard_at_goal:
@@ -201,11 +203,13 @@ def _goal_violations(each: PoseTry) -> dict[str, float] | None:
 
 
 def _worst_violations(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
-    """Return the violations of hard constraints in a pose, by name, without those much smaller than the worst.
+    """Return the violations of hard constraints in a pose, by name.
+
+    Violations below the fraction ``_ELASTIC_SHARE`` of the worst are left out.
 
     Args:
         terms: the user's constraints and costs.
-        softened: the constraints with weights, which convert violations to turns of the whole arm.
+        softened: the constraints as soft ones, whose weights convert violations of different units to radians.
         q: configuration with c coordinates, shape (c,) [rad, m].
     """
     misses = terms.residuals_at_goal(q)
@@ -227,7 +231,7 @@ def _violation(each: PoseTry) -> float:
 
 
 def _row_words(name: str, violation: float, goal_poses: GoalPoses) -> str:
-    """Return words about a violated constraint row of the nonlinear program, given the row's name and violation."""
+    """Return a violated constraint of the nonlinear program in words, given its name and the amount of violation."""
     length = goal_poses.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":

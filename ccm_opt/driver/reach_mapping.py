@@ -62,8 +62,8 @@ def reach_map(
         step: width of a grid cell [m]; None for a fraction of the arm's length.
         headings: number of headings tried in each cell, evenly spaced over a full turn; in space the number of
             directions, evenly spaced over the sphere.
-        workers: number of processes on this machine, or an object that opens an executor, such as ``DaskWorkers``; the
-            map does not depend on this choice.
+        workers: number of processes on this machine, or an object that opens an executor, such as ``DaskWorkers``. The
+            map is the same for any choice.
         progress: function called after every task, with the number of cells reached and that of cells not proved
             unreachable.
         settings: settings of the stages; None for the defaults.
@@ -256,8 +256,8 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
 def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
     """Return a mask of the grid cells whose centres the tip is proved not to reach.
 
-    Their centres are too far away, inside an obstacle, outside the workspace, too close to a surface, or beyond the
-    joint limits.
+    Such a centre is farther from the base than the arm's length, inside an obstacle, outside the workspace, closer to a
+    surface than radius plus required clearance, or out of reach within the joint limits.
     """
     arm = problem.arm
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

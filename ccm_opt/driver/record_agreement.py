@@ -139,8 +139,9 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
 def _samples_alike(time: FloatArray, verdict: SimulationVerdict) -> int:
     """Return the number of leading samples at which two runs of a simulation agree to rounding.
 
-    If the arm does not follow the plan, rounding errors grow without bound. Half of the digits still agree after half
-    of the time in which an error grows exponentially from one unit in the last place to a tenth of a radian.
+    These are all samples if the arm follows the plan. Otherwise rounding errors grow exponentially until the failure,
+    so the runs are compared only up to half the time of the failure, when about half of the digits still agree. The
+    result is at least 1.
     """
     if verdict.followed:
         return len(time)
@@ -153,7 +154,7 @@ def _figures(
     figures: Mapping[str, float],
     settings: VerificationSettings,
 ) -> Check:
-    """Return the check of recorded figures of merit against recomputed ones, except figures of planning."""
+    """Return the check of recorded figures of merit, except those of costs and constraints, against recomputed ones."""
     known = {name: value for name, value in figures.items() if name in recorded}
     wrong = [name for name in recorded if name not in figures and not name.startswith(_OF_PLANNING)]
     for name, value in known.items():
@@ -165,9 +166,9 @@ def _figures(
 
 
 def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: VerificationSettings) -> Check:
-    """Return the check of recorded checks against recomputed ones; those missing from the record are ignored.
+    """Return the check of recorded checks against recomputed ones; checks missing from the record are ignored.
 
-    The user's constraints are known by name only; their recorded checks must have passed.
+    The user's constraints cannot be evaluated again from a folder, so their recorded checks need only have passed.
     """
     wanted = {check.name: check for check in checks}
     names = [check.name for check in recorded]
@@ -191,7 +192,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 
 def _tolerated_errors(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[ToleratedError]) -> Check:
-    """Return the check that the motion tolerates each recorded error, proved again; larger errors are not tried."""
+    """Return the check that the motion tolerates every recorded error, proved anew; larger errors are not tried."""
     models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
     for error in recorded:

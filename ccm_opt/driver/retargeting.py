@@ -27,8 +27,8 @@ from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
 
 LATER = (0.15, 0.4, 1.0)
-"""Fractions of the remaining motion after which an arm on a feed axis brakes instead, tried in turn where no motion
-leads on from the earlier rest pose."""
+"""Fractions of the remaining duration after which an arm on a feed axis begins to brake instead. They are tried in turn
+if no motion to the new goal is found from the rest pose that follows from braking at once."""
 
 
 def retarget(
@@ -59,8 +59,9 @@ def retarget(
 
     Returns:
         The whole verified motion, as planned up to ``time``, then braked to rest along the planned path as soon as
-        possible, then on to the new goal. An arm on a feed axis that cannot go on from there rests a little later. The
-        rest is the last stop of the solution's problem; intermediate goals that were not reached are removed.
+        possible, then on to the new goal. If no motion leads on from there, an arm on a feed axis brakes later, see
+        ``LATER``. The rest is the last stop of the solution's problem; intermediate goals that were not reached are
+        removed.
 
     Raises:
         ProblemError: the time is not within the motion, or jerk is limited.

@@ -25,18 +25,19 @@ _LOAD_STEPS = 12
 _LOAD_PRECISION = 0.05
 """Relative width of the load interval at which the bisection stops. Taste."""
 _SMALL_LOAD = 0.1
-"""Fraction of an untolerated load that is tried next while no tolerated load is known. Taste."""
+"""Fraction of the smallest untolerated load that is tried next while 0 is the only load known to be tolerated.
+Taste."""
 
 FAILED = frozenset(("touched", "diverged", "not simulated"))
 """Outcomes of a simulation that mean an untolerated load; a drive at its limit is tolerated."""
 NOT_SIMULATED = "not simulated"
-"""Outcome of a simulation whose step is too long for the load, which says nothing about the arm."""
+"""Outcome of a simulation whose step is too long for the load; it says nothing about how the arm would move."""
 
 
 def tolerance_of(
     solution: Solution, *, simulated: bool = True, settings: Settings | None = None
 ) -> tuple[ToleratedError, ...]:
-    """Return the maximum error of each kind that a plan tolerates, one kind at a time.
+    """Return the maximum error of each kind that a plan tolerates while all other errors are 0.
 
     Args:
         solution: the plan.
@@ -63,7 +64,7 @@ def motion_tolerance(
     simulated: bool = True,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[ToleratedError, ...]:
-    """Return the maximum errors that a verified motion tolerates, one kind at a time.
+    """Return the maximum error of each kind that a verified motion tolerates while all other errors are 0.
 
     Args:
         problem: the problem.
@@ -91,7 +92,7 @@ def motion_tolerance(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[ToleratedError, ...]:
-    """Return the joint error that a motion tolerates, or an empty tuple where computing it would take long."""
+    """Return the joint error that a motion tolerates, as the only entry; empty if the motion is too long for this."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
@@ -107,7 +108,7 @@ def _tolerated_load(
 ) -> ToleratedError:
     """Return the maximum load, unknown to the controller, that the simulated arm tolerates, found by bisection.
 
-    Only loads that were tried are known to be tolerated; nothing is claimed about loads in between.
+    The result is the largest load that was tried and tolerated; smaller loads that were not tried may still fail.
 
     Args:
         name: "payload" or "friction".

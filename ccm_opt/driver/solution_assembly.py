@@ -58,7 +58,8 @@ def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> Poss
         most: clearance above which a bound is of no interest [m].
 
     Returns:
-        The bound with the names of the obstacles; None where the pose passes between no obstacles that close together.
+        The bound with the names of the obstacles; None if the pose passes between no two obstacles whose bound is less
+        than ``most``.
     """
     arm = problem.arm
     body = float(np.min(arm.radii)) + problem.workspace.clearance

@@ -79,7 +79,7 @@ def evaluate_terms(
 
 
 def worst_leg_checks(legs: Sequence[TermResults]) -> TermResults:
-    """Return the checks of all legs of a motion, named with their goals, and the largest magnitude of every figure."""
+    """Return the checks of all legs, named with their goals, and the largest magnitude of each figure over the legs."""
     checks = [
         replace(check, name=f"{check.name}, goal {number}")
         for number, leg in enumerate(legs, start=1)
@@ -169,7 +169,7 @@ def _leg_in_time(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """Return the timed motion of a leg, in which the arm rests at corners between joined paths."""
+    """Return the timed motion of a leg; the arm comes to rest wherever two joined paths of the leg meet in a corner."""
     parts = leg.path.parts
     if not parts:
         return _timed(leg, dynamics, retimer, terms, settings)

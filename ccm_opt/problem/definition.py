@@ -36,7 +36,8 @@ _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shap
 def defects(problem: "Problem") -> Iterator[str]:
     """Yield a sentence for every invalid value of a problem, whether read from a file or made in Python.
 
-    Types must have been checked before; problem files are checked more closely when they are read, see ``ccm_opt.io``.
+    All attributes must already have the right types, see ``wrong_types``. Problem files undergo further checks when
+    they are read, see ``ccm_opt.io``.
     """
     d = problem.workspace.dimension
     if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
@@ -173,7 +174,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
-    """Yield a sentence for every invalid mass, limit, or option, by rules common to planar arms and arms in space."""
+    """Yield a sentence for every invalid mass, limit, planner option or simulation option, planar or in space."""
     for name, value, shape in _positive_arrays(arm, limits):
         yield from array_defects(name, value, shape, positive=True)
     for key, name, names in (
@@ -222,7 +223,7 @@ def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
 
 
 def _positive(name: str, value: float | None) -> tuple[bool, str]:
-    """Return the rule, as a pair (holds, message), that a limit must be positive where it is given."""
+    """Return a pair (holds, message): whether a limit is positive or None (no limit), and the message if it is not."""
     return value is None or value > 0.0, f"{name} must be positive, got {value}; leave it out for no limit"
 
 
@@ -298,7 +299,7 @@ def _name_defects(key: str, value: str, names: tuple[str, ...]) -> Iterator[str]
 WANTED_SHARE_OF_LENGTH = 0.015
 """Default preferred clearance, as a fraction of the arm's length."""
 WANTED_SHARE_OF_RADIUS = 0.5
-"""Default preferred clearance, as a fraction of the arm's radius; applies where less than that by length."""
+"""Default preferred clearance, as a fraction of the arm's radius; applies if smaller than the default by length."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -366,7 +367,7 @@ class Problem:
     def wanted_gap(self) -> float:
         """Preferred clearance beyond the required clearance, kept by plans where the scene allows it [m].
 
-        0 for the hill-climbing planner of the paper, which ignores clearance preferences.
+        0 for the hill-climbing planner of the paper, which ignores this preference.
         """
         if self.planner.method != "nlp":
             return 0.0
@@ -392,15 +393,15 @@ class Problem:
 
     @property
     def goals(self) -> Sequence[Stop]:
-        """All goals in order, namely the intermediate ones and then the final goal, without pause."""
+        """All goals in order: the intermediate goals, then the final goal, which has no pause."""
         return (*self.stops, Stop(self.goal, self.tolerances))
 
     @staticmethod
     def expected(value: object) -> None:
-        """Raise an error for a value that is no ``Problem``, with advice for the caller.
+        """Raise an error if a value is not a ``Problem``.
 
         Raises:
-            ProblemError: the value is no ``Problem``; the message states its type and how to load a problem.
+            ProblemError: the value is not a ``Problem``; the message states its type and how to load a problem.
         """
         expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
 

@@ -99,8 +99,8 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
         for name in ("optimiser", "weights", "wanted_gap", "follow_within")
     ),
 )
-"""Planner options without effect: (option, value without effect, kinds of problem, reason). The value None stands for
-any value but the default."""
+"""Planner options without effect: (option, value without effect, kinds of problem, reason). None as the value stands
+for every value other than the default."""
 
 
 def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:

@@ -40,7 +40,7 @@ class JointPose:
 
     @property
     def for_joints(self) -> "JointPose":
-        """This pose as a goal for all joints, in contrast to a goal for the tip."""
+        """This pose itself, since as a goal it gives all joints; None in the case of a ``TipGoal``."""
         return self
 
     @classmethod
@@ -108,11 +108,11 @@ class JointPose:
         return arm.configuration(self.bends, self.feed)
 
     def whole(self, arm: Arm) -> FloatArray | None:
-        """Return the configuration that this goal requires of the whole arm, shape (c,) [rad, m]."""
+        """Return the configuration that this pose, as a goal, requires of the whole arm, shape (c,) [rad, m]."""
         return self.configuration(arm)
 
     def tip(self, arm: Arm) -> FloatArray:
-        """Return the position of the tip in this pose, shape (2,) or (3,) [m]."""
+        """Return the position of the tip in this pose, shape (2,) in the plane or (3,) in space [m]."""
         return np.asarray(arm.joint_positions_at(self.configuration(arm))[-1])
 
 
@@ -120,7 +120,7 @@ class JointPose:
 class TipGoal:
     """A goal for position and direction of the arm's tip, which leaves all other joints free.
 
-    In the plane ``heading`` is the angle of ``direction``. Either may be given; where both are, ``heading`` applies.
+    In the plane ``heading`` is the angle of ``direction``. Either may be given; if both are given, ``heading`` applies.
 
     Attributes:
         position: position of the tip, shape (2,) or (3,) [m].
@@ -137,7 +137,7 @@ class TipGoal:
 
     @property
     def for_tip(self) -> "TipGoal":
-        """This goal as a goal for the tip, in contrast to a goal for all joints."""
+        """This goal itself, since it constrains the tip only; None in the case of a ``JointPose``."""
         return self
 
     def __post_init__(self) -> None:

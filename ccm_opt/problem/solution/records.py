@@ -19,15 +19,16 @@ class ToleratedError:
             errors of any sign that may vary over time; "payload" or "friction", determined by simulation.
         size: maximum magnitude of the error, in ``unit``.
         unit: "rad", "m", "kg" or "N m s/rad".
-        where: link, obstacle or second link, and time of the contact that limits the error, or the outcome of the
-            simulation that limits the error, in words.
+        where: what limits the error, in words: the link, the obstacle or second link, and the time of a contact, or the
+            outcome of a simulation.
         time: time of the limiting contact [s]; None where no contact limits the error.
         link: number of the link in contact, from 1; None where no contact limits the error.
-        worst: signs of the errors of all joint angles of n links, in the combination that leads to contact with the
-            smallest error; n entries, in space 2 n; 0 where the sign has no effect.
+        worst: sign of the error of every joint angle, in the combination that leads to contact at the smallest
+            magnitude. An arm of n links has n entries, in space 2 n; an entry is 0 where the sign has no effect.
         place: point on the axis of the link in contact, 2 or 3 coordinates [m]; empty where no contact limits the
             error.
-        limited: whether a contact or the simulation limits the error; if not, larger errors were not checked.
+        limited: whether a contact or a simulation limits the error; if False, ``size`` is the largest error that was
+            checked, so a lower bound.
     """
 
     name: str
@@ -113,10 +114,11 @@ class GoalPoseRecord:
         gap: minimum clearance beyond the required clearance, capped at ``wanted_gap`` [m].
         wanted_gap: preferred clearance beyond the required clearance, above which more has no effect on the cost [m].
         costs: weighted terms of the objective by name; they sum to the objective.
-        multipliers: Lagrange multipliers of the active constraints by name, the largest first: decrease of the
-            objective if the constraint were relaxed by one unit (one arm length, one radian, one unit of the user's).
+        multipliers: Lagrange multipliers of the active constraints by name, the largest first. Each is the rate at
+            which the objective decreases as the constraint is relaxed, per arm length, per radian, or per unit of a
+            user's constraint.
         iterations: number of iterations of the solver.
-        size: number of variables and number of constraint rows.
+        size: number of variables and number of scalar constraints.
         status: return status of the solver.
         tried: number of poses optimised, including this one.
     """
@@ -168,7 +170,8 @@ class NearPlace:
     Attributes:
         gap: distance between the surfaces, for an obstacle minus the required clearance [m]; the search distance where
             nothing is nearer.
-        wanted: preferred clearance of this pair [m]; less than the full value for links that are close along the arm.
+        wanted: preferred clearance of this pair [m]; less than the plan's preferred clearance for two links that are
+            few joints apart.
         time: time of this clearance [s].
         link: number of the link, from 1; 0 where nothing is within the search distance.
         obstacle: name of the obstacle; empty where the other body is a link.
@@ -240,8 +243,8 @@ class ClearanceRecord:
         short: time intervals with less than the preferred clearance, in order.
         possible: upper bound on the clearance of any motion; None where unknown.
         price: additional duration compared with a plan without preferred clearance [s]; None where unknown.
-        limited_by: what kept the clearance between start and goal from growing, of each leg that lacks clearance there;
-            empty where unknown.
+        limited_by: for each leg with less than the preferred clearance between its ends, what kept the clearance from
+            growing; empty where unknown.
     """
 
     time: FloatArray

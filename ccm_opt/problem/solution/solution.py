@@ -60,8 +60,8 @@ class GoalErrors:
     Attributes:
         position: distance of the tip from the goal position [m]; None for a goal of joint angles.
         direction: angle between the last link and the required direction [rad]; None where any direction is allowed.
-        roll: rotation of the last link about its axis, relative to the base frame turned into the link's direction by
-            the shortest rotation [rad]; a consequence of the joint angles, not controlled.
+        roll: rotation of the last link about its axis [rad], measured from the base frame after the smallest rotation
+            that aligns the frame's x axis with the link; it follows from the joint angles and is not controlled.
     """
 
     position: float | None
@@ -129,7 +129,7 @@ class Solution:
 
     @property
     def least_gap(self) -> float | None:
-        """Minimum clearance of the motion beyond the required one [m]; None if not measured or nothing is near."""
+        """Minimum clearance beyond the required one [m]; None if not measured, or nothing is in the search distance."""
         return None if self.room is None or not self.room.nearest.link else self.room.nearest.gap
 
     @property
@@ -178,7 +178,7 @@ def angle_between(first: FloatArray, second: FloatArray) -> float:
 
 
 def roll_against(base: FloatArray, turn: FloatArray) -> float:
-    """Return the roll of a frame about its x axis, relative to a base frame, without the change of direction [rad].
+    """Return the roll of a frame about its own x axis, relative to a base frame [rad].
 
     The base frame is first turned by the shortest rotation that aligns its x axis with that of the frame; the roll is
     the remaining angle about this axis.
@@ -207,8 +207,8 @@ class BindingSide:
     Attributes:
         link: number of the link, from 1 at the base.
         place: end of the link that touches the side, 2 or 3 coordinates [m].
-        towards: outward unit normal of the side.
-        multiplier: Lagrange multiplier: decrease of the cost if the side moved outward by one arm length.
+        towards: unit normal of the side, pointing out of the region.
+        multiplier: Lagrange multiplier: rate at which the cost decreases as the side moves outward, per arm length.
     """
 
     link: int

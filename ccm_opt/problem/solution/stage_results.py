@@ -30,12 +30,15 @@ class JointPath:
         spline: clamped C² spline of the coordinates over the path parameter u in [0, 1], values of shape (c,) [rad, m].
         keyframes: configurations at the planner's K keyframes, shape (K, c) [rad, m].
         curves: backbone curves to which the keyframes were fitted, K or none.
-        candidate: name of the planner's candidate (way of moving on a route) that found the path.
-        spare: certified minimum clearance of the whole path beyond contact [m], which timing may use up.
-        goal_pose: solution of the nonlinear program for the final pose; None where none was found or solved.
+        candidate: name of the planner's candidate (one way of moving along one route) that led to this path.
+        spare: certified lower bound on the clearance along the whole path, beyond contact [m]; timing may deviate from
+            the path by this much.
+        goal_pose: solution of the nonlinear program for the final pose; None where none was solved or the solver
+            failed.
         parts: the paths that were joined into this path, where there are several; between successive parts the spline
             has a corner, at which the arm must rest.
-        clearance_limit: what keeps the clearance on the way from growing; None where it is enough, or unknown.
+        clearance_limit: what keeps the clearance between start and goal from growing; None where the preferred
+            clearance is kept, or the cause is unknown.
     """
 
     spline: "BSpline"
@@ -216,7 +219,7 @@ class Check:
         limit: the limit on that value, in ``unit``.
         unit: unit of ``worst`` and ``limit``.
         where: link or joint, obstacle and time at which the worst value occurs, in words.
-        passed: whether the limit holds.
+        passed: whether the motion respects the limit.
         place: bodies and time of the minimum clearance, for checks of clearance; None for other checks, and where
             nothing is near.
     """
