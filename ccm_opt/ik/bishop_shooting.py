@@ -132,7 +132,7 @@ class BishopFrames(CurveFrames):
         return {"stray": self.further_symbols["stray"] ** 2 * ca.sumsqr(self.parameters["strays"])}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the NLP rows that turn the links by the bends of their joints and make them follow the curve.
+        """Return the NLP constraints that turn the links by the bends of their joints and make them follow the curve.
 
         They define the turn of the curve over every link, the frames, the link orientations, the directions of the
         links relative to the curve and the components of the last link.
@@ -141,7 +141,7 @@ class BishopFrames(CurveFrames):
         return (*link_turns, self._frame_gaps(), self._turning(), self._mapping(), self._tip_parts())
 
     def _link_turns(self, index: int) -> RowBlock:
-        """Return the NLP rows that define the turn and the mean turn of the curve over every link, in one direction.
+        """Return the NLP constraints that define the turn and the mean turn of the curve over every link, in one direction.
 
         The turn is Ω = U(s_(j+1)) − U(s_j) and the mean turn ψ = (1/h) ∫ U ds − U(s_j), where U is the integral of the
         curvature in the direction ``index`` (0 for left, 1 for up) and h the link length.
@@ -158,7 +158,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, gaps)
 
     def _frame_gaps(self) -> RowBlock:
-        """Return the NLP rows that propagate the frame of the curve over each link, from one joint to the next."""
+        """Return the NLP constraints that propagate the frame of the curve over each link, from one joint to the next."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
         first = turned_by(ca.vertcat(0, -up, left))
@@ -169,7 +169,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(frames - ca.horzcat(first, carried)))
 
     def _turning(self) -> RowBlock:
-        """Return the NLP rows R_j = R_(j−1) Rz(a_j) Ry(b_j), which turn every link by the bends of its joint."""
+        """Return the NLP constraints R_j = R_(j−1) Rz(a_j) Ry(b_j), which turn every link by the bends of its joint."""
         turns = _turns(self.bends)
         turned = product(self.lies[:, :-1], turns[:, 1:])
         names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
@@ -190,7 +190,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(across - stray * self.parameters["strays"]))
 
     def _tip_parts(self) -> RowBlock:
-        """Return the NLP rows that define the components of the last link perpendicular to the goal direction.
+        """Return the NLP constraints that define the components of the last link perpendicular to the goal direction.
 
         Bounds on these components keep the link within the tolerance of the goal.
         """

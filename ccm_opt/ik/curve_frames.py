@@ -38,7 +38,7 @@ def bend_matrix(links: int, knots: int, shares: tuple[float, ...] = ()) -> Float
 
     Args:
         links: number of links.
-        shares: length of each link as a fraction of the whole; empty where all are equal.
+        shares: length of each link as a fraction of the whole; empty if all are equal.
         knots: number of knots.
 
     Returns:
@@ -78,7 +78,7 @@ class CurveNumbers:
         Args:
             turns: bends of each of the n joints in k directions, shape (n, k) [rad].
             segments: number of curvature segments K.
-            shares: length of each link as a fraction of the whole; empty where all are equal.
+            shares: length of each link as a fraction of the whole; empty if all are equal.
         """
         knots = PIECES * segments + 1
         matrix = bend_matrix(len(turns), knots, shares)
@@ -111,12 +111,12 @@ class CurveNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CurveFrames(ABC):
-    """Symbols of a curve and of links that follow the curve, and the NLP rows that tie them together.
+    """Symbols of a curve and of links that follow the curve, and the NLP constraints that tie them together.
 
     Attributes:
         segments: number of curvature segments K.
         links: number of links n.
-        shares: length of each link as a fraction of the arm's; empty where all are equal.
+        shares: length of each link as a fraction of the arm's; empty if all are equal.
     """
 
     segments: int
@@ -183,7 +183,7 @@ class CurveFrames(ABC):
         return {}
 
     def rows(self) -> tuple[RowBlock, ...]:
-        """Return all NLP rows, which define splines, turns and integrals, and make the links follow the curve."""
+        """Return all NLP constraints, which define splines, turns and integrals, and make the links follow the curve."""
         blocks: list[RowBlock] = []
         for name, part in zip(self.directions, self.parts, strict=True):
             splines, gaps, spacing = part.rows()
@@ -194,7 +194,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the NLP rows that turn the links by the bends of their joints and make them follow the curve."""
+        """Return the NLP constraints that turn the links by the bends of their joints and make them follow the curve."""
 
     @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:
@@ -302,7 +302,7 @@ class PlanarFrames(CurveFrames):
         return {}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the NLP rows φ_j = φ_(j−1) + bend_j and φ_j l = Θ(s_(j+1)) − Θ(s_j) for the link headings φ.
+        """Return the NLP constraints φ_j = φ_(j−1) + bend_j and φ_j l = Θ(s_(j+1)) − Θ(s_j) for the link headings φ.
 
         Θ is the integral of the curve's heading, s_j the arc length of joint j and l the link length.
         """

@@ -126,7 +126,7 @@ def segment_function() -> ca.Function:
 
 
 def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
-    """Return the NLP rows X_{k+1} = F(X_k, U_k), with which segment k ends in the state where the next one begins.
+    """Return the NLP constraints X_{k+1} = F(X_k, U_k), with which segment k ends in the state where the next one begins.
 
     Args:
         k: index of the segment.
@@ -138,7 +138,7 @@ def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
 
 
 def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
-    """Return the NLP rows that start the first segment at the end of a straight stub from the base, the origin.
+    """Return the NLP constraints that start the first segment at the end of a straight stub from the base, the origin.
 
     Args:
         state: state at the start of the first segment, shape (5, 1).
@@ -149,14 +149,14 @@ def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
 
 
 def knot_spacing(k: int, control: ca.SX, fraction: float) -> RowBlock:
-    """Return the NLP rows a_i ≥ fraction · L_k, which keep the knots of segment k with the length L_k apart."""
+    """Return the NLP constraints a_i ≥ fraction · L_k, which keep the knots of segment k with the length L_k apart."""
     widths = control[4:8]
     names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))
     return not_negative(names, widths - fraction * ca.sum1(widths))
 
 
 def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
-    """Return the NLP rows with which the control B_i bounds the absolute curvature on the whole piece i of segment k.
+    """Return the NLP constraints with which the control B_i bounds the absolute curvature on the whole piece i of segment k.
 
     B_i is at least the magnitude of every Bernstein coefficient of the curvature on the piece.
     """
@@ -172,7 +172,7 @@ def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
 def certified_containment(
     k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX, ends: tuple[bool, bool] = (False, False)
 ) -> RowBlock:
-    """Return the NLP rows that keep the whole curve of a segment in a convex region.
+    """Return the NLP constraints that keep the whole curve of a segment in a convex region.
 
     The rows are A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, m of them per piece.
 

@@ -410,7 +410,7 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
         A checked curve: tip within 1e-5 m of the goal, curvature within the limit, inside the corridor.
 
     Raises:
-        ConfigurationNotFound: no attempt passed; the diagnosis names the NLP row that could not be satisfied.
+        ConfigurationNotFound: no attempt passed; the diagnosis names the NLP constraint that could not be satisfied.
     """
     if (obstacle := beyond_reach(task)) is not None:
         raise ConfigurationNotFound(obstacle)

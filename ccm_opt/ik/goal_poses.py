@@ -55,7 +55,7 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
 
 
 def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
-    """Return the NLP rows of a user's hard constraint at the goal, one per entry of its expression, in its unit.
+    """Return the NLP constraints of a user's hard constraint at the goal, one per entry of its expression, in its unit.
 
     Args:
         item: the constraint.
@@ -236,7 +236,7 @@ class GoalPoses:
 
         Returns:
             At least one pose; if the last is feasible, it is the best. The answer of an infeasible pose names the
-            violated rows.
+            violated constraints.
         """
         found: list[ArmPose] = []
         start = seed
@@ -266,7 +266,7 @@ class GoalPoses:
         return gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
 
     def feasible(self, pose: ArmPose) -> bool:
-        """Return whether a solution satisfies every NLP row and is collision-free by a separate distance check."""
+        """Return whether a solution satisfies every NLP constraint and is collision-free by a separate distance check."""
         return pose.answer.violation <= self.settings.feasible and self.gap(pose.q) > -self.allowed
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
@@ -283,5 +283,5 @@ class GoalPoses:
 
 
 def _link_shares(arm: Arm) -> tuple[float, ...]:
-    """Return the length of each link as a fraction of the arm's; empty where all are equal."""
+    """Return the length of each link as a fraction of the arm's; empty if all are equal."""
     return () if arm.proportions is None else tuple((arm.lengths / arm.length).tolist())

@@ -20,7 +20,7 @@ _CONTAINMENT_TOLERANCE = 1e-6
 """Distance outside its region at which a point of the curve passes the check [arm lengths]. Taste."""
 
 _ROWS_REPORTED = 3
-"""Maximum number of violated NLP rows that a message names. Taste."""
+"""Maximum number of violated NLP constraints that a message names. Taste."""
 _TIP_TOLERANCE = 1e-5
 """Distance of the tip from the goal that passes the check [m]. Taste."""
 _TIP_HEADING_TOLERANCE = 1e-6
@@ -87,7 +87,7 @@ _ADVICE = {
     "spacing": ("use more segments per region",),
     "base": ("free the base heading",),
 }
-"""Advice for a violated NLP row whose name contains the word; the first match is used."""
+"""Advice for a violated NLP constraint whose name contains the word; the first match is used."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
 
 
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
-    """Return the NLP rows that a failed attempt violates, the worst one of every kind and segment, worst first."""
+    """Return the NLP constraints that a failed attempt violates, the worst one of every kind and segment, worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
     for name, violation in attempt.answer.broken.items():
         row = _broken_row(attempt, name, violation)
@@ -204,7 +204,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
-    """Return the description of a violated NLP row for the user, with its position on the arm and in the plane.
+    """Return the description of a violated NLP constraint for the user, with its position on the arm and in the plane.
 
     Args:
         attempt: the failed attempt.
@@ -223,7 +223,7 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
 
 
 def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
-    """Return the kind of an NLP row and a description of its violation.
+    """Return the kind of an NLP constraint and a description of its violation.
 
     Args:
         name: name of the row.

@@ -100,7 +100,7 @@ class SplinePieces:
 
 @dataclass(frozen=True, eq=False)
 class LiftedCurve:
-    """Symbols of a curve of K curvature segments, and the NLP rows that tie them together.
+    """Symbols of a curve of K curvature segments, and the NLP constraints that tie them together.
 
     Attributes:
         segments: number of curvature segments K.
@@ -177,11 +177,11 @@ class LiftedCurve:
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the NLP rows that make the symbols a curve: spline equations, integration, minimum knot spacing."""
+        """Return the NLP constraints that make the symbols a curve: spline equations, integration, minimum knot spacing."""
         return self._spline_equations(), self._gap_closing(), self._knot_spacing()
 
     def _spline_equations(self) -> RowBlock:
-        """Return the NLP rows for the natural cubic spline at the inner knots of every segment.
+        """Return the NLP constraints for the natural cubic spline at the inner knots of every segment.
 
         The equations are a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}] (de
         Boor, A Practical Guide to Splines, chapter IV).
@@ -196,7 +196,7 @@ class LiftedCurve:
         return equal_to_zero(names, (moments - 6 * bend) / (6 * self.count))
 
     def _gap_closing(self) -> RowBlock:
-        """Return the NLP rows that integrate the heading θ and its integral Θ over each piece, from knot to knot."""
+        """Return the NLP constraints that integrate the heading θ and its integral Θ over each piece, from knot to knot."""
         turns = self.headings[1:] - self.headings[:-1] - self.pieces.turn()
         integrals = self.integrals[1:] - self.integrals[:-1] - self.pieces.integral()
         what = ("heading", "the integral of the heading")
@@ -238,7 +238,7 @@ class JointsAmongPieces:
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 
     def joint_order_rows(self) -> RowBlock:
-        """Return the NLP rows that keep every joint between the start of its first piece and the end of its last."""
+        """Return the NLP constraints that keep every joint between the start of its first piece and the end of its last."""
         behind = np.flatnonzero(self.first > 0)
         before = np.flatnonzero(self.last < self.curve.count - 1)
         rows = ca.vertcat(

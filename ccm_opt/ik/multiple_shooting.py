@@ -223,7 +223,7 @@ _OPTIMALITY = 1e-4
 """Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse, since a Newton
 correction follows."""
 _FEASIBILITY = 1e-6
-"""Violation up to which a row counts as satisfied, in the NLP's units. Taste; the Newton correction reduces it
+"""Violation up to which a constraint counts as satisfied, in the NLP's units. Taste; the Newton correction reduces it
 further."""
 _OPTIONS = {
     **IPOPT_SWITCHES,

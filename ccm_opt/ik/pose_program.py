@@ -29,7 +29,7 @@ class PoseSize:
         sides: number of sides of the convex region of every joint, including padding.
         segments: number of curvature segments of the curve.
         loaded: whether joint torques are limited.
-        shares: length of each link as a fraction of the arm's; empty where all are equal.
+        shares: length of each link as a fraction of the arm's; empty if all are equal.
     """
 
     dimension: int

@@ -53,11 +53,11 @@ class PoseSettings:
             clearance is not reached, a gain of that fraction of the clearance suffices too (taste).
         reach: distance from a link beyond which walls do not bound its region (taste).
         widened: maximum number of sides, and reach, of each repetition with larger regions, for a link that moved
-            farther than ``reach`` and met a wall, or has less clearance than its rows imply because a side was left
+            farther than ``reach`` and met a wall, or has less clearance than its constraints imply because a side was left
             out (derived: no link moves farther than twice the arm's length, and seldom half of it).
-        feasible: violation up to which a row counts as satisfied; one millionth of the arm (derived: below the
+        feasible: violation up to which a constraint counts as satisfied; one millionth of the arm (derived: below the
             certificate's own margin).
-        binding: multiplier above which a row counts as shaping the pose; the objective is of order one (taste).
+        binding: multiplier above which a constraint counts as shaping the pose; the objective is of order one (taste).
         behind: distance by which a surface in space may protrude through the side of a region that stands for it.
         most_sides: maximum number of sides of a link's region, the nearest ones (measured: in narrow passages half of
             the links need four, but others need 16 to 128, which would cost time at every link in every iteration).

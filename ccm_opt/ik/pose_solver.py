@@ -36,7 +36,7 @@ class ArmPose:
         q: configuration, clipped to the joint limits, shape (c,) [rad, m].
         curve: curve in the plane or in space whose mean directions the links follow.
         gap: least gap of any link to the sides of its region, at most the preferred clearance [m].
-        answer: the solver's status, costs and violated rows.
+        answer: the solver's status, costs and violated constraints.
     """
 
     arm: Arm
@@ -69,7 +69,7 @@ _FROM_KEPT_ROWS: dict[str, Any] = {
     **dict.fromkeys(("ipopt.bound_push", "ipopt.bound_frac", "ipopt.slack_bound_push", "ipopt.slack_bound_frac"), 1e-5),
 }
 _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
-"""IPOPT options for a start that violates rows slightly: a small initial barrier parameter, because a pose of the arm
+"""IPOPT options for a start that violates constraints slightly: a small initial barrier parameter, because a pose of the arm
 is known (taste; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
 
 

@@ -182,7 +182,7 @@ def row_answer(
         program: the program that was solved.
         answer: results of CasADi's solver, with the keys "x", "g" and "lam_g".
         statistics: statistics of CasADi's solver.
-        feasible: violation up to which a row counts as satisfied.
+        feasible: violation up to which a constraint counts as satisfied.
         costs: weighted cost terms of the objective by name.
         bounded: multipliers, by name, of bounds on variables that are reported like those of rows.
         binding: multiplier above which a row or bound counts as active.

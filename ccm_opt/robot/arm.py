@@ -18,8 +18,8 @@ from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
 LINK_MARGIN_SHARE = 0.2
-"""Fraction of the free length between two distant links that planning keeps as a margin between them where the full
-margin cannot be kept. Taste."""
+"""Margin that planning keeps between two links that could collide, if they are too close along the arm for the full
+margin, as a fraction of the gap between them when the arm is straight. Taste."""
 HELD_TOLERANCE = ROUNDING
 """Distance before the end of the guide tube within which a joint counts as having left the tube [m]."""
 
@@ -71,14 +71,15 @@ class Arm:
     length.
 
     Attributes:
-        links: number of links, even where all are equal.
-        link_length: l, where links are unequal their mean length [m].
-        radius: radius of the links, whose ends are round, where links are unequal the greatest [m]; 0 is allowed.
+        links: number of links; a problem requires an even number if all links are equal.
+        link_length: length l of a link, or the mean length if links are unequal [m].
+        radius: radius of the links, whose ends are round, or the greatest if links are unequal [m]; 0 is allowed.
         base: position of the first joint, shape (d,) [m].
         joint_limit: bound on the absolute value of each bend of every joint except the first [rad]; the greatest of
-            them where they are unequal.
+            these bounds if they are unequal.
         base_limit: bound on the absolute value of each bend of the first joint [rad].
-        self_collision: whether the axes of links far apart along the arm must stay both radii apart.
+        self_collision: whether the axes of links that could collide, those far enough apart along the arm, must keep a
+            distance of the sum of their radii.
         mount_length: length of arm, measured from the base, that may touch obstacles [m].
         masses: mass of each link, shape (links,) [kg].
         inertia_axial: moment of inertia of each link about its long axis, shape (links,) [kg m²].
@@ -245,7 +246,7 @@ class Arm:
 
     @cached_property
     def link_middles(self) -> FloatArray:
-        """Arc lengths of the middles of the links from the base, shape (links,) [m]."""
+        """Arc lengths from the base to the midpoints of the links, shape (links,) [m]."""
         return _fixed(self.link_length * (self.place_shares[:-1] + 0.5 * self.length_shares))
 
     @cached_property
@@ -260,7 +261,7 @@ class Arm:
         return np.concatenate(([0.0], np.cumsum(self.length_shares)))
 
     def with_links(self, links: int) -> "Arm":
-        """Return an arm of equal length and total mass with another number of links, all of equal length and mass."""
+        """Return an arm of the same length and total mass with another number of links, all of them equal."""
         share = self.links / links
         return replace(
             self,
@@ -519,15 +520,16 @@ class Arm:
 
     @property
     def first_self_pairs(self) -> IntArray:
-        """Index of the first later link that must not touch each link, shape (links,); ``links`` if there is none."""
+        """Index, for each link, of the first later link that must not touch it, shape (links,); ``links`` if none."""
         return self.first_distant if self.self_collision else np.full(self.links, self.links)
 
     @cached_property
     def first_distant(self) -> IntArray:
-        """Index of the first later link that is distant enough along the arm to touch each link, shape (links,).
+        """Index, for each link, of the first later link far enough along the arm to collide with it, shape (links,).
 
-        Links i < j count as neighbours around a bend unless at least two links and a length of π r are between them,
-        where r is the maximum radius from link i on. If there is no such link, the value is ``links``.
+        Links i < j are far enough apart if at least two links and a length of π r lie between them, where r is the
+        maximum radius from link i on; closer ones count as neighbours around a bend. The value is ``links`` if no later
+        link is far enough.
         """
         reach = np.pi * np.maximum.accumulate(self.radii[::-1])[::-1] / self.link_length - 1e-9
         ends = self.place_shares[1:]
@@ -538,7 +540,7 @@ class Arm:
 
     @cached_property
     def distant_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links i < j far enough apart along the arm to count in self-collision, two arrays of shape (p,)."""
+        """Pairs of links i < j far enough apart along the arm to collide, as two arrays of indices, shape (p,)."""
         number = np.arange(self.links)
         first, second = np.nonzero(number >= self.first_distant[:, None])
         return first, second
@@ -555,10 +557,10 @@ class Arm:
         return none, none
 
     def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
-        """Return the gap that planning keeps between the surfaces of pairs of distant links, shape (p,) [m].
+        """Return the gap that planning keeps between the surfaces of each of p pairs of links, shape (p,) [m].
 
-        Links that are close together along the arm cannot keep the full margin around a tight bend. Their gap is at
-        most a fraction of (j − i − 1) l − 2 r, the distance of their surfaces when the arm is straight.
+        Links that are close together along the arm cannot keep the full margin around a tight bend. So the gap is the
+        margin or, if smaller, the fraction ``LINK_MARGIN_SHARE`` of the gap between the two when the arm is straight.
 
         Args:
             first: indices of the links nearer to the base, shape (p,).
@@ -571,7 +573,7 @@ class Arm:
 
 
 def _fixed(values: FloatArray) -> FloatArray:
-    """Return the values, which can no longer be changed."""
+    """Make an array read-only, and return it."""
     values.flags.writeable = False
     return values
 

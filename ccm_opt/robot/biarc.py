@@ -58,9 +58,11 @@ def biarc(
 
 
 def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
-    """Return the circular arc that starts along the first axis t of a frame, shape (3, 3), and ends a chord away.
+    """Return the circular arc with a given start frame and chord; it turns by twice the angle between t and the chord.
 
-    The arc turns by twice the angle between t and the chord, shape (3,) [m].
+    Args:
+        frame: (t, n1, n2) at the start as columns, shape (3, 3); the arc starts in the direction t.
+        chord: vector from the start of the arc to its end, shape (3,) [m].
     """
     along, *aside = frame.T @ chord
     away = float(np.hypot(*aside))
@@ -73,7 +75,8 @@ STRAIGHT_BEFORE = 0.3
 """Length beyond the end of the guide tube on which joints stay straight, in nominal links (1/24 of the arm). A shorter
 one needs more stops of the feed."""
 FREE_AFTER = 2.0
-"""Distance beyond the end of the guide tube from which on joints bend freely, in nominal links (1/24 of the arm)."""
+"""Distance beyond the end of the guide tube at which joints may bend up to their limits, in nominal links (1/24 of the
+arm)."""
 _FEW_LINKS = 36
 """Number of links above which joints need only a part of the distance from ``STRAIGHT_BEFORE`` to ``FREE_AFTER``, as
 they bend less. Measured: arms of 60 links need it in helical pipes; arms of 36 links lose clearance among baffles."""

@@ -99,14 +99,17 @@ class Curve(Protocol):
         """Return the positions, shape (m, d) [m], at increasing arc lengths in [0, L], shape (m,) [m]."""
 
     def mean_directions(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
-        """Return the mean direction over each of ``links`` arc lengths, shape (links, d).
+        """Divide the curve into ``links`` pieces and return the mean direction over each, shape (links, d).
 
-        The arc lengths are equal, or in the proportion of the given ones.
+        The pieces have equal lengths or, if ``lengths`` are given, lengths in their proportion.
         """
 
 
 def link_edges(length: float, links: int, lengths: FloatArray | None) -> FloatArray:
-    """Return arc lengths that divide a curve into parts, equal or in the proportion of ``lengths``, (links + 1,)."""
+    """Return the arc lengths of the ends of ``links`` pieces of a curve, from 0 to ``length``, shape (links + 1,).
+
+    The pieces have equal lengths or, if ``lengths`` are given, lengths in their proportion.
+    """
     if lengths is None:
         return np.linspace(0.0, length, links + 1)
     edges = np.concatenate(([0.0], np.cumsum(lengths)))
@@ -203,9 +206,9 @@ class Configuration:
         return np.asarray(self.base_heading * arc + self._turns.antiderivative()(arc))
 
     def mean_headings(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
-        """Return the mean heading over each of ``links`` arc lengths, shape (links,) [rad]; exact.
+        """Divide the curve into ``links`` pieces and return the exact mean heading over each, shape (links,) [rad].
 
-        The arc lengths are equal, or in the proportion of the given ones.
+        The pieces have equal lengths or, if ``lengths`` are given, lengths in their proportion.
         """
         integrals = np.diff(self.heading_integral_at(link_edges(self.length, links, lengths)))
         if lengths is None:
@@ -342,10 +345,10 @@ class SpaceConfiguration:
         return self.sample_frames(arc)[1]
 
     def mean_directions(self, links: int, lengths: FloatArray | None = None) -> FloatArray:
-        """Return the mean direction over each of ``links`` arc lengths, shape (links, 3).
+        """Divide the curve into ``links`` pieces and return the mean direction over each, shape (links, 3).
 
-        The rotation vectors from the direction in the middle of a length to its other directions are averaged; for a
-        curve in a plane the result is the direction of the mean heading.
+        Within a piece, the rotation vectors from the direction at its midpoint to its other directions are averaged;
+        for a curve in a plane the result is the direction of the mean heading.
         """
         edges = link_edges(self.length, links, lengths)
         middles = 0.5 * (edges[:-1] + edges[1:])

@@ -158,7 +158,10 @@ def _replaced(
 
 
 def _merged(values: FloatArray, length: float) -> FloatArray:
-    """Return arc lengths sorted and without duplicates, which may differ by rounding relative to ``length`` [m]."""
+    """Return arc lengths in increasing order without duplicates [m].
+
+    Values count as duplicates if they differ only by rounding, relative to the length ``length`` of the curve [m].
+    """
     values = np.sort(values)
     distinct: FloatArray = values[np.append(True, np.diff(values) > ROUNDING * length)]
     return distinct
@@ -325,7 +328,7 @@ def _about(c: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _with_idle(breaks: FloatArray) -> FloatArray:
-    """Return five breaks: the given ones, filled up with breaks that repeatedly halve the widest interval."""
+    """Return five breaks: the given ones, and breaks without effect, each in the middle of the widest interval left."""
     while len(breaks) < PIECES + 1:
         k = int(np.argmax(np.diff(breaks)))
         breaks = np.insert(breaks, k + 1, 0.5 * (breaks[k] + breaks[k + 1]))

@@ -33,7 +33,7 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the geometric Jacobian of an arm's tip, three rows of linear above three of angular velocity.
+    """Return the geometric Jacobian of an arm's tip in world axes: linear velocity above, angular velocity below.
 
     Args:
         arm: the arm.

@@ -199,9 +199,9 @@ def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
 
 
 def curve_points(curve: Curve, links: int, lengths: FloatArray | None = None) -> FloatArray:
-    """Return the ends of ``links`` arc lengths of a curve, from base to tip, shape (links + 1, d) [m].
+    """Divide a curve into ``links`` pieces and return their ends, from base to tip, shape (links + 1, d) [m].
 
-    The arc lengths are equal, or in the proportion of ``lengths``, shape (links,), where these are given.
+    The pieces have equal lengths or, if ``lengths``, shape (links,), are given, lengths in their proportion.
     """
     return curve.positions_at(link_edges(curve.length, links, lengths))
 

@@ -1,7 +1,7 @@
 """Position, velocity, acceleration and jerk of points at fixed arc lengths along an arm, in the plane and in space.
 
 Joint i turns by a about the z axis of link i − 1 and by b about the y axis of link i. With these axes z and y, x along
-a link and a dash for a derivative with respect to time or a path parameter (Craig, Introduction to Robotics, section
+a link and a prime for a derivative with respect to time or a path parameter (Craig, Introduction to Robotics, section
 5.5):
 
     ω_i = ω_(i−1) + a' z + b' y                α_i = α_(i−1) + a'' z + a' ω_(i−1) × z + b'' y + b' ω_i × y

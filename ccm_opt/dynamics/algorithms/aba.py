@@ -77,7 +77,10 @@ def _tip(world: Any) -> tuple[Any]:
 def _inertia(
     joint: BallJoint, state: Any, trig: Any, motion: Any, tau: Any, qd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """Return (A, P) at the tip of a link's parent from (A, P) at the link's tip, and with it q̈₀ (3,) and K Uᵀ."""
+    """Return (A, P) at the tip of a link's parent from (A, P) at the link's tip, and two results for the next sweep.
+
+    These are q̈₀ = K u − K Uᵀ (β, 0), shape (3,), and K Uᵀ, from which the outward sweep finds the accelerations.
+    """
     beta = motion[3:]
     A, P = _with_link(_unpack(state[:21]), state[21:], body, motion[:3])
     # S column by column: the angular velocity of each unit rate.

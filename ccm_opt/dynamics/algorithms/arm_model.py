@@ -70,12 +70,18 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:
-    """Return a model with code for planar motions; unchanged if gravity or axes lead out of the plane."""
+    """Return a model whose generated code handles planar motions only.
+
+    The model is returned unchanged if gravity or the order of axes leads out of the plane.
+    """
     if model.world[1] != 0.0 or model.structure.axes != "zyx":
         return model
     return replace(model, structure=replace(model.structure, planar=True))
 
 
 def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
-    """Return a drive parameter, given once or per revolute, by ball joint, shape (links, 3)."""
+    """Return a drive parameter as one row per ball joint, shape (links, 3).
+
+    It is given as one number for all drives, or as one number per revolute.
+    """
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

@@ -20,7 +20,7 @@ TRIG: Known = (0.0, None, 0.0, 1.0, None, 1.0)
 OF_BALL: Known = (0.0, None, 0.0)
 """Known rates, accelerations or torques of a ball joint in planar motion."""
 WORLD: Known = (None, 0.0, None, None, None)
-"""Known numbers among gravity in the base frame, payload, and whether the base slides, in planar motion."""
+"""Known numbers of the column ``ArmModel.world`` in planar motion: gravity has no component across the plane."""
 AT_REST: Known = (0.0, 0.0, 0.0)
 """Known angular velocity of the base: zero."""
 NEUTRAL_BEFORE = {ca.OP_ADD: 0.0, ca.OP_MUL: 1.0}

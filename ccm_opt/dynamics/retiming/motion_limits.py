@@ -161,7 +161,7 @@ class CoordinateJerk(CoordinateLimit):
     order = 3
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return 1/ṡ at the speed where the jerk due to the path's shape, q''' ṡ³, uses its part of the limit, (P,)."""
+        """Return 1/ṡ at the speed at which q''' ṡ³ is ``_JERK_SHARE`` of the jerk limit, shape (P,) [s]."""
         return np.asarray(np.cbrt(np.maximum(*map(self._share, third_derivative_sides(spline, s))) / _JERK_SHARE))
 
 
@@ -307,7 +307,7 @@ class DriveEffort(MotionLimit):
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
 
     def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
-        """Raise ``RetimingError`` where a drive cannot hold the arm still, so that no slow motion keeps the limits."""
+        """Raise ``RetimingError`` if a drive cannot hold the arm still somewhere on the path."""
         load = np.abs(static)
         point, drive = np.unravel_index(np.argmax(load), load.shape)
         if load[point, drive] >= 1.0:

@@ -87,7 +87,7 @@ def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
-    """Return the allowed magnitude of limit rows: ``allowed``, or half-way from static part to limit if larger.
+    """Return the allowed magnitude of limit rows: ``allowed`` or, if larger, the midpoint of static part and limit.
 
     Args:
         static: static part of the rows, as a fraction of the limit, which is 1.

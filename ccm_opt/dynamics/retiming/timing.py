@@ -288,7 +288,10 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
-    """Return two consecutive motions as one with a stop between; the second begins with the last sample before."""
+    """Return two consecutive motions as one, with a stop between them at the sample with the index ``stop``.
+
+    The second motion begins where the first one ends; its first sample, the same as that end, is left out.
+    """
     later = tuple(len(first.time) - 1 + number for number in leg.stops)
     return replace(chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
 
@@ -430,7 +433,11 @@ class _Timing:
         return path_grid(self.path.weighed, self.settings.grid)
 
     def rows(self, s: FloatArray) -> PathRows:
-        """Return the rows of all limits at points of the path; raises where a drive cannot hold the arm still."""
+        """Return the rows of all limits at points of the path.
+
+        Raises:
+            RetimingError: a drive cannot hold the arm still at one of the points.
+        """
         return path_rows(self.limits, self.path.spline, s)
 
     @cached_property

@@ -63,7 +63,10 @@ class RunFault:
 
 
 def first_large_error(steps: SimulatedSteps, most: float) -> RunFault | None:
-    """Return the first state that is not finite, or in which a joint's tracking error exceeds ``most`` [rad]."""
+    """Return the first state that is not finite, or in which a joint's tracking error exceeds ``most`` [rad].
+
+    The result is None if there is no such state.
+    """
     # If an error is NaN, the first comparison fails, too.
     if steps.worst_error <= most and steps.is_finite:
         return None
@@ -75,7 +78,14 @@ def first_large_error(steps: SimulatedSteps, most: float) -> RunFault | None:
 
 
 def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | None:
-    """Return the first effort at its limit (W,) [N m, N], with the state from which on the effort is applied."""
+    """Return the first drive whose effort is at its limit, with the state at which this effort starts to act.
+
+    The result is None if no effort is at its limit.
+
+    Args:
+        steps: steps of the run.
+        limit: effort limits of all drives, shape (W,) [N m, N].
+    """
     full = np.abs(steps.efforts) >= limit
     if not full.any():
         return None
