@@ -141,7 +141,7 @@ class BishopFrames(CurveFrames):
         return (*link_turns, self._frame_gaps(), self._turning(), self._mapping(), self._tip_parts())
 
     def _link_turns(self, index: int) -> RowBlock:
-        """Return the NLP constraints that define the turn and the mean turn of the curve over every link, in one direction.
+        """Return the NLP constraints that define the curve's turn and mean turn over every link, in one direction.
 
         The turn is Ω = U(s_(j+1)) − U(s_j) and the mean turn ψ = (1/h) ∫ U ds − U(s_j), where U is the integral of the
         curvature in the direction ``index`` (0 for left, 1 for up) and h the link length.
@@ -158,7 +158,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, gaps)
 
     def _frame_gaps(self) -> RowBlock:
-        """Return the NLP constraints that propagate the frame of the curve over each link, from one joint to the next."""
+        """Return the NLP constraints that propagate the curve's frame over each link, from one joint to the next."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
         first = turned_by(ca.vertcat(0, -up, left))

@@ -183,7 +183,7 @@ class CurveFrames(ABC):
         return {}
 
     def rows(self) -> tuple[RowBlock, ...]:
-        """Return all NLP constraints, which define splines, turns and integrals, and make the links follow the curve."""
+        """Return all NLP constraints: they define splines, turns and integrals, and make the links follow the curve."""
         blocks: list[RowBlock] = []
         for name, part in zip(self.directions, self.parts, strict=True):
             splines, gaps, spacing = part.rows()
@@ -194,7 +194,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the NLP constraints that turn the links by the bends of their joints and make them follow the curve."""
+        """Return the NLP constraints that turn the links by their joints' bends and make them follow the curve."""
 
     @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:

@@ -126,7 +126,7 @@ def segment_function() -> ca.Function:
 
 
 def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
-    """Return the NLP constraints X_{k+1} = F(X_k, U_k), with which segment k ends in the state where the next one begins.
+    """Return the NLP constraints X_{k+1} = F(X_k, U_k): segment k ends in the state in which the next one begins.
 
     Args:
         k: index of the segment.
@@ -156,7 +156,7 @@ def knot_spacing(k: int, control: ca.SX, fraction: float) -> RowBlock:
 
 
 def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
-    """Return the NLP constraints with which the control B_i bounds the absolute curvature on the whole piece i of segment k.
+    """Return the NLP constraints that make B_i an upper bound on |κ| on the whole piece i of segment k.
 
     B_i is at least the magnitude of every Bernstein coefficient of the curvature on the piece.
     """

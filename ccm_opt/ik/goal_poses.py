@@ -266,18 +266,18 @@ class GoalPoses:
         return gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
 
     def feasible(self, pose: ArmPose) -> bool:
-        """Return whether a solution satisfies every NLP constraint and is collision-free by a separate distance check."""
+        """Return whether a solution satisfies all NLP constraints and passes a separate collision check."""
         return pose.answer.violation <= self.settings.feasible and self.gap(pose.q) > -self.allowed
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
-        """Return the feasible solution with the least cost after several rounds of the NLP from a pose, or None.
+        """Return the feasible solution with the least cost among several rounds of the NLP that start from a pose.
 
-        Arguments are those of ``improved``.
+        The result is None if no solution is feasible. Arguments are those of ``improved``.
         """
         return self.best_pose(self.improved(seed, deadline))
 
     def best_pose(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
-        """Return the feasible one with the least cost among several solutions of the NLP, or None."""
+        """Return the solution of the NLP with the least cost among those that are feasible; None if none is."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)
 

@@ -92,14 +92,14 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class BrokenRow:
-    """Row of the configuration NLP that the solver could not satisfy.
+    """Constraint of the configuration NLP that the solver could not satisfy.
 
     Attributes:
-        constraint: kind of the row: "region", "heading", "curvature", "length" or "spacing".
-        row: name of the row in the NLP.
+        constraint: kind of the constraint: "region", "heading", "curvature", "length" or "spacing".
+        row: name of the constraint in the NLP.
         violation: violation in the NLP's units.
         segment: index of the curvature segment; -1 for the base.
-        arc_length: arc length from the base at which the row is violated [m].
+        arc_length: arc length from the base at which the constraint is violated [m].
         place: position (x, y) there, on the chord of the segment [m].
         words: description of the violation in one sentence.
     """
@@ -194,7 +194,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
 
 
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
-    """Return the NLP constraints that a failed attempt violates, the worst one of every kind and segment, worst first."""
+    """Return the worst violated NLP constraint of each kind and segment in a failed attempt, the worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
     for name, violation in attempt.answer.broken.items():
         row = _broken_row(attempt, name, violation)

@@ -177,7 +177,7 @@ class LiftedCurve:
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the NLP constraints that make the symbols a curve: spline equations, integration, minimum knot spacing."""
+        """Return the NLP constraints that define a curve: spline equations, integration, minimum knot spacing."""
         return self._spline_equations(), self._gap_closing(), self._knot_spacing()
 
     def _spline_equations(self) -> RowBlock:
@@ -196,7 +196,7 @@ class LiftedCurve:
         return equal_to_zero(names, (moments - 6 * bend) / (6 * self.count))
 
     def _gap_closing(self) -> RowBlock:
-        """Return the NLP constraints that integrate the heading θ and its integral Θ over each piece, from knot to knot."""
+        """Return the NLP constraints that integrate θ and Θ, the integral of θ, over each piece, from knot to knot."""
         turns = self.headings[1:] - self.headings[:-1] - self.pieces.turn()
         integrals = self.integrals[1:] - self.integrals[:-1] - self.pieces.integral()
         what = ("heading", "the integral of the heading")
@@ -238,7 +238,7 @@ class JointsAmongPieces:
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 
     def joint_order_rows(self) -> RowBlock:
-        """Return the NLP constraints that keep every joint between the start of its first piece and the end of its last."""
+        """Return the NLP constraints that keep every joint between its first piece's start and its last piece's end."""
         behind = np.flatnonzero(self.first > 0)
         before = np.flatnonzero(self.last < self.curve.count - 1)
         rows = ca.vertcat(

@@ -42,13 +42,13 @@ class PoseSize:
 
 @dataclass(frozen=True, eq=False)
 class HoldingLoads:
-    """Joint torques that hold an arm of n links still under gravity, as variables and rows of an NLP.
+    """Joint torques that hold an arm of n links still under gravity, as variables and constraints of an NLP.
 
     Points have d coordinates; moments have one component in the plane and three in space. Forces are divided by a
     common unit of force.
 
-    A torque is a sum over all links beyond its joint. With these sums as variables, every row involves neighbouring
-    links only; with the sums written out, the program would take three times as long to build.
+    A torque is a sum over all links beyond its joint. With these sums as variables, every constraint involves
+    neighbouring links only; with the sums written out, the program would take three times as long to build.
 
     Attributes:
         points: positions P of the joints and the tip, shape (d, n + 1).
@@ -89,7 +89,7 @@ class HoldingLoads:
         return found, self._torques(found) / self.limits
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the rows that define the moments, those that define the torques, and the rows |τ| ≤ limit."""
+        """Return the constraints that define moments and torques, and the limits of the torques, in three blocks."""
         moments, shares = self.symbols.values()
         links = range(self.weights.shape[1])
         beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
@@ -145,7 +145,7 @@ class PoseProgram(RowProgram):
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """Return the rows of forward kinematics: P_0 at the feed position, and P_(j+1) = P_j + l_j x_j for every link.
+    """Return the constraints of forward kinematics: P_0 at the feed position, P_(j+1) = P_j + l_j x_j for every link.
 
     Args:
         frames: symbols of the n links, with their directions x_j.
@@ -153,7 +153,7 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
         feed: displacement of the base along the first axis, scalar.
 
     Returns:
-        The rows of the base, and those of the links.
+        The constraints on the base, and those on the links.
     """
     n = frames.links
     d = points.shape[0]
@@ -167,9 +167,9 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
 
 
 def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
-    """Return the rows that keep both ends of every link in the convex region of the link, with a common clearance.
+    """Return the constraints that keep both ends of every link in the link's convex region, with a common clearance.
 
-    The rows are n · P ≥ b + c g for every side (n, b) of the region of every joint and of the tip. The factor c is the
+    They are n · P ≥ b + c g for every side (n, b) of the region of every joint and of the tip. The factor c is the
     fraction of the clearance that the side requires. If the first part of a link may touch obstacles, only the rest of
     the link is kept in the region.
 
@@ -191,9 +191,9 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
 
 
 def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
-    """Return the row that keeps the tip in a ball of radius r about the goal, |tip - goal|² ≤ r².
+    """Return the constraint that keeps the tip in a ball of radius r about the goal, |tip - goal|² ≤ r².
 
-    The row is divided by 2 r, so that its value near the surface of the ball is a distance.
+    It is divided by 2 r, so that its value near the surface of the ball is approximately a distance.
 
     Args:
         tip: position of the tip, shape (d, 1).
@@ -244,7 +244,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 # A problem has few sizes, and each program keeps a built solver of some megabytes alive.
 @lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
-    """Return the goal-pose NLP of a size, with its symbols, rows and objective; nothing is solved."""
+    """Return the goal-pose NLP of a size, with its symbols, constraints and objective; nothing is solved."""
     kind = PlanarFrames if size.dimension == 2 else BishopFrames
     frames: CurveFrames = kind(size.segments, size.links, size.shares)
     points = ca.SX.sym("point", size.dimension, size.links + 1)

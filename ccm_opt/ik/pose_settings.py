@@ -52,9 +52,9 @@ class PoseSettings:
         worthwhile: fraction by which a round must lower the cost for another round to follow; where the preferred
             clearance is not reached, a gain of that fraction of the clearance suffices too (taste).
         reach: distance from a link beyond which walls do not bound its region (taste).
-        widened: maximum number of sides, and reach, of each repetition with larger regions, for a link that moved
-            farther than ``reach`` and met a wall, or has less clearance than its constraints imply because a side was left
-            out (derived: no link moves farther than twice the arm's length, and seldom half of it).
+        widened: maximum number of sides, and ``reach``, of each repetition with larger regions. One follows if a link
+            moved farther than ``reach`` and met a wall, or has less clearance than its constraints imply because a side
+            was left out (derived: no link moves farther than twice the arm's length, and seldom half of it).
         feasible: violation up to which a constraint counts as satisfied; one millionth of the arm (derived: below the
             certificate's own margin).
         binding: multiplier above which a constraint counts as shaping the pose; the objective is of order one (taste).

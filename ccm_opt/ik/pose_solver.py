@@ -69,8 +69,8 @@ _FROM_KEPT_ROWS: dict[str, Any] = {
     **dict.fromkeys(("ipopt.bound_push", "ipopt.bound_frac", "ipopt.slack_bound_push", "ipopt.slack_bound_frac"), 1e-5),
 }
 _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
-"""IPOPT options for a start that violates constraints slightly: a small initial barrier parameter, because a pose of the arm
-is known (taste; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
+"""IPOPT options for a start that violates constraints slightly: a small initial barrier parameter, because a pose of
+the arm is known (taste; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

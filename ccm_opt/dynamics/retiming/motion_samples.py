@@ -98,9 +98,9 @@ def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
 
 
 def slowdown_factor(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
-    """Return the least factor on the duration of a motion that brings all limit rows within their allowed values.
+    """Return one factor on the duration of a motion that brings all limit rows within their allowed values.
 
-    Arguments as for ``slowdown_factors``.
+    It is the greatest of ``slowdown_factors``, which has the same arguments.
     """
     return float(np.max(slowdown_factors(moving, static, allowed, damping), initial=0.0))
 
@@ -108,10 +108,12 @@ def slowdown_factor(moving: FloatArray, static: FloatArray, allowed: float, damp
 def slowdown_factors(
     moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None
 ) -> FloatArray:
-    """Return the least factor on the duration that brings each limit row within its allowed value; may be below 1.
+    """Return, for each limit row, the factor on the duration that brings the row within its allowed value.
 
-    Slowing down by a factor λ turns a row into m / λ² + d / λ + c. Without d, the least λ² is m / (L − c), where L is
-    the allowed value. With d, λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is sufficient, and so is every larger factor.
+    Slowing down by a factor λ turns a row into m / λ² + d / λ + c. Without friction (d), the result is the least such
+    factor, λ² = m / (L − c) with the allowed value L; it may be below 1. With friction, it is the least factor of at
+    least 1 beyond which every larger one suffices, too, λ = (d + √(d² + 4 m (L − c))) / 2 (L − c); if all rows are
+    within their allowed values already, all factors are 0.
 
     Args:
         moving: part m of the rows, due to motion.

@@ -330,7 +330,7 @@ def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> N
 _PERIOD = 1e-3
 """Time step at which a smoothed motion, which has no grid of its own, is checked [s]. Taste."""
 _JUMP = 0.1
-"""Jump of an acceleration or effort, as a fraction of its limit, from which on a sample is placed at the jump. Taste.
+"""Least jump of an acceleration or effort, as a fraction of its limit, at which a sample is placed. Taste.
 
 A reference interpolated between two samples around a jump passes the accelerations before and after the jump by up to a
 third of the jump. The effect of smaller jumps is within the fraction of limits that plans leave unused.
@@ -343,7 +343,7 @@ _RESAMPLINGS = 60
 Derived: they reach 1.8 times the duration.
 """
 _MOST_STRETCH = 100.0
-"""Factor of slowing down from which on a motion is given up. Taste.
+"""Factor of slowing down at which a motion is given up. Taste.
 
 Samples this far beyond a limit are those of a path that no drive can follow, such as one with a corner, and a motion so
 slow has millions of samples.

@@ -120,7 +120,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
-    """Return the last configuration of a hill climb and the reason why the climb ended."""
+    """Run a hill climb to its end; return its last configuration, ``start`` if it made no move, and why it ended."""
     here = None
     moves = climb(world, start, task)
     while True:
@@ -145,7 +145,7 @@ def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    """Return the index of the first allowed candidate move in a given order, or None.
+    """Return the index of the first allowed candidate move in a given order; None if no candidate is allowed.
 
     Candidates are checked for collision in growing batches.
 

@@ -292,7 +292,10 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
 
 
 def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
-    """Yield names and steps of the plans to try: by segment type, by folds to either side, then along passages."""
+    """Yield the name of every plan to try, and the generator of its steps.
+
+    Plans by segment type come first, then folds to either side of an obstacle, then plans along passages.
+    """
     start = follower.start
     folds = Folds()
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
