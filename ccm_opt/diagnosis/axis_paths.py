@@ -1,6 +1,7 @@
 """Paths for the arm's axis to a goal: whether one is wide and short enough, and if not, what obstructs it.
 
-Such a path (*way*) is a necessary condition for a plan: at the goal, the axis itself is one.
+The existence of a path that is wide and short enough is a necessary condition for a plan, since at the goal the arm's
+axis itself is such a path. Messages and findings call it a *way*.
 """
 
 from abc import ABC, abstractmethod
@@ -25,7 +26,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DETOUR = 1e-3
-"""Relative excess of a path over the straight line below which reach alone is the cause. Taste."""
+"""Relative excess of the shortest path over the straight line below which only the arm's reach is blamed. Taste."""
 _NARROW = 1.5
 """Passages narrower than this number of diameters are reported as tight, though not proved too narrow. Taste."""
 _SHORT = 1.08
@@ -107,7 +108,7 @@ class AxisPaths(ABC):
     @property
     @abstractmethod
     def closed_to_short_arms(self) -> bool:
-        """Whether axis paths may be closed only because the arm is too short."""
+        """Whether the arm's length may be the only reason why no axis path exists."""
 
     @property
     @abstractmethod
@@ -117,7 +118,10 @@ class AxisPaths(ABC):
     @property
     @abstractmethod
     def least(self) -> float:
-        """Length of the shortest axis path that is wide enough, to the edge of the tolerance [m]; 0 if unknown."""
+        """Length of the shortest known axis path that is wide enough [m]; 0 if unknown.
+
+        The path ends at the edge of the goal's tolerance. ``shortest_is_proved`` says whether none is shorter.
+        """
 
     @abstractmethod
     def all_longer_than(self, length: float) -> bool:
@@ -129,7 +133,9 @@ class AxisPaths(ABC):
 
     @abstractmethod
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from obstacles that any axis path keeps, at most `room` [m].
+        """Return an upper bound on the distance from obstacles that any axis path keeps [m].
+
+        The bound is at most ``required_distance``.
 
         Args:
             known: distance from obstacles that the widest known axis path keeps [m].
@@ -207,7 +213,7 @@ def polyline_length(path: FloatArray) -> float:
 
 
 def path_corners(path: FloatArray | None) -> tuple[tuple[float, ...], ...]:
-    """Convert the corners of an axis path to the form that findings store."""
+    """Convert the corners of an axis path to tuples of coordinates, as findings store them; empty for None."""
     return () if path is None else tuple(point(place) for place in path)
 
 

@@ -1,8 +1,8 @@
 """An adaptive decomposition of a box into cubes of many sizes, with a list of the pairs of cubes that touch.
 
 No point of a cube is farther than half the diagonal from the centre, so its distance from surfaces differs from that of
-the centre by at most this amount. When a cube is split, its pairs pass to those of the eight parts that still touch, so
-no neighbour search is ever needed.
+the centre by at most this amount. When a cube is split, each of its pairs is replaced by pairs with
+those of the eight parts that still touch the other cube, so no neighbour search is ever needed.
 """
 
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ class CellTree:
         return np.asarray(np.linalg.norm(middles - start - share[:, None] * line, axis=1))
 
     def split(self, chosen: BoolArray) -> tuple["CellTree", IntArray]:
-        """Split cubes into eight parts each; return the new cubes and the index of the old cube around each.
+        """Split cubes into eight parts each; return the new cubes and the index of the old cube that contains each.
 
         Args:
             chosen: mask of the cubes to split, shape (n,).

@@ -19,14 +19,17 @@ from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 _TOUCHING = 1e-6
-"""Overlap that proofs do not count as contact, and that every passage is widened by, as a fraction of the arm's length.
+"""Overlap that proofs do not count as contact, and by which they widen passages, as a fraction of the arm's length.
 
 Derived: of the order of the verifier's tolerances, and above all rounding.
 """
 
 
 def contact_at_poses(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding per obstacle that the arm touches in required poses, deepest first, and for self-contact."""
+    """Yield findings for each required pose: one per obstacle that the arm touches, the deepest contact first.
+
+    If links of the arm touch each other in the pose, another finding follows.
+    """
     gaps = gaps_of(problem.workspace)
     for pose in named_poses(problem):
         yield from _deepest_first(_touched_by_links(problem, gaps, pose))

@@ -42,7 +42,7 @@ Derived: arms are about ten to a thousand times as long as either.
 _SMALL_WORKSPACE = 0.01
 """Size of the room, as a fraction of the arm's length, below which its unit looks wrong. Taste."""
 _GUESSED = ("too stiff",)
-"""Kinds of findings that, unless proved, rest on one axis path that was found, and on no bound for all paths."""
+"""Kinds of findings that, unless proved, rest on a single axis path that was found, not on a bound for all paths."""
 _MOST_FAILED = 4
 """Largest number of reported changes that did not help. Taste."""
 _HARDLY_BENDS = 1.5707963267948966
@@ -55,7 +55,10 @@ def suspected_causes(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding with the violated constraints if the curve on the shortest route has no goal configuration."""
+    """Yield a finding if no backbone curve along the shortest route to the goal meets all constraints.
+
+    The finding names the violated constraints. Only planar problems with a fixed base are checked.
+    """
     if problem.arm.base_axes or problem.dimension == 3:
         return
     try:
@@ -250,7 +253,7 @@ def refuse_infeasible(problem: Problem) -> None:
     explanation.
 
     Raises:
-        UnreachableGoal: there is no plan; carries the findings, except where all axis paths are closed and finding the
+        UnreachableGoal: there is no plan; carries the findings, except if all axis paths are closed and finding the
             cause would take long.
     """
     at_once = problem.dimension == 2 and len(problem.workspace.obstacles) <= FEW_OBSTACLES

@@ -93,7 +93,7 @@ def moved_goals(
 
 # ------------------------------------------------------------ directions
 def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArray | None:
-    """Return the direction nearest to the goal's with which the last link is free and bend limits are kept, shape (d,).
+    """Return the direction nearest to the goal's that walls around the last link and bend limits allow, shape (d,).
 
     The result is None if there is no such direction, or if the goal's own direction is allowed.
     """

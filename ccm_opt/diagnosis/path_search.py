@@ -29,7 +29,7 @@ Taste: the distance from surfaces is then known to a twentieth.
 _MOST_CELLS = 300_000
 """Number of cubes at which a search is given up. Taste: 0.1 GB and several seconds."""
 _SPREAD = 1
-"""Excess of undecided cubes over the least number up to which the cubes of a chain are split. Taste."""
+"""Number of undecided cubes, beyond those of the chain with the fewest, up to which a chain is split. Taste."""
 
 _MOST_ROUNDS = 60
 """Number of rounds of splitting at which a search is given up. Taste."""
@@ -87,8 +87,8 @@ class PathSearch:
     def answer(self, required_distance: float, length: float, more: int | None = None) -> Answer:
         """Return whether there is a path that keeps a distance from all surfaces and is no longer than a length.
 
-        The answer "closed" is proved for both conditions. "open" means that a path that keeps the distance is known,
-        which may be longer.
+        "closed" means that it is proved that no path meets both conditions. "open" means that a path that keeps the
+        distance is known, which may be longer. "not known" means that the search was given up.
 
         Args:
             required_distance: distance from all surfaces [m].
@@ -110,7 +110,7 @@ class PathSearch:
         return "not known"
 
     def widest(self, most: float, length: float) -> float:
-        """Return an upper bound on the distance from surfaces of short enough paths [m].
+        """Return an upper bound on the distance from surfaces that a path of at most a given length keeps [m].
 
         The bound is that of the widest chain of cubes.
 

@@ -163,7 +163,7 @@ class WideSpace(FreeSpace):
         return max(found[0].length - self.tolerance, 0.0) if found else np.inf
 
     def shortest_proved(self, longest: float, most_corners: int) -> float | None:
-        """Return the proved length of the shortest axis path to the tolerance of the goal, at most ``longest`` [m].
+        """Return the proved length of the shortest axis path to the goal's tolerance, capped at ``longest`` [m].
 
         The result is None if there are more than ``most_corners`` corners to search.
         """
@@ -271,7 +271,7 @@ class PlanarAxisPaths(AxisPaths):
 
     @property
     def closed_to_short_arms(self) -> bool:
-        """Whether axis paths may be closed only because the arm is too short."""
+        """Whether the arm's length may be the only reason why no axis path exists."""
         return self.space.connected
 
     @cached_property
@@ -295,7 +295,9 @@ class PlanarAxisPaths(AxisPaths):
         return proved is not None and proved > length
 
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from walls that any axis path keeps, at most `room` [m].
+        """Return an upper bound on the distance from walls that any axis path keeps [m].
+
+        The bound is at most ``required_distance``.
 
         Args:
             known: distance from walls that the widest known axis path keeps [m].

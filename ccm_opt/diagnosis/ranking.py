@@ -99,7 +99,7 @@ def degrees(angle: float) -> str:
 
 
 def point(place: FloatArray) -> tuple[float, ...]:
-    """Convert a position (d,) [m] to the form that findings store."""
+    """Convert a position (d,) [m] to a tuple of coordinates, as findings store it."""
     return tuple(float(coordinate) for coordinate in place)
 
 

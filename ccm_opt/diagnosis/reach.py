@@ -233,7 +233,9 @@ def least_chord(links: int, length: float, bend: float) -> float:
 
 @dataclass(frozen=True)
 class TurnCaps:
-    """Bounds on an arm's extent from cones, around the base's and the goal's directions, of link directions.
+    """Bounds on an arm's extent from two cones in which each link's direction lies.
+
+    One cone is about the base's direction, the other about the goal's if it has one.
 
     Attributes:
         arm: the arm.

@@ -1,7 +1,4 @@
-"""Paths for the axis of an arm in space, found and bounded by adaptive decomposition of the room into cubes.
-
-A *way* is a path of the arm's axis from its base to a goal.
-"""
+"""Paths for the axis of an arm in space, found and bounded by adaptive decomposition of the room into cubes."""
 
 import time
 from collections.abc import Iterator
@@ -147,7 +144,9 @@ class SpaceAxisPaths(AxisPaths):
         )
 
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from surfaces that any axis path keeps, at most `room` [m].
+        """Return an upper bound on the distance from surfaces that any axis path keeps [m].
+
+        The bound is at most ``required_distance``.
 
         Args:
             known: distance from surfaces that the widest known axis path keeps [m].

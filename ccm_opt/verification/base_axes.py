@@ -78,7 +78,7 @@ def _held(
     """Check that every joint inside the guide tube is straight.
 
     A joint that leaves the tube between two samples must be straight until it passes the hole at the tube's end. Feed
-    and bend are linear between samples, so the bend at the hole follows by proportion. The worst value is a bend as a
+    and bend are linear between samples, so the bend at the hole is interpolated. The worst value is a bend as a
     multiple of its tolerance.
     """
     # Depth of each joint behind the hole: positive within the guide tube.
@@ -104,6 +104,9 @@ def _held(
 
 
 def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the difference quotients of sampled values, shape (T − 1,), less the largest possible rounding error."""
+    """Return the difference quotients of sampled values, shape (T − 1,).
+
+    Their magnitudes are reduced by the largest possible rounding error, but not below 0.
+    """
     step = np.diff(time)
     return less_rounding(np.diff(values) / step, 1.0 + largest_magnitude(values), step)

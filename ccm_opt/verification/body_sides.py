@@ -65,8 +65,8 @@ def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
     """Return candidates for the vector from the nearest point of a triangle to that of a segment, for P pairs.
 
-    Each candidate is a vector per pair, shape (P, 3), with a mask, shape (P,), that is set where both of its end points
-    lie on the segment and the triangle.
+    Each candidate is a vector per pair, shape (P, 3), with a mask of the pairs, shape (P,), for which one end point of
+    the vector lies on the segment and the other on the triangle.
     """
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
@@ -83,14 +83,14 @@ def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> l
 
 
 def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
-    """Return the projections of points onto segments from the origin, as fractions of the segments in [0, 1]."""
+    """Project points onto segments that start at the origin; return fractions of the segments, clipped to [0, 1]."""
     square = np.einsum("pd,pd->p", line, line)
     share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
     return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the shortest vectors between two lines each, and a mask: set where both end points lie on the segments."""
+    """Return the shortest vectors from edges to lines, and a mask of those with both ends within the two segments."""
     normal = np.cross(line, edge)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -103,7 +103,10 @@ def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tu
 def _through_face(
     start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
 ) -> list[tuple[FloatArray, BoolArray]]:
-    """Return nearest-point candidates inside triangles: both segment ends projected, and the crossing point."""
+    """Return the candidates, as in ``_candidates``, whose point on the triangle lies inside it.
+
+    They are the projections of both segment ends onto the triangle, and the point where the segment crosses it.
+    """
     normal = np.cross(one, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -175,7 +178,10 @@ def _is_enclosed(triangles: FloatArray, point: FloatArray) -> bool:
 
 
 def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
-    """Return whether a point lies in a cavity: nested closed surfaces around the point alternate in orientation."""
+    """Return whether the closed surfaces around a point form a cavity that contains the point.
+
+    They do if they are an even number of nested surfaces, each oriented opposite to the next.
+    """
     about.sort(key=lambda each: -abs(each.volume))
     return len(about) % 2 == 0 and all(
         outer.alike and inner.alike and outer.turns(point) * inner.turns(point) < 0.0 and outer.contains(inner)
@@ -252,7 +258,7 @@ def _heights(triangles: FloatArray) -> FloatArray:
 
 
 def _corner_numbers(triangles: FloatArray) -> IntArray:
-    """Return an index per corner of m triangles, equal for corners in one or touching grid cells, shape (m, 3)."""
+    """Return an index per corner of m triangles, shape (m, 3); corners in the same or adjacent grid cells share one."""
     corners = triangles.reshape(-1, 3)
     low = corners.min(axis=0)
     width = _GRID * float(np.max(corners.max(axis=0) - low))
@@ -267,8 +273,8 @@ def _corner_numbers(triangles: FloatArray) -> IntArray:
 def _piece_numbers(corner: IntArray) -> IntArray:
     """Return the index of the connected surface to which each of m triangles belongs, shape (m,).
 
-    Triangles with a common corner belong to one surface, unless cutting it at edges with more than two triangles yields
-    surfaces in which every edge has exactly two.
+    Triangles with a common corner belong to one surface. Such a surface is cut at all edges that more than two
+    triangles share, if in every part every edge then has exactly two triangles; the parts count as separate surfaces.
     """
     by_corner = _components(corner[:, [0, 1]].ravel(), corner[:, [1, 2]].ravel(), int(corner.max()) + 1)[corner[:, 0]]
     start = corner.ravel()
@@ -311,7 +317,7 @@ def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
 def _meets(corners: FloatArray, ray: FloatArray) -> BoolArray:
     """Return a mask of the triangles that a ray from the origin crosses, shape (m,).
 
-    A ray crosses a triangle if it is on the same side of all three planes through the origin and one edge.
+    A ray crosses a triangle if it lies on the same side of the three planes through the origin and an edge each.
     """
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
     volume = np.einsum("md,md->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))

@@ -147,7 +147,7 @@ class TimeIntervals:
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
     def take(self, index: IntArray) -> "TimeIntervals":
-        """Return those of the time intervals that have given indices."""
+        """Return the time intervals with given indices."""
         return TimeIntervals(self.low[index], self.high[index])
 
     def halves(self) -> "TimeIntervals":
@@ -235,7 +235,10 @@ class ChainMotion:
         return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
 
     def turned(self, at: FloatArray) -> FloatArray:
-        """Return the total angle that each joint has turned up to times in sample numbers, shape (S, links) [rad]."""
+        """Return the angle through which each joint has turned since the first sample, shape (S, links) [rad].
+
+        Times are in sample numbers. Turns in opposite directions add up.
+        """
         interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
         return np.asarray(self._turned[interval] + (at - interval)[:, None] * self._turns[interval])
 
@@ -268,20 +271,21 @@ class ChainMotion:
         return travels
 
     def _interval_travels(self, intervals: TimeIntervals) -> FloatArray:
-        """Return bounds of the travel of joints and tip from mid-interval in S whole steps, (S, links + 1) [m]."""
+        """Return bounds on the travel from mid-interval for S intervals of exactly one step, (S, links + 1) [m]."""
         interval = intervals.low.astype(np.intp)
         return half_travels(self.chords[interval], self.second_derivatives[interval])
 
     def _travels_within(self, intervals: TimeIntervals) -> FloatArray:
-        """Return bounds on the travel of joints and tip from mid-interval in S parts of steps, (S, links + 1) [m]."""
+        """Return bounds on the travel from mid-interval for S intervals shorter than a step, (S, links + 1) [m]."""
         steps = (intervals.high - intervals.low)[:, None] * self.steps[intervals.low.astype(np.intp)]
         chords = self.poses(intervals.high) - self.poses(intervals.low)
         return half_travels(chords, acceleration_bounds(self.arm, self.places(intervals.middle), steps))
 
     def _travels_over_samples(self, intervals: TimeIntervals) -> FloatArray:
-        """Return bounds on the travel of joints and tip from mid-interval in S runs of steps, shape (S, links + 1) [m].
+        """Return bounds on the travel from mid-interval for S intervals of several steps, shape (S, links + 1) [m].
 
-        Each bound is the distance to the farthest sample plus the largest deviation from the chord between samples.
+        Each bound is the distance of a joint, or the tip, at the middle sample from its position at the farthest
+        sample, plus its largest deviation from the chord between two consecutive samples.
         """
         low = intervals.low.astype(np.intp)
         count = intervals.high.astype(np.intp) - low + 1
@@ -298,11 +302,12 @@ class ChainMotion:
 def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
     """Return bounds on the second derivatives of joint and tip positions over N motions at constant rates.
 
-    The derivative is with respect to the fraction s of the motion, from 0 to 1; the shape is (N, links + 1) [m]. With
-    angular rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of
-    joint j move with the preceding link; S_j = |ω_j at s = ½| + ½ D_j is an upper bound on |ω_j|. A link along the unit
-    vector t adds l (ω' × t + ω × (ω × t)) to the second derivative of every point beyond it. In the plane no axis
-    turns, and ω' is zero.
+    The derivative is with respect to the fraction s of the motion, from 0 to 1; the shape is (N, links + 1) [m]. Let
+    ω_j be the angular rate of link j, and Δa and Δb the changes of its joint's two bends. Then ω_j' is at most
+    D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of joint j move with the preceding link;
+    S_j = |ω_j at s = ½| + ½ D_j is an upper bound on |ω_j|. A link of length l along the unit vector t adds
+    l (ω' × t + ω × (ω × t)) to the second derivative of every point beyond it. In the plane no axis turns, and ω' is
+    zero.
 
     Args:
         arm: the arm.

@@ -136,7 +136,7 @@ def _accelerations(
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:
-    """Check that the first revolutes of each ball joint match its bends and that the other revolutes are zero."""
+    """Check that the revolutes that bend each ball joint match its bends, and that all other revolutes are zero."""
     pairs = (
         (trajectory.bend_angles, joints.angles),
         (trajectory.bend_velocities, joints.velocities),
@@ -303,8 +303,8 @@ def check_keyframes(
     """Check that a motion passes near its keyframes in order and ends at the last of them.
 
     A uniform cubic B-spline with the keyframes as control points passes each at a distance of a sixth of the keyframes'
-    second difference; near the ends, where knots are clamped, the distance is slightly larger, and after halving of the
-    spline's intervals smaller.
+    second difference; near the ends, where knots are clamped, the distance is slightly larger. After halving of the
+    spline's intervals, the distance is smaller.
 
     Args:
         arm: the arm.
@@ -413,7 +413,8 @@ def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
 def _difference(ours: Configuration, theirs: Configuration, size: float) -> float:
     """Return the greatest difference of two curves with equally many segments.
 
-    Compared are base headings [rad], curvatures as fractions of `size`, relative differences of lengths, and knots.
+    It is the greatest of the differences of base headings [rad], of curvatures as fractions of `size`, of segment
+    lengths as fractions of theirs, and of knots.
     """
     found = [abs(ours.base_heading - theirs.base_heading)]
     for part, other in zip(ours.segments, theirs.segments, strict=True):

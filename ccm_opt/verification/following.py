@@ -46,7 +46,11 @@ def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTraj
 
 
 def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> tuple[float, int, int]:
-    """Return the largest distance of the arm outside the tube from the reference path [m], its sample and link."""
+    """Return the largest distance of any point of the arm outside the tube from the reference path [m].
+
+    The distance comes with the index of the sample, counted within `samples`, and of the link where it occurs. All
+    three are 0 if the whole arm stays in the tube.
+    """
     points = motion.points[samples]
     along = base_displacement(arm, motion.positions[samples])[:, None] + arm.joint_places - arm.hole
     path = _path(arm, points, along, spacing)

@@ -68,7 +68,7 @@ class Nearest:
     """Least gap between two bodies, and where and when this gap occurs.
 
     Attributes:
-        gap: gap between the two surfaces [m]; inf if no pair was near.
+        gap: gap between the two surfaces [m]; inf if no distance between two single bodies was computed.
         link: index of the link, from 0.
         other: index of the other link, or of the box of a single edge or triangle.
         time: time at which the gap occurs [s].
@@ -120,7 +120,10 @@ Measure = Callable[[TimeIntervals, FloatArray, Pairs, float], Measured]
 Gaps above the cutoff need not be bounded tightly.
 """
 Opened = Callable[[Pairs, FloatArray], tuple[Pairs, BoolArray]]
-"""Function from pairs and travels to pairs with the children of large boxes, and a mask of the replaced pairs."""
+"""Function that replaces boxes larger than the travel [m], shape (P,), of the link that they are paired with.
+
+It returns pairs of these links and the children of the boxes, and a mask, shape (P,), of the pairs so replaced.
+"""
 
 
 def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
@@ -192,7 +195,12 @@ def prove_gaps(
 
 
 def _reporting_cutoff(ceiling: float, settings: VerificationSettings) -> float:
-    """Return the gap above which the report needs no refinement of a pair, from an upper bound on the least gap [m]."""
+    """Return the gap above which a pair cannot change the reported least gap noticeably [m].
+
+    Args:
+        ceiling: upper bound on the least gap [m].
+        settings: accuracy of the reported gap.
+    """
     return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 
@@ -206,7 +214,7 @@ def _nearer(motion: ChainMotion, intervals: TimeIntervals, pairs: Pairs, known: 
 
 
 def _divided(intervals: TimeIntervals, pairs: Pairs, travel: FloatArray, opened: Opened) -> tuple[TimeIntervals, Pairs]:
-    """Return refined intervals and pairs: large boxes replaced by their children, all other intervals halved."""
+    """Return refined intervals and pairs: large boxes replaced by their children, intervals of other pairs halved."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
     # Time intervals without pairs are dropped, so the remaining ones are renumbered.

@@ -61,7 +61,7 @@ class Message:
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """Coefficients of the polynomials in the time since the earlier of two points, shape (4 or 6, P − 1, c)."""
+        """Polynomial coefficients per segment, by power of the time since its start, shape (4 or 6, P − 1, c)."""
         h = np.diff(self.time)[:, None]
         v, w = self.velocities[:-1], self.velocities[1:]
         # Mean velocity over the step, with the initial velocity subtracted.
@@ -175,7 +175,8 @@ def check_message_limits(
         settings: tolerances, with lengths in metres.
 
     Returns:
-        A check whose worst value is the greatest fraction of any limit that the motion uses.
+        A check whose worst value is the greatest used fraction of a limit on bends, their rates, or efforts. The check
+        also fails if the motion violates a point limit, a requirement of the base axes, or a pause.
     """
     steps = _Steps.from_message(message)
     found = _rate_shares(problem, steps, settings.bend_tolerance) + _effort_shares(problem, steps)
@@ -198,7 +199,9 @@ def check_message_limits(
 
 
 def _rate_shares(problem: Problem, steps: _Steps, tolerance: float) -> list[tuple[float, str]]:
-    """Return the greatest used fraction of each bend, velocity, acceleration and jerk limit, with its location.
+    """Return the greatest used fractions of bend, velocity, acceleration and jerk limits, each with its location.
+
+    The fraction of a jerk limit is infinite for cubics, whose acceleration jumps at the points.
 
     Args:
         problem: the problem with the limits.
@@ -240,7 +243,8 @@ def _time(steps: _Steps, k: int) -> str:
 def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     """Return the greatest used fractions of the torque limits and of the base-force limit, each with its time.
 
-    The fractions include the largest possible increase of an effort between the ends of a step.
+    The fractions include the largest possible increase of an effort between the ends of a step. The list is empty if
+    no effort is limited.
     """
     limits = problem.limits
     bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]

@@ -76,7 +76,11 @@ def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSet
 
 
 def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Return reported velocities of revolutes and bends, and mean velocities of all steps, as revolutes [rad/s]."""
+    """Return velocities of the revolutes from several sources [rad/s].
+
+    The sources are the reported velocities of the revolutes, those of the bends, and the mean velocities over the
+    steps.
+    """
     time = trajectory.time
     step = np.diff(time)[:, None]
     # Mean rates carry the rounding of the angles, magnified by 1/h, which must not count as a violation.
@@ -120,7 +124,11 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
 
 
 def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
-    """Return difference quotients of accelerations (T, …), with those from and to rest at the ends, (T + 1, …)."""
+    """Return jerks as difference quotients of accelerations (T, …), shape (T + 1, …).
+
+    The first and the last jerk are those from and to rest, each over a time as long as the adjacent step. Magnitudes
+    are reduced by the largest possible rounding error.
+    """
     step = np.diff(time).reshape(-1, *[1] * (accelerations.ndim - 1))
     # Before the first sample and after the last, the arm is taken to rest for as long as the adjacent step.
     around = np.concatenate((step[:1], step, step[-1:]))

@@ -19,7 +19,7 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True)
 class LinkRates:
-    """Angular velocities and accelerations of the links at T samples, in the world frame, each of shape (T, links, 3).
+    """Angular velocities, angular and linear accelerations of the links in the world frame, each (T, links, 3).
 
     Attributes:
         rate: angular velocities [rad/s].

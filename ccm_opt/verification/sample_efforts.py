@@ -347,9 +347,9 @@ class SampleBounds:
         )
 
     def _turning_beyond(self, joint: int) -> Factors:
-        """Return bounds on the moments of the rotational inertia of all links from a joint on.
+        """Return factors of the moments that the rotational inertia of the links from a joint on requires.
 
-        Link directions stand for levers, and the second derivatives of these directions for forces.
+        In these products, link directions take the place of levers, and their second derivatives that of forces.
         """
         along = self.frames.along[self._within, joint:]
         bow = self._eighth * self._curving[joint:]
@@ -473,5 +473,8 @@ def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def _body_bounds(of_links: FloatArray) -> FloatArray:
-    """Return the sums of values per link from the base up to each link's midpoint and the tip, (links + 1,)."""
+    """Sum one value per link from the base up to the midpoint of each link, and up to the tip; shape (links + 1,).
+
+    A sum up to a midpoint includes half of that link's own value.
+    """
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))

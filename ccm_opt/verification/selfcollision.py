@@ -78,9 +78,10 @@ def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def first_distant(arm: Arm) -> IntArray:
-    """Return the first link beyond each one that must stay apart from it, shape (links,); ``links`` if there is none.
+    """Return, for each link, the first link beyond it that must stay apart from it, shape (links,).
 
-    Two links at least lie between the two, and a length of at least π r with the greatest radius r from the first on.
+    At least two links, of a total length of at least π r, lie between the two; r is the greatest radius from the first
+    of the two links to the tip. If there is no such link, the value is ``links``.
     ``Arm.first_distant`` implements the same rule; the verifier deliberately does not use it.
     """
     # Links closer along the arm than two links, or than π r, the tightest half turn of an arm of radius r, are
@@ -96,7 +97,7 @@ def first_distant(arm: Arm) -> IntArray:
 
 
 def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:
-    """Return the pairs of links that must stay apart, each of shape (P,)."""
+    """Return the first and second links of all pairs that are far enough apart along the arm to collide, each (P,)."""
     first, second = np.nonzero(np.arange(arm.links) >= first_distant(arm)[:, None])
     return first, second
 
@@ -242,7 +243,9 @@ def travels_in_frame(
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-    """Return the pairs of links far apart along the arm with a gap of at most `reach`, and a few others, with gaps.
+    """Return all pairs of links far apart along the arm whose gap is at most `reach`, with their gaps.
+
+    Some pairs with larger gaps are among them, since the search compares only midpoints.
 
     Args:
         arm: the arm.
