@@ -31,7 +31,7 @@ def ipopt_answer(
 
     Returns:
         The result and the statistics, by the names of CasADi. If the solver raised an exception, the result is the
-        initial guess with NaN for every constraint row.
+        initial guess, with NaN as the value of every constraint.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed during the call.

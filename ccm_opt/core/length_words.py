@@ -194,6 +194,11 @@ def curvature(value: float) -> str:
 
 
 def span_words(lengths: FloatArray, words: Callable[[float], str]) -> str:
-    """Return a length in words, or the least and the greatest of lengths (n,) [m] that differ."""
+    """Return text for lengths (n,): one length if all are equal, else the range from the least to the greatest.
+
+    Args:
+        lengths: the lengths, shape (n,), in the unit that ``words`` expects.
+        words: returns the text for one length.
+    """
     least, greatest = float(np.min(lengths)), float(np.max(lengths))
     return words(least) if least == greatest else f"{words(least)} to {words(greatest)}"

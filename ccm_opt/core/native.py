@@ -33,7 +33,7 @@ _BYTES = np.dtype(np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class _Pointer:
-    """The target of a pointer in a C struct.
+    """Type of the elements that a pointer field of a C struct points to.
 
     Attributes:
         dtype: type of the elements; None for a pointer without element type.

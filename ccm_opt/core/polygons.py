@@ -29,7 +29,7 @@ def counter_clockwise(vertices: FloatArray) -> FloatArray:
 
 
 def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
-    """Return whether a counter-clockwise polygon is convex: it turns left or goes straight on at every vertex.
+    """Return whether a counter-clockwise polygon is convex: it turns left, or does not turn, at every vertex.
 
     Args:
         vertices: vertices of the polygon, shape (m, 2) [m].
@@ -55,8 +55,8 @@ def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
         vertices: counter-clockwise vertices without repetitions, shape (m, 2) [m].
 
     Returns:
-        Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; row i belongs to the edge from vertex i to
-        vertex i + 1.
+        Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; index i belongs to the edge from vertex i
+        to vertex i + 1.
     """
     edges = after_each(vertices) - vertices
     normals = (edges / np.hypot(edges[:, 0], edges[:, 1])[:, None])[:, ::-1] * (1.0, -1.0)
@@ -138,7 +138,9 @@ _ARC = 8
 
 
 def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
-    """Return planar polygons offset by a distance with mitred corners, containing every point in this distance.
+    """Return planar polygons offset by a distance with mitred corners.
+
+    For a positive distance, the result contains every point within this distance of the polygons.
 
     Args:
         shape: polygons in the plane [m].

@@ -132,7 +132,7 @@ class Stages:
         self.tell(elapsed=spent, limit=most, name=words)
 
     def _account(self) -> None:
-        """Add the CPU time since the last change of stage to the running stage."""
+        """Add the CPU time since the last change of stage to the time of the running stage."""
         now = time.process_time()
         if self._running:
             self.timings[self._running[-1]] = self.timings.get(self._running[-1], 0.0) + now - self._since

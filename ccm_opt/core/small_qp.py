@@ -1,4 +1,4 @@
-"""Small dense quadratic programs, min ½ δᵀHδ + gᵀδ subject to bounds on rows, solved by DAQP."""
+"""Small dense quadratic programs, min ½ δᵀHδ + gᵀδ subject to lower ≤ A δ ≤ upper, solved by DAQP."""
 
 import daqp
 import numpy as np
@@ -16,17 +16,17 @@ def solve_small_qp(
     sense: npt.NDArray[np.intc],
     most_iterations: int | None = None,
 ) -> FloatArray | None:
-    """Return the minimiser of ½ δᵀHδ + gᵀδ within bounds, shape (p,); None if infeasible or if the solver fails.
+    """Return the minimiser of ½ δᵀHδ + gᵀδ with lower ≤ A δ ≤ upper, shape (p,); None if there is none.
 
-    Failures are cycling, too many iterations, and an exception of the solver.
+    The result is also None if the solver fails: by cycling, too many iterations, or an exception.
 
     Args:
         hessian: H, positive definite, shape (p, p).
         gradient: g, shape (p,).
-        matrix: constraint rows, shape (m, p), contiguous; no rows if the bounds are on δ itself.
-        upper: upper bounds of the rows, shape (m,), or of δ, shape (p,).
+        matrix: A, shape (m, p), contiguous. If m = 0, the bounds are on δ itself.
+        upper: upper bounds of A δ, shape (m,), or of δ, shape (p,).
         lower: lower bounds, of the shape of ``upper``.
-        sense: kind of each row, in the codes of DAQP; DAQP writes into this array.
+        sense: kind of each constraint (inequality, equality, ...), in the codes of DAQP; DAQP writes into this array.
         most_iterations: maximum number of iterations; None for the default of DAQP.
     """
     limits = {} if most_iterations is None else {"iter_limit": most_iterations}

@@ -13,7 +13,9 @@ from ccm_opt.scene.workspace import Workspace
 
 
 def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
-    """Return advice on which of radius and clearance to reduce so that the arm needs less space; empty for neither.
+    """Return advice to reduce the radius, the clearance or either, so that the arm needs less space.
+
+    Only values larger than ``lacking`` are named; the result is empty if neither is.
 
     Args:
         radius: radius of the arm [m].
@@ -60,9 +62,9 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
 
 
 def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
-    """Return the least gap between an arm and its surroundings in a pose [m]; refuse a pose not allowed.
+    """Return the least gap between an arm and its surroundings in a pose [m]; raise an error for a forbidden pose.
 
-    The gap excludes the required clearance; it is infinite if nothing is near.
+    The gap is less the required clearance, and infinite if nothing is within the search distance.
 
     Args:
         arm: the arm.

@@ -5,9 +5,9 @@ between its end positions by at most ⅛ Σ l Δφ² over the links (of length l
 linear interpolation errs by ⅛ max|f''| (links are straight: no curvature term). So a link stays within the convex hull
 of the four end positions of its joints, grown by that chord deviation.
 
-A link is clear if this grown hull meets no wall. A pair of links is apart if all eight corner differences keep their
-distance along the direction that is closest half-way; only the links between the two add to the chord deviation of
-their difference.
+A link is clear if this grown hull meets no wall. Two links are apart if a fixed direction separates them: that of their
+shortest connection half-way. Along it, all eight differences of their joint positions at both ends must exceed the
+required distance by the chord deviation of these differences, to which only the links between the two add.
 
 Whatever is not proved is bisected in u, link by link and pair by pair: each bisection quarters the chord deviation.
 
@@ -29,9 +29,7 @@ from ccm_opt.scene.workspace import Workspace
 
 @dataclass(frozen=True)
 class MotionParts:
-    """Parts of a motion under test, with joint positions and bounds on their deviation from chords.
-
-    The coordinates change linearly over each part.
+    """Parts of a motion that are to be proved free of collisions; the coordinates change linearly over each part.
 
     Attributes:
         arm: the moving arm.
@@ -74,7 +72,7 @@ class MotionParts:
 
     @cached_property
     def moved(self) -> FloatArray:
-        """Bounds on the distance of any point of the arm from its mean position, shape (m,) [m].
+        """Bounds on the distance of any point of the arm from the midpoint of its chord in a part, shape (m,) [m].
 
         Each bound is half the longest chord plus the largest chord deviation.
         """
@@ -82,7 +80,7 @@ class MotionParts:
 
 
 Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]
-"""Indices of motion part, link, and a later link, each of shape (k,)."""
+"""Pairs of links in motion parts: indices of motion part, link, and a later link, each of shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +88,16 @@ class PairProofs:
     """A proof method for pairs of links that must stay apart.
 
     Attributes:
-        first_apart: the first link beyond each one that must stay apart from it, shape (links,).
-        least: what each of two links adds to the least distance between their axes, shape (links,) [m].
+        first_apart: for each link, the first link beyond it that must stay apart from it, shape (links,).
+        least: contribution of each link to the required distance between the axes of two links, which is the sum of
+            theirs, shape (links,) [m].
     """
 
     first_apart: IntArray
     least: FloatArray
 
     def unproved(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the pairs of links not proved apart, and the motion parts in which such a pair touches half-way.
+        """Return the pairs of links not proved apart, and the motion parts in which such a pair is too close half-way.
 
         Args:
             parts: parts of a motion.
@@ -122,7 +121,11 @@ class PairProofs:
 
 
 def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
-    """Run C code; return motion part and links of each result (3, capacity), and a contact mask (capacity,)."""
+    """Run the C code on pairs of links, and return its results.
+
+    They are the motion part and links of each pair not proved apart, shape (3, capacity), and a mask of the pairs in
+    contact half-way, shape (capacity,). Only the first ``call.fields.count`` are set.
+    """
     found = np.empty((3, capacity), dtype=np.int64)
     touching = np.empty(capacity, dtype=np.bool_)
     call.set(capacity=capacity, stretch=found[0], first=found[1], second=found[2], touching=touching)
@@ -131,7 +134,7 @@ def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
 
 
 Links: TypeAlias = tuple[IntArray, IntArray]
-"""Indices of motion part and link, each of shape (k,)."""
+"""Links in motion parts: indices of motion part and link, each of shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +153,7 @@ class WallProofs:
     mount: tuple[int, float]
 
     def unproved(self, parts: MotionParts, links: Links | None) -> tuple[Links, IntArray]:
-        """Return the links not proved clear of walls, and the motion parts in which such a link touches one half-way.
+        """Return the links not proved clear of walls, and the motion parts in which such a link is too close half-way.
 
         Args:
             parts: parts of a motion.
@@ -272,7 +275,10 @@ class Certificate:
     def _halved(
         self, parts: MotionParts, links: Links, pairs: Pairs, failed: IntArray
     ) -> tuple[MotionParts, Links, Pairs]:
-        """Return both halves of every motion part with an unproved test, and the tests to repeat on these halves."""
+        """Return both halves of all motion parts with unproved links or pairs, and these links and pairs in each half.
+
+        Parts of intervals in `failed`, which need no further tests, are left out.
+        """
         # An interval that has failed needs no further tests: the caller only learns that it failed.
         alive = ~np.isin(parts.owner, failed)
         keep_link = alive[links[0]]
@@ -297,7 +303,11 @@ class Certificate:
         return halves, twice_links, twice_pairs
 
     def _unproved_pairs(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the given pairs of links, or all by default, not proved apart, and the motion parts with contact."""
+        """Return the pairs of links not proved apart, and the motion parts in which a pair is too close half-way.
+
+        All pairs that must stay apart are tested if `pairs` is None. Both results are empty if the arm may touch
+        itself.
+        """
         if not self.arm.self_collision:
             none = np.zeros(0, dtype=np.intp)
             return (none, none, none), none

@@ -28,7 +28,7 @@ class Contacts:
         second_at: nearest point on the other link, as a fraction of its length in [0, 1], shape (m,).
         normal: unit direction from the other body to the nearest point of the first link, shape (m, d).
         gap: distance between the surfaces less the required clearance, shape (m,) [m].
-        margin: gap that planning keeps, shape (m,) [m].
+        margin: gap that planning keeps at each contact, shape (m,) [m].
         wall: index of the wall, or the number of walls for contacts between links, shape (m,).
     """
 
@@ -110,9 +110,9 @@ class ContactFinder(ABC):
         """
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether a link crosses an obstacle, or a link far along the arm, without a gap that shows this.
+        """Return whether a link crosses an obstacle, or a link far along the arm, although no gap shows this.
 
-        This is False by default: in space the distance from a crossed triangle is 0, so the gaps show it.
+        By default the result is False: in space, the distance from a crossed triangle is 0, so the gaps show it.
 
         Args:
             points: joint and tip positions, shape (links + 1, d) [m].
@@ -121,14 +121,14 @@ class ContactFinder(ABC):
         return False
 
     def describe(self, contacts: Contacts) -> str:
-        """Return text on the contact that violates its margin most, or else comes closest to violating it."""
+        """Return text on the contact with the least gap beyond its margin; "nothing near" without contacts."""
         tightest = self.tightest(contacts)
         if tightest is None:
             return "nothing near"
         return describe_clearance(*tightest)
 
     def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
-        """Return the contact that violates its margin most, or else comes closest to it; None without contacts.
+        """Return the contact with the least gap beyond its margin; None without contacts.
 
         The contact is given as the link, counted from 1, the name of the obstacle or link near it, and the gap [m].
         """
@@ -141,7 +141,7 @@ class ContactFinder(ABC):
 
 
 def describe_clearance(link: int, other: str, gap: float) -> str:
-    """Return text on the gap [m] between a link, counted from 1, and a named body; negative if too near."""
+    """Return text on the gap [m] between a link, counted from 1, and a named body; a negative gap is "too near"."""
     if gap < 0.0:
         return f"link {link} is {short_length(-gap)} too near to {other}"
     return f"link {link} to {other}, clearance {short_length(gap)}"
@@ -291,12 +291,12 @@ class SurfaceFinder(ContactFinder):
 
 @dataclass(frozen=True, eq=False)
 class NearestLinks:
-    """The nearest pair of links in each of T poses in space, among the pairs that are not neighbours along the arm.
+    """The nearest pair of links in each of T poses in space, among pairs far enough apart along the arm to collide.
 
     Attributes:
-        first: index of the link nearer to the base; −1 if no pair is within reach, shape (T,).
-        second: index of the other link; −1 if no pair is within reach, shape (T,).
-        gap: gap between the surfaces, at most the search distance, shape (T,) [m].
+        first: index of the link nearer to the base; −1 if no pair is within the search distance, shape (T,).
+        second: index of the other link; −1 if no pair is within the search distance, shape (T,).
+        gap: gap between the surfaces, capped at the search distance, shape (T,) [m].
     """
 
     first: IntArray
@@ -305,12 +305,14 @@ class NearestLinks:
 
 
 def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
-    """Return the nearest pair of links far apart along the arm in every pose, the first of equally near pairs.
+    """Return, for every pose, the nearest pair of links that are far enough apart along the arm to collide.
+
+    Of equally near pairs, the first counts.
 
     Args:
         arm: the arm.
         points: joints and tip in T poses, shape (T, links + 1, 3) [m].
-        reach: pairs with at least this gap between their surfaces are left out [m].
+        reach: search distance; pairs with at least this gap between their surfaces are left out [m].
     """
     poses = len(checked_joints(arm, points))
     first, second = np.full((2, poses), -1, dtype=np.int64)

@@ -45,7 +45,7 @@ _OVERLAP_THICKNESS = 0.2
 """Least thickness of the overlap of two regions, as a fraction of the wanted width of its portal. Taste."""
 
 UNUSABLE = -1.0
-"""Quality of two regions that overlap away from the taut string; such pairs are used as a last resort."""
+"""Quality given to two regions that overlap only beside the taut string; such pairs are used as a last resort."""
 WORTHLESS = 1e-7
 """Quality below which an overlap counts as none [m]: 100 times the distance that counts as touching."""
 
@@ -68,7 +68,7 @@ class RegionSpan:
     def around(
         cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
     ) -> "RegionSpan":
-        """Return a region with the longest part of a taut string in that region, around a known span.
+        """Return a region with the longest part of a taut string in that region that contains a known span.
 
         Args:
             region: the convex free region.
@@ -122,12 +122,17 @@ class Cover:
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
-        """Return portals between consecutive regions of a sequence of n, left end then right end, (n - 1, 2, 2) [m]."""
+        """Return the portals between consecutive candidates, given by n indices, shape (n - 1, 2, 2) [m].
+
+        Each portal is given by its left, then its right end.
+        """
         choices = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
         return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
-        """Return indices of regions that cover the string with overlaps of a given quality [m], or nearly the best.
+        """Return the indices of few candidates that together cover the string and overlap with a wanted quality [m].
+
+        If there are none, the wanted quality is reduced step by step.
 
         Raises:
             ValueError: the spans of consecutive candidates do not meet.
@@ -210,7 +215,8 @@ def link_between(
         here: first region, with the span of the string in the region.
         there: second region, whose span meets that of the first.
         taut: the taut string.
-        beside: distance from the string within which a chord counts as a portal in full [m].
+        beside: largest distance of a portal from the string [m]; if all chords are farther away, the quality of the
+            overlap is ``UNUSABLE``.
     """
     first = max(here.first, there.first)
     last = min(here.last, there.last)
@@ -236,7 +242,10 @@ def link_between(
 def _chords(
     trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
 ) -> tuple[Chord, ...]:
-    """Return the chords that half-planes cut from lines, one per arc length, point, direction and squareness."""
+    """Return the chords that a convex polygon, given by half-planes, cuts from lines.
+
+    Each trial gives a line: an arc length on the taut string, a point, a direction, and the line's squareness.
+    """
     places, points, directions, squareness = zip(*trials, strict=True)
     ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
     scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
@@ -244,7 +253,7 @@ def _chords(
 
 
 def _trial_places(taut: TautString, first: float, last: float, trials: int) -> list[float]:
-    """Return the arc lengths of a span at which portals are tried: both ends, middle and several crossings."""
+    """Return the arc lengths at which portals are tried in a span: its ends, its middle and some edge crossings."""
     crossings = taut.crossings_within(first, last)
     some = crossings[:: 1 + len(crossings) // trials]
     places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
@@ -252,7 +261,9 @@ def _trial_places(taut: TautString, first: float, last: float, trials: int) -> l
 
 
 def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
-    """Return one chord per overlap of regions, in order along a taut string, with the greatest product of scores.
+    """Choose one chord per overlap of regions so that they are in order along the taut string.
+
+    Of all such choices, that with the greatest product of the chords' scores is returned.
 
     The choice is made by dynamic programming.
     """
@@ -319,7 +330,7 @@ def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
 
 
 def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
-    """Return the part of a convex region, around a convex cell, that remains after excluding walls, nearest first."""
+    """Return the part of a convex region around a convex cell that remains when walls are cut off, nearest first."""
     gaps, on_cell, on_wall = nearest_points(cell, walls)
     inside = np.ones(len(walls), dtype=bool)
     for wall in np.argsort(gaps, kind="stable"):

@@ -1,8 +1,8 @@
 """Free space of a disc among walls in the plane, and routes through free space.
 
-Walks through the junction graph of the triangulation that pass no triangle twice are enumerated best first (A*). The
-estimate of the remaining length is exact in the sampled metric of ``narrow_gates``, except for turning on the spot, so
-walks come out in the order of their sampled length.
+Walks through the junction graph of the triangulation that pass no triangle twice are enumerated best first (A*). Their
+lengths are measured between sample points on triangle edges (see ``narrow_gates``). The estimate of the remaining
+length is exact in this metric, except for turning on the spot, so walks come out in the order of their sampled length.
 
 The homotopy classes thus come nearly in order of length; the shortest path of each class (its taut string) is computed,
 and the classes are sorted by true length.
@@ -136,7 +136,7 @@ def homotopy_classes(
 
 
 def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: FloatArray) -> Iterator[_Partial]:
-    """Yield the walks along a single chain of triangles from the start point (2,) [m]."""
+    """Yield the walks that consist of one chain of triangles, from the start point (2,) [m] to the next junction."""
     for index, chain in enumerate(graph.chains):
         if chain.triangles[0] == start:
             first = np.linalg.norm(metric.points[start, chain.exit] - point, axis=1)
@@ -190,7 +190,10 @@ def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> C
 
 
 def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> FloatArray:
-    """Return the lengths from the end of the first chain of each pair along the second, (pairs, m, m) [m]."""
+    """Return the lengths of the second chain of each pair if it follows the first, shape (pairs, m, m) [m].
+
+    They lead from the m sample points of the first chain's last edge to those of the second chain's last edge.
+    """
     if len(pairs) == 0:
         return np.empty((0, metric.samples, metric.samples))
     heads = np.array([chain.head for chain in chains])[pairs[:, 0]]

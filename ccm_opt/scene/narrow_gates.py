@@ -5,8 +5,8 @@ the link that follows; a shortest path, which bends right in the gate, would lea
 
 Lengths are measured between a few sample points on every edge of the triangulation: straight lines lead from the sample
 points of one edge to those of another edge of the same triangle, and are composed along a chain as min-plus matrix
-products. The result approaches the true shortest length from above, within 0.03 (mostly 0.01) of it in clutter, more
-coarsely in near-empty rooms: enough to sort homotopy classes approximately before their shortest paths are known.
+products. The result approaches the true shortest length from above. It is at most 3 % (mostly 1 %) too long in clutter,
+and more in near-empty rooms: enough to sort homotopy classes approximately before their shortest paths are known.
 """
 
 import itertools
@@ -126,7 +126,7 @@ def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Memb
 
 
 def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
-    """Return the narrow gates on a path; straight runs are at most half as long as the distance to the next gate."""
+    """Return the narrow gates on a path, with runs shortened to less than half the distance to a neighbouring gate."""
     groups = runs.gates(portals)
     if not groups:
         return []
@@ -166,7 +166,10 @@ def _direction(portals: FloatArray) -> FloatArray:
 
 
 def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -> FloatArray:
-    """Return the end of the longest free straight run from a point, or the point itself if none is free, (2,) [m]."""
+    """Return the end of a straight run from a point, shortened until it is free, shape (2,) [m].
+
+    The result is the point itself if no shortening is free.
+    """
     for share in runs.shortenings:
         end = place + share * run
         if free(np.linspace(place, end, runs.samples)).all():
@@ -302,7 +305,7 @@ class Bottleneck:
 
 
 def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[int, ...]) -> Bottleneck:
-    """Return the narrowest edge crossed by a sequence of triangles, as a bottleneck; infinite for one triangle."""
+    """Return the narrowest edge crossed by a sequence of triangles as a bottleneck; infinite width for one triangle."""
     edges = mesh.portals(sleeve)
     if len(edges) == 0:
         place = mesh.centroids[sleeve[0]]

@@ -20,7 +20,7 @@ ROUNDING_SHARE = 1e-6
 Derived: eight roundings of a coordinate in single precision, far below any gap that an arm could pass.
 """
 _MOST_OPEN = 200_000
-"""Number of edges without a partner above which a mesh counts as an open triangle soup and is not repaired."""
+"""Number of edges without a partner above which a mesh counts as a set of loose triangles and is not repaired."""
 _WHOLE_NUMBERS = 2**64
 """Number of integers that fit into 64 bits."""
 _MOST_AT_VERTEX = 64
@@ -67,12 +67,12 @@ class _HalfEdges:
         )
 
     def keys(self, count: int) -> IntArray:
-        """Return a number that identifies the undirected edge of each half-edge, given the number of vertices, (e,)."""
+        """Return a number per half-edge that identifies its undirected edge, (e,); ``count`` is that of vertices."""
         # The product fits into 64 bits: a mesh has far fewer than 2^31 vertices.
         return np.asarray(np.minimum(self.start, self.end) * count + np.maximum(self.start, self.end))
 
     def grouped(self) -> tuple[IntArray, IntArray]:
-        """Return the order of half-edges by undirected edge, then file order, and the start index of each edge."""
+        """Return all half-edges, as indices sorted by undirected edge, then file order, and where each edge begins."""
         keys = self.keys(max(self.start.max(initial=0), self.end.max(initial=0)) + 1)
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
@@ -119,7 +119,7 @@ def find_shells(vertices: FloatArray, faces: IntArray) -> Shells:
 
 
 def repeated(faces: IntArray) -> IntArray:
-    """Return for each triangle the number of earlier triangles with equal vertices, shape (m,)."""
+    """Return for each triangle the number of earlier triangles with the same vertices, shape (m,)."""
     low, middle, high = np.sort(faces, axis=1).T.astype(np.uint64)
     count = int(faces.max(initial=0)) + 1
     if count**3 < _WHOLE_NUMBERS:
@@ -146,7 +146,7 @@ def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
 
 
 def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
-    """Return the indices of duplicate triangles that touching bodies need, each its own at the contact.
+    """Return the indices of duplicate triangles that are needed because each of two touching bodies has its own.
 
     Every piece of an edge must have an even number of triangles. So a duplicate that is the only undecided one at a
     piece is needed if the piece has an odd number of triangles without this duplicate, and otherwise not; decisions

@@ -105,7 +105,7 @@ class _SleevePoint(NamedTuple):
 
 
 def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the triangles from one point to another, cached, since all tip paths lead back along the same arm."""
+    """Return the triangles from one point to another, cached, since tip paths share the part that leads along the arm."""
     # The free point and its triangle follow from the point.
     ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
     walk = mesh.walk_cache.get(ends)
@@ -116,7 +116,10 @@ def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth
 
 
 def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the indices of the triangles from one point to another, along a straight line where free."""
+    """Return the indices of the triangles from one point to another, along straight lines if these are free.
+
+    A line that meets a wall is halved at most ``depth`` times; after that, the shortest walk is taken.
+    """
     if p.triangle == q.triangle:
         return [p.triangle]
     straight = _straight_walk(mesh, _off_edges(mesh, p), p.triangle, _off_edges(mesh, q), q.triangle)
@@ -335,9 +338,9 @@ class TautString:
 
         Returns:
             Unit directions from right to left, shape (2,), each with its squareness: the cosine of the angle between
-            the path and the chord's normal, at a vertex the smaller of the cosines for its two legs, and at least a
-            thousandth. The directions are the normals of the legs at this arc length and of their mean, and the edges
-            crossed there.
+            the path and the chord's normal. At a vertex, it is the smaller of the cosines for the two legs. It is at
+            least ``_LEAST_SQUARENESS``. The directions are the normals of the legs at this arc length and of their
+            mean, and the edges crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
         tangents = _units(self.path[legs + 1] - self.path[legs])

@@ -102,14 +102,14 @@ def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tup
 def all_within(
     surfaces: Sequence[tuple[FloatArray, IntArray]], most: int, least: int, cell: float
 ) -> list[tuple[FloatArray, IntArray]]:
-    """Return several surfaces simplified to a total number of triangles.
+    """Return several surfaces simplified to about a total number of triangles, which ``least`` may exceed.
 
     Triangles that small surfaces do not need are allotted to large surfaces.
 
     Args:
         surfaces: vertices, shape (v, 3) [m], and faces, shape (m, 3), of each surface.
-        most: maximum total number of triangles.
-        least: number of triangles that each surface may have in any case.
+        most: wanted total number of triangles.
+        least: number of triangles that each surface may have, even if the total then exceeds ``most``.
         cell: initial width of the cells in which vertices are merged [m].
     """
     drawn = list(surfaces)

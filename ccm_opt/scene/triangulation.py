@@ -76,7 +76,7 @@ class Triangulation:
 
     @cached_property
     def walk_cache(self) -> dict[tuple[float, float, float, float, int], list[int]]:
-        """Triangle walks already found, by the ends of a straight piece of a path [m] and the allowed halvings."""
+        """Triangle walks already found, by both ends of a straight line (four coordinates) [m] and allowed halvings."""
         return {}
 
     @cached_property

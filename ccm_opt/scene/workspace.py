@@ -242,7 +242,7 @@ class Workspace:
         return np.asarray(np.hypot(across, along) * (1.0 - TINY) - self._roundings)
 
     def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
-        """Return the workspace with only the obstacles that come within a distance [m] of a planar geometry."""
+        """Return the workspace with only the obstacles at most a distance [m] away from a planar geometry."""
         if not self.obstacles:
             return self
         maybe = np.flatnonzero(self._least_apart(shape)[: len(self.obstacles)] <= distance)
