@@ -105,7 +105,7 @@ class _SleevePoint(NamedTuple):
 
 
 def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the triangles from one point to another, cached, since tip paths share the part that leads along the arm."""
+    """Return the triangles from one point to another; cached, since tip paths share the part along the arm."""
     # The free point and its triangle follow from the point.
     ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
     walk = mesh.walk_cache.get(ends)
