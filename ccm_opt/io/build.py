@@ -46,18 +46,20 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 _FOLDED_SHARE = 0.95
 """Fraction of the joint limit that a folded arm uses, so that its joints can still move both ways. Taste."""
 _GAP_IN_DIAMETERS = 1.1
-"""Minimum distance between the axes of distant links of a folded arm, in link diameters (two radii)."""
+"""Minimum distance between the axes of links of a folded arm that are checked for self-collision, in link diameters."""
 _LEAST_GAP_IN_LINKS = 0.1
-"""Minimum distance between the axes of distant links of a folded arm, in link lengths, for arms of zero radius."""
+"""Minimum distance between the axes of links of a folded arm that are checked for self-collision, in link lengths;
+applies to arms of very small or zero radius."""
 
 
 def folded_bends(arm: Arm) -> FloatArray:
     """Return the joint angles of the most compact serpentine of an arm, shape (n links,) [rad].
 
-    A serpentine consists of equal straight rows joined by half turns, alternately to the left and to the right; the
-    first row lies along the base heading. A half turn of m joints bends each by π / m and sets the rows l cot(π / 2m)
-    apart, with l the link length. Among all m and row lengths that respect the joint limit and keep distant links
-    apart, the serpentine with the shortest diagonal of its bounding box is chosen.
+    A serpentine consists of equal straight runs of links joined by half turns, alternately to the left and to the
+    right. The first run lies along the base heading. A half turn of m joints bends each joint by π / m and places the
+    runs l cot(π / 2m) apart, with l the link length. Candidates differ in m and in the number of links per run. They
+    respect the joint limit, and keep links apart that are checked for self-collision. The one whose bounding box has
+    the shortest diagonal is returned.
 
     Args:
         arm: a planar arm.
@@ -98,7 +100,7 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
 
 
 def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
-    """Yield the joint angles of candidate serpentines, for every number of joints per half turn and per straight row.
+    """Yield the joint angles of candidate serpentines, for all numbers of joints per half turn and per straight run.
 
     Args:
         arm: a planar arm of n links.
@@ -120,12 +122,12 @@ def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
 
 
 def _serpentine(links: int, turn: int, row: int) -> FloatArray:
-    """Return the joint angles of straight rows joined by half turns, alternately left and right, shape (n,) [rad].
+    """Return the joint angles of straight runs joined by half turns, alternately left and right, shape (n,) [rad].
 
     Args:
         links: number n of links.
         turn: number of joints per half turn.
-        row: number of straight joints between two half turns.
+        row: number of joints at zero angle between two half turns.
     """
     left = np.concatenate((np.zeros(row), np.full(turn, math.pi / turn)))
     period = np.concatenate((left, -left))

@@ -44,9 +44,9 @@ verifying."""
 _STILL = 1e-9
 """Allowed deviation of a coordinate that rests in the plan, as in a guide tube or during a pause [rad, m]."""
 _SLOWER = 1.002
-"""Factor by which the motion is slowed down beyond the factor that the samples need. Taste."""
+"""Safety factor on the factor by which the motion is slowed down so that its samples respect all limits. Taste."""
 _FACTOR_STEPS = 1e4
-"""Reciprocal of the step of time factors, which are rounded so that a reader can recover them exactly."""
+"""Reciprocal of the step to which time factors are rounded up, so that a reader of the file recovers them exactly."""
 _ATTEMPTS = 12
 """Maximum number of attempts to choose points, each closer to the plan or slower, until the checks pass. Taste."""
 
@@ -57,7 +57,7 @@ class ControllerPoints:
 
     Attributes:
         samples: indices of the points among the samples of the plan, shape (P,).
-        factor: factor, at least 1, by which the motion of the points is slower than the plan.
+        factor: ratio, at least 1, of the duration of the points to that of the plan.
         trajectory: the points in the arm's coordinates, at times of whole nanoseconds.
         joints: the points as states of all revolute joints, with efforts.
         smooth: whether points have accelerations, so that a controller interpolates them by quintics.
@@ -78,7 +78,10 @@ class ControllerPoints:
 
 
 def spared(problem: Problem, checks: Iterable[Check]) -> float:
-    """Return the maximum deviation of any point of the arm from a plan that cannot violate a required clearance [m].
+    """Return how far any point of the arm may deviate from a plan without violating a required clearance [m].
+
+    For clearance between links this is half the spare distance, since both links may deviate. The result is at least
+    the contact tolerance.
 
     Args:
         problem: the problem.
@@ -119,7 +122,7 @@ def slowed(
 def message_checks(
     problem: Problem, plan: JointTrajectory, message: Message, samples: IntArray, factor: float, spare: float
 ) -> tuple[Check, Check]:
-    """Return the checks that a controller's interpolation of points keeps the limits and stays near the plan.
+    """Return two checks of a controller's interpolation of points: that it respects all limits and stays near the plan.
 
     Args:
         problem: the problem.
@@ -137,7 +140,10 @@ def message_checks(
 
 
 def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
-    """Return the checks that deviating links keep their clearances within twice the contact tolerance.
+    """Return the checks that links which deviate from a plan still keep the required clearances, up to a tolerance.
+
+    It is twice the contact tolerance: one for the plan, one for the deviation. Self-collision is checked only if the
+    problem requires it.
 
     Args:
         problem: the problem.
@@ -244,7 +250,10 @@ class _Choice:
     smooth: bool
 
     def samples(self) -> IntArray:
-        """Return the indices of the chosen samples, shape (P,); neighbours where no longer polynomial fits."""
+        """Return the indices of the chosen samples, shape (P,).
+
+        Where no polynomial over several samples respects limits and tolerance, neighbouring samples are chosen.
+        """
         chosen = [0]
         for end in self._corners[1:]:
             while chosen[-1] < end:
@@ -252,9 +261,10 @@ class _Choice:
         return np.array(chosen, dtype=np.intp)
 
     def _farthest(self, first: int, end: int) -> int:
-        """Return about the farthest sample to which a polynomial from sample ``first`` keeps limits and tolerance.
+        """Return the index of a sample to which a polynomial from sample ``first`` respects limits and tolerance.
 
-        Found by bisection up to sample ``end``; at least the next sample.
+        It is found by bisection up to sample ``end``, so approximately the farthest. If there is none, the result is
+        ``first + 1``.
         """
         good = first + 1
         bad = tried = min(first + _FARTHEST, end)
@@ -288,9 +298,9 @@ class _Choice:
     def used(self, first: int, last: int) -> float:
         """Return the maximum fraction of any limit, or of the tolerance, that the polynomial between two samples uses.
 
-        The polynomial is evaluated at all samples from ``first`` to ``last``. For accelerations the square root of the
-        fraction is taken, for jerks the cube root, so that the limits hold once the motion is slowed down by the
-        result.
+        The polynomial is evaluated at all samples from ``first`` to ``last``. Of accelerations the square root of the
+        fraction counts, of jerks the cube root, so that all limits hold once the motion is slowed down by the result.
+        The result is inf if a coordinate moves that rests in the plan.
         """
         plan, span = self.plan, slice(first, last + 1)
         h = plan.time[last] - plan.time[first]
@@ -346,14 +356,15 @@ def _unit_curve(orders: int) -> FloatArray:
 
 
 _UNIT_CURVES = {orders: _unit_curve(orders) for orders in (2, 3)}
-"""Matrices from end conditions to polynomial coefficients for cubics (2) and quintics (3 conditions at each end)."""
+"""Matrices that map end conditions to polynomial coefficients, by number of conditions at each end: 2 for cubics, 3 for
+quintics; see ``_unit_curve``."""
 
 
 QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 _WHOLE = re.compile(r" (-?\d+)(?![\d.])")
-"""An integer without decimal point, followed by any exponent, after a blank."""
+"""An integer without decimal point after a blank; an exponent may follow."""
 
 
 def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effort: bool = False) -> tuple[str, str]:

@@ -55,8 +55,8 @@ READERS: Mapping[str, Reader] = {
 
 
 _FLAT = 1e-12
-"""Thickness, relative to length and coordinates, up to which an outline counts as a line. Derived: about 5000 rounding
-errors."""
+"""Thickness of an outline, relative to its length and coordinates, up to which it counts as a line. Derived: about 5000
+rounding errors."""
 
 
 def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
@@ -90,7 +90,9 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
 
 
 def divided(shape: Shape, largest: float) -> list[Shape]:
-    """Return a shape split into the part with area and, as lines, the rings without area; empty without extent.
+    """Return a shape split into its area and, as separate lines, its rings without area.
+
+    The list is empty if all points of the shape coincide.
 
     Args:
         shape: the shape, in the coordinates of the obstacles.
@@ -125,7 +127,7 @@ def divided(shape: Shape, largest: float) -> list[Shape]:
 
 
 def _is_flat(ring: FloatArray) -> bool:
-    """Return whether a ring, shape (k, 2), is so thin that rounding errors would decide which points lie inside."""
+    """Return whether a ring, shape (k, 2), is so thin that rounding would decide which points lie inside it."""
     hull = shapely.MultiPoint(ring).convex_hull
     return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
 
@@ -229,7 +231,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
 
 
 def _of_each(shapes: Iterable[Shape], convert: Callable[[Shape], list[Part]]) -> list[Part]:
-    """Return the concatenated results of a function of each shape, with the errors for all shapes raised as one.
+    """Return the concatenated results of a function applied to each shape; raise the errors of all shapes as one.
 
     Args:
         shapes: the shapes.
@@ -282,9 +284,9 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
 
 
 def _unread_strokes(shapes: Iterable[Shape], wall_thickness: float) -> Iterator[LeftOut]:
-    """Yield at most one report on lines whose drawn stroke is wider than the wall that is made of them.
+    """Yield one report on all lines whose drawn stroke is wider than the wall made from them, if there are any.
 
-    Stroke widths often mean only a pen, so they are reported rather than used.
+    A stroke width often means just the width of a pen, so it is reported rather than used as the thickness of the wall.
     """
     lines = [shape for shape in shapes if shape.drawn == "line"]
     wide = [line for line in lines if line.stroke_width > max(wall_thickness, 2.0 * line.half_width)]
@@ -398,8 +400,8 @@ def with_scene(
         allow_outside: whether the drawing may lie outside ``folder``.
 
     Returns:
-        The data without the keys about the drawing, its obstacles appended to those of the table; unchanged where the
-        data have no such keys. And the report on the drawing, with its box in metres; None where it was not read.
+        First the data, without the keys about the drawing and with its obstacles appended; unchanged if they have no
+        such keys. Second the report on the drawing, with its bounding box in metres; None if the drawing was not read.
     """
     workspace = data.get("workspace")
     keys = SceneTable.model_fields

@@ -80,7 +80,7 @@ _IN_SPACE = {
 }
 """Descriptions of three-dimensional entities, which are refused, by DXF type (POLYLINE meshes: POLYFACE, POLYMESH)."""
 _PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VERTEX"))
-"""DXF types of structural records, which are no entities."""
+"""DXF types of structural records, which are not entities."""
 _KIND = re.compile(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(\d*[A-Z][A-Z0-9_]*)[ \t]*\r?$")
 """Group code 0 in the text of a DXF file, followed by the type of an entity."""
 _ANNOTATIONS = re.compile(
@@ -131,7 +131,7 @@ def read_dxf(content: bytes, distance: float) -> DrawingContent:
         distance: maximum distance between a curve and its polyline [drawing units].
 
     Raises:
-        ProblemError: the content is no DXF, has unreadable entities, which are listed by name, or exceeds a limit of
+        ProblemError: the content is not DXF, has unreadable entities, which are listed by name, or exceeds a limit of
             ``ImportBounds``.
     """
     found = _Findings()
@@ -393,7 +393,7 @@ def _turn_upright(entity: Entity) -> None:
 
 
 def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:
-    """Return the shapes of a layer's open polylines, joined where their ends meet."""
+    """Return the open polylines of a layer as shapes, after joining them where exactly two ends meet."""
     points = np.concatenate([piece.points for piece in pieces])
     worst = float(np.abs(points).max())
     if not worst <= IMPORT.largest_coordinate:  # also where it is no number

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ezdxf.math import BSpline
 
 _MOST_MEETING = 100
-"""Maximum average number of line ends within joining distance of a line end, itself included. Taste: usually two."""
+"""Maximum mean number of line ends within joining distance of a line end, which counts too. Taste: usually two."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Piece:
 
 
 def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
-    """Join open polylines into chains wherever exactly two ends meet; where more ends meet, chains stop.
+    """Join open polylines into chains wherever exactly two ends meet; a chain ends where more than two ends meet.
 
     Args:
         pieces: open polylines of non-zero length; one that lies entirely on another is dropped.
@@ -92,7 +92,7 @@ def _without_duplicates(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 
 
 def _meeting(points: FloatArray, gap: float) -> FloatArray:
-    """Return points, each moved to the first point of its cluster, with unchanged shape (n, 2).
+    """Return n points, each replaced by the first point of its cluster, shape (n, 2).
 
     Args:
         points: points, shape (n, 2).

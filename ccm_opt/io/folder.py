@@ -294,7 +294,7 @@ def check_target(target: Path, record: str = RECORD) -> None:
         record: name of the file whose presence identifies the folder of an earlier run of the same kind.
 
     Raises:
-        ProblemError: the path is no folder, or one without that record, or cannot be written.
+        ProblemError: the path is not a folder, is a folder without that record, or cannot be written.
     """
     try:
         os.fsencode(target)

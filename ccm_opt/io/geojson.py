@@ -29,7 +29,7 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
         distance: chord tolerance of all drawing readers; unused, since GeoJSON has no curves.
 
     Raises:
-        ProblemError: the content is no GeoJSON, or exceeds a limit of ``ImportBounds``.
+        ProblemError: the content is not GeoJSON, or exceeds a limit of ``ImportBounds``.
     """
     del distance
     # Every place is a list of its own, so that there are at least as many brackets as places.
@@ -113,7 +113,7 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
         distance: chord tolerance of all drawing readers; unused, since WKT has no curves.
 
     Raises:
-        ProblemError: the text is no WKT, or exceeds a limit of ``ImportBounds``.
+        ProblemError: the text is not WKT, or exceeds a limit of ``ImportBounds``.
     """
     del distance
     # A comma stands between any two places.

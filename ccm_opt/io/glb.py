@@ -28,7 +28,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import capsule_surface
 
 _FILM_RATE = 30.0
-"""Rate of animation keyframes, between which players interpolate [1/s]."""
+"""Number of animation keyframes per second of the motion; players interpolate between them [1/s]."""
 
 _ROUND_SIDES = 16
 """Number of flat sides that approximate cylinders and half spheres. Taste."""
@@ -170,7 +170,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 
     Args:
         problem: the problem, which gives arm and obstacles.
-        trajectory: the motion, of which 30 keyframes per second are written, its two ends included.
+        trajectory: the motion; keyframes are taken 30 times per second, and at its start and end.
     """
     arm = problem.arm
     writer = GlbWriter()
@@ -231,7 +231,9 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Return quaternions x, y, z, w, shape (T, 4), of rotations over time, shape (T, 3, 3), without jumps of sign."""
+    """Return quaternions x, y, z, w, shape (T, 4), of rotation matrices over time, shape (T, 3, 3).
+
+    Signs are chosen so that successive quaternions do not change sign."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - loaded only where a film is written
 
     found = Rotation.from_matrix(rotations).as_quat()
@@ -306,7 +308,7 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
     """Return the parsed JSON document of a GLB file, without its cameras, and the bytes of the following chunks.
 
     Raises:
-        ProblemError: the content is no GLB of version 2, or is damaged.
+        ProblemError: the content is not a GLB of version 2, or is damaged.
     """
     start = _HEADER.size + _CHUNK.size
     if len(content) < start or content[:4] != b"glTF":

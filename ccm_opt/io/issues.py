@@ -170,7 +170,8 @@ class _Scanner:
 
 Model = TypeVar("Model", bound=BaseModel)
 _SIMILAR = 0.7
-"""Minimum similarity of a misspelt key to a suggested one; at difflib's default of 0.6, words often merely rhyme."""
+"""Minimum similarity, as difflib measures it, of a misspelt key to a suggested one; at its default of 0.6, suggestions
+are often wrong."""
 _LONGEST_VALUE = 60
 """Maximum length of a value shown in a message [characters]."""
 
@@ -196,7 +197,9 @@ class Issues:
 
         Args:
             lines: line numbers, by key path.
-            setting_source: function of a key path that returns the override that set it, or an empty text.
+            setting_source: function that returns the override (``key.path=value``) that set a given key path, or an
+                empty
+            text if the file gives the value.
         """
         located = []
         for path, message in self.found:

@@ -24,7 +24,7 @@ from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.shells import find_shells, repeated
 
 _SAME = 1e-9
-"""Relative difference between two scale factors that is attributed to rounding."""
+"""Maximum relative difference between two scale factors that count as equal."""
 EXPECTED = "a mesh, for example 'casing.stl'"
 
 
@@ -38,7 +38,7 @@ def mesh_bodies(
 ) -> dict[int, MeshBody]:
     """Return the obstacles that are meshes as solids in world coordinates, by index among all obstacles of the file.
 
-    Each mesh file is read once, however many obstacles refer to it.
+    A mesh file to which several obstacles refer is read once.
 
     Args:
         listed: index (from 0) and table of each obstacle.
@@ -216,8 +216,8 @@ _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9],
 def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
     """Return a mesh with equal vertices merged and redundant triangles removed; its surface covers the same points.
 
-    Repeated triangles are removed, except where two bodies touch and both need theirs. A degenerate triangle is removed
-    only if it covers nothing but an edge or a vertex of another triangle.
+    Repeated triangles are removed, unless two bodies touch there and each needs its own triangle to be closed. A
+    degenerate triangle is removed only if it coincides with an edge or a vertex of another triangle.
 
     Args:
         raw: a mesh with finite coordinates.

@@ -22,7 +22,7 @@ from ccm_opt.core.polygons import mitred
 from ccm_opt.io.shapes import IMPORT, FillRule, Shape, flatten_arc
 
 _SAME = 1e-6
-"""Distance between two outlines, relative to the drawing's extent, up to which they count as one drawn twice."""
+"""Distance between two outlines, relative to the drawing's extent, up to which they count as repetitions."""
 
 _ROUND = 1e-7
 """Minimum chord deviation of a circle, relative to its radius, which gives 7000 corners."""
@@ -79,11 +79,11 @@ def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) 
 
     Args:
         shapes: shapes of a drawing.
-        growth: chord deviation of curves, by which a curved outline is shrunk, besides half its line width.
+        growth: chord deviation of curves; a curved outline is offset inward by this and by half its line width.
         distance: maximum distance between a circle and its polygon.
 
     Raises:
-        ProblemError: there is no closed outline, or the largest is no simple polygon.
+        ProblemError: there is no closed outline, or the largest one is not a simple polygon.
     """
     parts = [part for shape in shapes if shape.drawn not in {"line", "area"} for part in _apart(shape, distance)]
     parts = [parts[k] for k in _without_duplicates(np.array([_simple(part.rings[0]) for part in parts]))]
@@ -106,7 +106,8 @@ def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) 
 def _apart(shape: Shape, distance: float) -> list[Shape]:
     """Return each ring of a shape as a separate shape, a circle as a polygon.
 
-    The polygon of a very large circle is coarser than ``distance``; the excess is added to its line width.
+    The polygon of a very large circle deviates from it by more than ``distance``; the excess deviation is added to the
+    shape's line width.
     """
     if shape.is_circle:
         coarse = max(distance, _ROUND * shape.half_width)
@@ -212,7 +213,7 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
         Valid polygons with area, at least one; holes are kept.
 
     Raises:
-        ProblemError: a ring encloses no area, or crosses itself such that a repair would change the area.
+        ProblemError: a ring encloses no area, or crosses itself so that a repair would change its area too much.
     """
     if rule == "polygon":
         return repaired(shapely.Polygon(rings[0], rings[1:]))
@@ -266,8 +267,8 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
         polygon: any polygon.
 
     Returns:
-        Valid polygons with area, at least one, that differ from the given one by at most a thousandth of the area;
-        holes smaller than a thousandth, which a repair may leave at a crossing, are filled.
+        At least one valid polygon with area. Together they differ from the given polygon by at most a thousandth of its
+        area. Holes smaller than that, which a repair may leave at a crossing, are filled.
 
     Raises:
         ProblemError: the polygon has no area, crosses itself too often, or would change too much by a repair.

@@ -54,7 +54,7 @@ KEPT_MESHES = "meshes"
 
 
 def recorded_data(problem: Problem) -> Table:
-    """Return the tables of a problem for a record of a run, preferably those that the user wrote.
+    """Return the tables of a problem for the record of a run, as the user wrote them if possible.
 
     Args:
         problem: the problem, from a file, from Python, or changed by ``dataclasses.replace``.
@@ -85,7 +85,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     Args:
         problem: the problem; its ``source`` is ignored.
         mesh_files: mesh file of each obstacle in space, relative to the folder of the problem file; ignored for
-            obstacles that are no meshes. None uses the paths from ``stored_mesh_paths``.
+            obstacles that are not meshes. None uses the paths from ``stored_mesh_paths``.
 
     Returns:
         Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.

@@ -65,7 +65,8 @@ def _workspace(
         clearance: required clearance; None keeps the clearance of ``room``.
         unit: unit of the lengths in the table.
         issues: receives the defects of the obstacles.
-        bodies: receives obstacles in space that are given as solids, which bypass the table; None in the plane.
+        bodies: receives the obstacles in space that are given as solid objects, which are not converted to tables; None
+            in the plane.
     """
     table: Table = {"bounds": room, "obstacles": []}
     if isinstance(room, Workspace):
@@ -87,7 +88,8 @@ def _workspace(
             elif isinstance(shape, _BODIES):
                 bodies.append(Obstacle(name, shape))
             else:
-                raise ProblemError(f"'{name}' is neither a solid nor a table of [[workspace.obstacles]]")  # noqa: TRY301
+                raise ProblemError(f"'{name}' is neither a solid nor a table of [[workspace.obstacles]]")  # noqa:
+                TRY301
         except ProblemError as error:
             issues.add(("workspace", "obstacles"), str(error))
     for line in given.wrong:
@@ -204,7 +206,7 @@ def make_problem(
 
     Raises:
         ProblemFileError: the problem has defects; the message lists each under its key in a problem file.
-        ProblemError: ``unit`` is no unit, ``arm`` is no arm, or two obstacles have the same name.
+        ProblemError: ``unit`` is not a unit, ``arm`` is not an arm, or two obstacles have the same name.
     """
     expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")
     expect(arm, (Arm, Mapping), "a ccm_opt.Arm or a table for arm=", "ccm_opt.Arm.snake(…) makes one")

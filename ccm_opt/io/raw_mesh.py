@@ -50,7 +50,7 @@ class RawMesh:
         vertices: positions of the vertices, shape (v, 3).
         faces: indices of the vertices of each triangle, shape (m, 3).
         metres: metres per unit, where the file states the unit; else None.
-        passed_over: contents of the file that were ignored because they are no surfaces, in words for the user.
+        passed_over: contents of the file that were ignored because they are not surfaces, in words for the user.
         content: bytes of the file.
         mended: repairs made to the mesh, in words for the user.
     """
@@ -145,7 +145,7 @@ def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def _normals(corners: FloatArray) -> FloatArray:
-    """Return the normals of polygons with corners of shape (f, c, 3): twice the area long, shape (f, 3)."""
+    """Return normals of polygons, shape (f, 3), whose norm is twice the area, from corners of shape (f, c, 3)."""
     spokes = corners - corners[:, :1]
     return np.asarray(np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1))
 
@@ -164,7 +164,8 @@ def _cut_flat(corners: FloatArray) -> IntArray | None:
         corners: positions of the polygon's corners, shape (c, 3).
 
     Returns:
-        None where the polygon, projected along one coordinate axis, is not simple or cannot be triangulated.
+        The corner indices; None if the polygon, projected along a coordinate axis, crosses itself or cannot be
+        triangulated.
     """
     import shapely  # noqa: PLC0415 - few meshes have such faces
 

@@ -150,8 +150,8 @@ class InputBounds:
 
     Attributes:
         most_bytes: maximum size of the file [bytes].
-        longest_key: maximum number of dots in one word, such as a dotted key, since the parser's time grows with the
-            square of this number.
+        longest_key: maximum number of dots in one dotted key or other word, since the parser's time grows with its
+            square.
         deepest: maximum nesting depth of tables and lists; the schema needs six levels.
         most_keys: maximum number of keys in all tables together.
         most_points: maximum number of lists in the whole file, most of which are points of outlines.
@@ -171,7 +171,7 @@ BOUNDS = InputBounds()
 
 
 def text_defect(text: str) -> str:
-    """Return a sentence about a dotted key with too many parts to parse in reasonable time; empty if there is none."""
+    """Return a sentence about a dotted key with too many dots to be parsed in reasonable time; empty if none."""
     # Words with consecutive dots are skipped: such an ellipsis occurs in prose and comments, never in a key.
     longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
     if longest < BOUNDS.longest_key:
@@ -180,7 +180,7 @@ def text_defect(text: str) -> str:
 
 
 def content_defect(data: Mapping[str, object]) -> str:
-    """Return a sentence that says how parsed data are too large or too deeply nested; empty for acceptable data.
+    """Return a sentence that says which limit on size or nesting parsed data exceed; empty for acceptable data.
 
     The data are traversed level by level, without recursion, so that no nesting depth overflows the stack.
 

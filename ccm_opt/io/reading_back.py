@@ -85,7 +85,7 @@ class RecordedResults:
         figures: figures of merit by name; None for those that are not finite.
         checks: verifier's checks in the order of the record; NaN for numbers that are not finite.
         verdict: outcome of the simulation, by the field names of ``SimulationVerdict``.
-        tolerance: tracking errors that the motion survives; empty where they were not requested.
+        tolerance: maximum errors of each kind that the motion tolerates; empty if they were not requested.
         data: the whole record.
     """
 
@@ -142,7 +142,7 @@ def _check(data: Mapping[str, Any]) -> Check:
 
 
 def _tolerated_error(data: Mapping[str, Any]) -> ToleratedError:
-    """Return a tracking error that a plan survives from its record.
+    """Return an error that a plan tolerates, read from its entry in the record.
 
     Raises:
         ValueError: the size is missing, or differs from the size in degrees.
@@ -175,7 +175,7 @@ def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configu
 
     Args:
         arrays: arrays of ``solution.npz``, by name.
-        arm: the arm, at whose base the curves start.
+        arm: the arm, whose base is the start of every curve.
 
     Raises:
         ProblemError: the arrays do not describe curves.
@@ -218,8 +218,8 @@ def _curve(
 def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> FloatArray:
     """Return the change of heading along each of S curvature segments, shape (S,) [rad].
 
-    The change is linear in the curvature values, so the integrals of the five basis splines are computed once for all
-    segments with equal knots.
+    It is the integral of the curvature, which is linear in the five curvature values. The integrals of the five basis
+    splines are therefore computed once for all segments with equal knots.
 
     Args:
         lengths: lengths of the segments, shape (S,) [m].
@@ -473,7 +473,7 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
         known: names of the arrays that it may contain.
 
     Raises:
-        ProblemError: the file cannot be read, or contains anything else.
+        ProblemError: the file cannot be read, or contains an array of another name.
     """
     if not path.is_file():
         raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'")

@@ -140,16 +140,16 @@ def place_data(place: NearPlace) -> Mapping[str, object]:
 
 
 def tolerance_data(errors: Iterable[ToleratedError]) -> list[Mapping[str, object]]:
-    """Return one record per tracking error that a plan survives; angles are given in degrees as well."""
+    """Return one record for each error that a plan tolerates; angles are given in radians and in degrees."""
     return [asdict(e) | ({"size_deg": math.degrees(e.size)} if e.unit == "rad" else {}) for e in errors]
 
 
 def tolerance_json(name: str, errors: Iterable[ToleratedError]) -> str:
-    """Return the text of ``tolerance.json``, the tracking errors under which a plan remains collision-free.
+    """Return the text of ``tolerance.json``: the maximum errors under which a plan remains collision-free.
 
     Args:
         name: name of the problem.
-        errors: the maximum errors of each kind that the plan survives.
+        errors: the maximum error of each kind that the plan tolerates.
     """
     return strict_text({"problem": name, "tolerance": tolerance_data(errors)})
 
@@ -266,7 +266,8 @@ def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
 def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
     """Return the bytes of an ``.npz`` file; equal arrays give equal bytes at any time.
 
-    Only arrays with columns of zeros are compressed: in a planar plan, two thirds of the revolute joints never move.
+    Only arrays with columns of zeros are compressed. In a planar plan, two thirds of the revolute joints never move, so
+    that their columns are zero.
     """
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:

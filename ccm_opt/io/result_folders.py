@@ -104,7 +104,8 @@ def reach_json(found: ReachMap) -> str:
 FAILED = ".failed"
 """Suffix of the folder of a failed run, used where the folder without suffix holds an earlier result to be kept."""
 UNFINISHED = ".unfinished"
-"""Suffix, used like ``FAILED``, of the folder of a verified plan whose simulation or pictures were interrupted."""
+"""Suffix of the folder of a verified plan whose simulation or pictures were interrupted, used if the folder without
+suffix holds an earlier result."""
 
 
 def sibling_folder(target: Path, ending: str) -> Path:
@@ -115,7 +116,7 @@ def sibling_folder(target: Path, ending: str) -> Path:
         ending: the suffix; a number is appended where the folder of that name holds a result too, or foreign files.
 
     Returns:
-        A path that may be written: no folder yet, or one that holds only the record of a failed run.
+        A path that may be written: no folder exists there, or it holds only the record of a failed run.
     """
     if not holds_result(target):
         return target

@@ -20,10 +20,10 @@ from ccm_opt.robot.frames import joint_names
 from ccm_opt.scene.bodies import Body, RigidPlacement, rotation_to_axis
 
 FEED = "feed"
-"""Name of the prismatic joint of the feed axis, which precedes all other joints of a fed arm."""
+"""Name of the prismatic joint of the feed axis, which precedes all other joints of an arm on a feed axis."""
 Axis = tuple[float, float, float]
 _UPRIGHT = 1e-12
-"""Length of the horizontal part of a unit vector up to which the vector counts as vertical."""
+"""Norm of the horizontal component of a unit vector up to which the vector counts as vertical."""
 _X = (1.0, 0.0, 0.0)
 _Y = (0.0, 1.0, 0.0)
 _Z = (0.0, 0.0, 1.0)
@@ -90,7 +90,7 @@ def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
 
 
 def visual_radius(arm: Arm, k: int) -> float:
-    """Return the radius with which link ``k`` is displayed [m]: its own, or a small one for an arm of zero radius."""
+    """Return the radius with which link ``k`` (from 0) is displayed [m]: its own, or a small one if that is 0."""
     return float(arm.radii[k]) or 0.02 * arm.link_length
 
 
@@ -158,7 +158,7 @@ def _geometry_element(body: Body) -> _Shape:
 
 
 def _capsule(arm: Arm, k: int, begin: float) -> _Shape:
-    """Return the part of link ``k`` from ``begin`` [m] behind its joint to its end, in the link's frame."""
+    """Return link ``k`` (from 0), from ``begin`` [m] beyond its joint to its end, as a capsule in the link's frame."""
     length = float(arm.lengths[k])
     size = (visual_radius(arm, k), length - begin)
     return _Shape("capsule", size, np.array([0.5 * (begin + length), 0.0, 0.0]), _Z_ALONG_X)
@@ -180,7 +180,7 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
 
 
 def mesh_file(scene: SolidScene, obstacle: SolidObstacle, k: int) -> str:
-    """Return the name of the mesh file of one solid of an obstacle; unused where the solid is no mesh.
+    """Return the name of the mesh file of one solid of an obstacle; unused if the solid is not a mesh.
 
     Args:
         scene: the obstacles as solids.
@@ -237,7 +237,8 @@ UNLIMITED_VELOCITY = 1e3
 FRAME_MASS = 2e-15
 """Mass given to moving frames that have no mass of their own [kg].
 
-Derived: twice the minimum that MuJoCo loads; Gazebo requires a mass, too. Torques of twelve digits do not change.
+Derived: twice the minimum that MuJoCo loads; Gazebo requires a mass too. Torques change by less than their twelfth
+digit.
 """
 FRAME_INERTIA = 2e-14
 """Moment of inertia given to moving frames that have none of their own, about every axis [kg m²]."""

@@ -32,7 +32,10 @@ KNOWN = frozenset(
 
 
 def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mapping[str, type[Table]]) -> None:
-    """Report violations of the rules between keys: alternatives, required companions, equal names, feed and contact.
+    """Report violations of the rules between keys.
+
+    These are rules about alternative keys, keys that require others, obstacles of the same name, keys about the feed,
+    and the contact tolerance.
 
     Args:
         data: the parsed problem file.
@@ -88,7 +91,7 @@ def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], 
 
 
 def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
-    """Report obstacles that have equal names, given or default, since messages identify obstacles by name."""
+    """Report obstacles of the same name, given or default, since messages identify obstacles by name."""
     first: dict[object, int] = {}
     for k, entry in enumerate(obstacles):
         given = entry.get("name") if isinstance(entry, Mapping) else None
@@ -102,7 +105,7 @@ def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
 
 
 def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
-    """Report keys of the whole arm beside its sections, and masses that are said twice or not for all."""
+    """Report keys of the whole arm given in addition to sections, and masses given twice or not for all sections."""
     sections = lookup(data, ("arm", "sections"))
     if not isinstance(sections, list):
         return
@@ -119,7 +122,7 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
 
 
 def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
-    """Report a contact tolerance so large that plans could pass through walls, rather than one that covers rounding."""
+    """Report a contact tolerance so large that plans could pass through walls; it is meant for rounding errors only."""
     path: KeyPath = ("verification", "contact_tolerance")
     tolerance, links, length = (lookup(data, place) for place in (path, ("arm", "links"), ("arm", "link_length")))
     if not isinstance(tolerance, (int, float)) or not isinstance(links, int) or not isinstance(length, (int, float)):
@@ -183,7 +186,7 @@ def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> N
 
 
 def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
-    """Report entries of ``limits.points`` that lie beyond the tip, limit nothing, or repeat a point."""
+    """Report entries of ``limits.points`` that lie beyond the tip, give no limit, or repeat a point."""
     length = arm.links * arm.link_length
     for k, point in enumerate(limits.points):
         path: KeyPath = ("limits", "points", k)

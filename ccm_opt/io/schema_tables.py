@@ -321,7 +321,7 @@ def _even(links: int, info: ValidationInfo) -> int:
 
 
 def _both_ends(value: Any) -> Any:
-    """Return a radius, or the radii at both ends, as a list."""
+    """Return the radii of a section as a list: one radius for a number, both end radii for a list (unchanged)."""
     return [value] if _is_number(value) else value
 
 
@@ -381,18 +381,21 @@ class SectionTable(Table):
 
     @property
     def limits(self) -> FloatArray:
-        """Limit on the bends of each joint, shape (links,) [rad]."""
+        """Maximum absolute bend angle of each joint, shape (links,) [rad]."""
         limits = np.full(self.links, self.joint_limit_deg)
         limits[np.array(self.locked, dtype=np.intp) - 1] = 0.0
         return limits
 
 
 SECTION_KEYS = ("links", "link_length", "radius", "joint_limit_deg")
-"""Keys of the arm that its sections stand for."""
+"""Keys of the whole arm that are computed from its sections, where sections are given."""
 
 
 def _whole_of(sections: list[Any]) -> dict[str, Any]:
-    """Return what the keys of an arm would be for its sections: the sum, the mean or the greatest of theirs."""
+    """Return the values of the whole arm's keys that follow from its sections.
+
+    These are the total number of links, the mean link length, and the maximum of radii and joint limits; for invalid
+    sections, whose defects are reported elsewhere, valid placeholders."""
     rows = [each for each in sections if isinstance(each, Mapping)]
 
     def numbers(key: str) -> list[float]:
@@ -472,12 +475,12 @@ class ChainTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _with_whole(cls, data: Any) -> Any:
-        """Return the table with the keys of the whole arm that its sections stand for."""
+        """Return the data with the keys of the whole arm computed from its sections; unchanged without sections."""
         sections = data.get("sections") if isinstance(data, Mapping) else None
         return {**data, **_whole_of(sections)} if isinstance(sections, list) and sections else data
 
     def bend_limit(self, joint: int) -> tuple[str, float]:
-        """Return the key of the limit on the bends of a joint, from 0, and the limit [rad]."""
+        """Return the key that limits the bend angle of a joint (index from 0), and the limit [rad]."""
         limits = None if self.sections is None else np.concatenate([section.limits for section in self.sections])
         if joint == 0 and (limits is None or limits[0] > 0.0):
             return "base_limit_deg", self.base_limit_deg

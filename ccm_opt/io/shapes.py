@@ -33,8 +33,8 @@ class ImportBounds:
         reported_defects: maximum number of defects of a drawing listed in an error message. Taste.
         largest_coordinate: maximum absolute coordinate, in the unit of the problem file. Derived: double precision no
             longer resolves a millionth of a unit beyond this value.
-        most_nested: maximum number of pairs of rings of one shape whose bounding boxes meet. Measured: this number
-            takes 0.5 s where each ring lies inside the next.
+        most_nested: maximum number of pairs of rings of one shape whose bounding boxes intersect. Measured: checking
+            this many pairs takes 0.5 s if each ring lies inside the next.
     """
 
     most_bytes: int = 32 * 2**20
@@ -82,7 +82,8 @@ class Shape:
         half_width: distance by which the shape extends beyond its rings: half the line width, or the radius of a
             circle.
         layer: layer on which the shape is drawn; empty where the drawing has none.
-        stroke_width: width of the stroke that draws the shape; 0 where it has none. Not part of the shape.
+        stroke_width: width of the stroke with which the drawing shows the shape, for information only, as the shape
+            does not extend by it; 0 if it has no stroke.
     """
 
     name: str
@@ -236,7 +237,7 @@ def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) ->
 
 
 def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """Return a polyline whose first and last points are set, in place, to exact values free of rounding."""
+    """Return a polyline after setting its first and last point, in place, to the given exact points."""
     points[0] = first
     points[-1] = last
     return points

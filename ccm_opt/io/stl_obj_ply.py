@@ -190,7 +190,7 @@ def _corners(words: list[bytes], vertices: int) -> list[int]:
         vertices: number of vertices before this line; negative vertex numbers count backwards from the last of these.
 
     Raises:
-        ValueError: an entry is no vertex number, or refers to a vertex that does not exist.
+        ValueError: an entry is not a vertex number, or refers to a vertex that does not exist.
     """
     try:
         named = [int(word.partition(b"/")[0]) for word in words[1:]]
@@ -247,7 +247,7 @@ def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
     """Return the mesh in a PLY file, text or binary; colours and other properties are ignored.
 
     Raises:
-        ProblemError: the content is no PLY, is truncated, or contains something unsupported.
+        ProblemError: the content is not PLY, is truncated, or contains something unsupported.
     """
     try:
         elements, body = _opened(content)
@@ -409,10 +409,10 @@ def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows,
 
 
 def _length(number: np.float64) -> int:
-    """Return the length of a PLY list as an integer; the text format allows invalid lengths, which are refused.
+    """Return the length of a PLY list as an integer; a text file may give invalid lengths, which are refused.
 
     Raises:
-        ValueError: the value is no non-negative integer below 2³².
+        ValueError: the value is not an integer from 0 to 2³² − 1.
     """
     value = float(number)
     if not 0.0 <= value < 2.0**32 or value != int(value):

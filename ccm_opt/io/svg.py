@@ -109,7 +109,7 @@ def path_subpaths(text: str) -> list[Subpath]:
 
 
 def _with_explicit_controls(text: str) -> str:
-    """Return SVG path data in which no smooth curve follows a curve of another degree.
+    """Return equivalent SVG path data in which no smooth curve command follows a curve of another degree.
 
     The svgelements library would mirror the other curve's control point. A curve of zero length, inserted before the
     smooth curve, puts the first control point of the latter at its start, as the standard requires.
@@ -170,7 +170,7 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
         distance: maximum distance between a curve and its polyline [user units].
 
     Raises:
-        ProblemError: the content is no SVG, has dangling references or unreadable path data, or exceeds a limit of
+        ProblemError: the content is not SVG, has dangling references or unreadable path data, or exceeds a limit of
             ``ImportBounds``.
     """
     picture = Picture(parsed_document(content))

@@ -37,7 +37,7 @@ def parsed_document(content: bytes) -> ET.Element:
         content: content of the file.
 
     Raises:
-        ProblemError: the content is no XML, no SVG, or exceeds a limit of ``ImportBounds``.
+        ProblemError: the content is not XML, is not SVG, or exceeds a limit of ``ImportBounds``.
     """
     builder = _Builder(content.count(b"&"))
     parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
@@ -275,7 +275,7 @@ def length_of(text: str, view: View, across: bool | None) -> float:
         across: whether the length is horizontal; None for a length of neither direction, such as a radius.
 
     Raises:
-        ProblemError: the text is no length, or depends on an unknown size of a font or of the picture.
+        ProblemError: the text is not a length, or depends on an unknown size of a font or of the picture.
     """
     match = _LENGTH.fullmatch(text.strip())
     if match is None:

@@ -59,7 +59,7 @@ _REASONS = {
 _LABEL = "http://www.inkscape.org/namespaces/inkscape label"
 _XLINK = "http://www.w3.org/1999/xlink href"
 _AUTOMATIC = re.compile(r"(a|circle|ellipse|g|group|layer|line|path|polygon|polyline|rect|svg|text|tspan|use)[\d_-]+")
-"""Ids as drawing programs generate them, which are less meaningful than the name of a layer."""
+"""Ids that drawing programs generate; the name of a layer is preferred to them."""
 _LONGEST_NAME = 120
 """Maximum length of a name; longer names are truncated [characters]."""
 
@@ -161,7 +161,7 @@ class Picture:
         self.left_out.append(LeftOut(_titled(node), reason))
 
     def _drawn(self, place: Place, *, outermost: bool) -> list[Place]:
-        """Return the children that a group or ``use`` draws; record a shape instead and return an empty list."""
+        """Return the children that a group or ``use`` draws; for a shape, record it and return an empty list."""
         node = place.node
         if node.tag in _SILENT and not place.single:  # a symbol is drawn where it is used
             return []
@@ -327,7 +327,7 @@ def _titled(node: ET.Element) -> str:
 
 
 def _conditional(node: ET.Element) -> bool:
-    """Return whether an alternative of a ``switch`` depends on program or language, or draws nothing."""
+    """Return whether a child of a ``switch`` depends on viewer or language by its attributes, or draws nothing."""
     asks = ("requiredExtensions", "requiredFeatures", "systemLanguage")
     return node.tag not in _USABLE or any(key in node.attrib for key in asks)
 
@@ -335,7 +335,7 @@ def _conditional(node: ET.Element) -> bool:
 def _metres_per_unit(root: ET.Element, view: View) -> float | None:
     """Return the length of a user unit [m], from the physical width of the picture; None where none is given.
 
-    A width in pixels, plain numbers or per cent is no physical size.
+    A width in pixels, plain numbers or per cent is not a physical size.
     """
     width = physical_length(root.attrib.get("width", ""))
     return None if width is None or "viewBox" not in root.attrib or not view.width else width / view.width

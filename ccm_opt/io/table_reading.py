@@ -63,7 +63,7 @@ def check_data(
         allow_outside: whether drawings and meshes may lie outside ``folder``.
 
     Returns:
-        The problem, or None where any defect was found.
+        The problem; None if any defect was found.
     """
     in_space = data.get("space") == IN_SPACE_KEY
     whole, drawing = (data, None) if in_space else with_scene(data, folder, issues, allow_outside=allow_outside)
@@ -118,7 +118,7 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
 
 
 def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]) -> tuple[Table, ...] | None:
-    """Return the validated ``goal`` tables in order, or None where one is defective, missing or no table.
+    """Return the validated ``goal`` tables in order, or None if one is defective, missing or not a table.
 
     Args:
         data: the parsed TOML.
@@ -164,7 +164,7 @@ def _obstacles(
 
 
 def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
-    """Return whether an obstacle is a cylinder of zero length, and report the defect (a capsule may be that short)."""
+    """Return whether an obstacle is a cylinder of zero length, and report this; capsules may have zero length."""
     bar = getattr(table, "cylinder", None)
     if bar is None or not np.allclose(bar.start, bar.end, rtol=1e-12, atol=1e-12):
         return False
@@ -251,7 +251,7 @@ def _check_built_pose(
 
 
 def _hint_at_scale(drawing: ImportedDrawing | None, found: Mapping[str, Any], issues: Issues) -> None:
-    """Report a drawing or mesh of implausible size, as a wrong unit may have caused the other defects."""
+    """Report a drawing or mesh of implausible size, since a wrong unit may have caused the defects found so far."""
     if found["arm"] is None:
         return
     length = found["arm"].links * found["arm"].link_length

@@ -114,7 +114,7 @@ def text_checks(
 ) -> list[Check]:
     """Return the checks of the trajectory files and robot models in an output folder against the plan.
 
-    A missing file is no defect, since a missing file misleads nobody.
+    A missing file is not a defect, since it cannot mislead anybody.
 
     Args:
         folder: an output folder.
@@ -156,7 +156,8 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 
     Args:
         path: path of the file.
-        find: function of the file's text that returns the first difference from the expected text, in words, or "".
+        find: function that, given the file's text, returns its first difference from the expected text in words, or ""
+            if there is none.
         most_bytes: maximum size [bytes]; larger files fail the check unread.
     """
     try:
@@ -253,7 +254,7 @@ def _elements(text: str) -> list[str]:
     """Return the elements of an XML text in canonical form, one line per tag.
 
     Raises:
-        ValueError: the text is no XML, or has declarations or instructions.
+        ValueError: the text is not XML, or has declarations or instructions.
     """
     # Descriptions need no declarations, and entities could expand a short text without bound.
     if "<!" in text.replace("<!--", "") or "<?" in DECLARATION.sub("", text, count=1):
@@ -304,7 +305,8 @@ _OF_MOTION = ("wanted_gap", "clearance", "reach", "nearest", "start", "stops", "
 """Keys of the clearance record that follow from the motion alone; the attainable clearance and its price come from
 planning."""
 _OF_PLACES = ("gap", "wanted")
-"""Keys compared for a place of small clearance; of several equally tight places the record may name any."""
+"""Keys compared for a place of minimum clearance. Bodies and time are not compared, since of several places of equal
+clearance the record may name any."""
 _OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed")
 """Keys compared for a mesh; the path of the original file is no longer known."""
 
@@ -318,7 +320,7 @@ def record_data_check(
 ) -> Check:
     """Return the check that the record in ``solution.json`` agrees with the motion of the plan.
 
-    A missing entry is no defect, since a missing entry misleads nobody.
+    A missing entry is not a defect, since it cannot mislead anybody.
 
     Args:
         record: the whole record.
@@ -346,7 +348,7 @@ def record_data_check(
 
 
 def _of_places(value: object) -> object:
-    """Return a part of the clearance record reduced to those entries of places that are compared."""
+    """Return an entry of the clearance record in which places of minimum clearance have only the keys ``_OF_PLACES``."""
     if isinstance(value, Mapping):
         if "nearest" in value:
             return {"nearest": _of_places(value["nearest"])}

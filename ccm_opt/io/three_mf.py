@@ -34,7 +34,7 @@ _KNOWN = frozenset(
         "trianglesets/2021/07",
     )
 ) | {"http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01"}
-"""XML namespaces that define no surfaces besides those that are read and those refused through ``_OTHER_SHAPES``."""
+"""XML namespaces whose elements are either read, refused by ``_OTHER_SHAPES``, or define no surfaces."""
 _OTHER_SHAPES = {
     "ball": "a beam lattice",
     "beam": "a beam lattice",
@@ -56,7 +56,7 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
         settings: limits on mesh files.
 
     Raises:
-        ProblemError: the content is no 3MF file, is damaged, exceeds a limit, or contains an unsupported shape.
+        ProblemError: the content is not a 3MF file, is damaged, exceeds a limit, or contains an unsupported shape.
     """
     try:
         parts = _unpacked(content, settings)
@@ -144,7 +144,7 @@ class _Model:
 
     Raises:
         ProblemError: the unit is unknown, or an object or extension is not supported.
-        KeyError, ValueError, OverflowError, expat.ExpatError: the text is no 3MF model, or is damaged.
+        KeyError, ValueError, OverflowError, expat.ExpatError: the text is not a 3MF model, or is damaged.
     """
 
     def __init__(self, path: str, text: bytes) -> None:
