@@ -233,7 +233,8 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
 def quaternions(rotations: FloatArray) -> FloatArray:
     """Return quaternions x, y, z, w, shape (T, 4), of rotation matrices over time, shape (T, 3, 3).
 
-    Signs are chosen so that successive quaternions do not change sign."""
+    Signs are chosen so that successive quaternions do not change sign.
+    """
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - loaded only where a film is written
 
     found = Rotation.from_matrix(rotations).as_quat()

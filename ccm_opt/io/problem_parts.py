@@ -88,8 +88,7 @@ def _workspace(
             elif isinstance(shape, _BODIES):
                 bodies.append(Obstacle(name, shape))
             else:
-                raise ProblemError(f"'{name}' is neither a solid nor a table of [[workspace.obstacles]]")  # noqa:
-                TRY301
+                raise ProblemError(f"'{name}' is neither a solid nor a table of [[workspace.obstacles]]")  # noqa: TRY301
         except ProblemError as error:
             issues.add(("workspace", "obstacles"), str(error))
     for line in given.wrong:

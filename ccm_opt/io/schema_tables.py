@@ -395,7 +395,8 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
     """Return the values of the whole arm's keys that follow from its sections.
 
     These are the total number of links, the mean link length, and the maximum of radii and joint limits; for invalid
-    sections, whose defects are reported elsewhere, valid placeholders."""
+    sections, whose defects are reported elsewhere, valid placeholders.
+    """
     rows = [each for each in sections if isinstance(each, Mapping)]
 
     def numbers(key: str) -> list[float]:

@@ -348,7 +348,7 @@ def record_data_check(
 
 
 def _of_places(value: object) -> object:
-    """Return an entry of the clearance record in which places of minimum clearance have only the keys ``_OF_PLACES``."""
+    """Return an entry of the clearance record with only the keys ``_OF_PLACES`` of places of minimum clearance."""
     if isinstance(value, Mapping):
         if "nearest" in value:
             return {"nearest": _of_places(value["nearest"])}
