@@ -123,7 +123,11 @@ class BishopFrames(CurveFrames):
 
     @cached_property
     def parameters(self) -> dict[str, ca.SX]:
-        """Unit vectors perpendicular to the goal direction (3, 2), and offsets of the start pose's links (2, n)."""
+        """Symbols for two unit vectors perpendicular to the goal direction, and for the start pose's offsets, by name.
+
+        "across" are the vectors, shape (3, 2); "strays" are the offsets of the start pose's links from the mean
+        directions of the curve, shape (2, n).
+        """
         return {"across": ca.SX.sym("across", 3, 2), "strays": ca.SX.sym("offset_from_curve", 2, self.links)}
 
     @property

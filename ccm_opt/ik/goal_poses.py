@@ -126,10 +126,10 @@ class GoalPoses:
         return self.wanted_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     def gap(self, q: FloatArray) -> float:
-        """Return the least gap of a pose to walls, beyond radius and required clearance, and between its links [m].
+        """Return the least gap of a pose [m]: to walls beyond radius and required clearance, or between its links.
 
-        The gap to walls is capped at the distance up to which regions of links consider walls. ``q`` is the
-        configuration, shape (c,) [rad, m].
+        Negative values mean contact or too little clearance. The gap to walls is capped at ``settings.reach`` times the
+        arm's length, the distance up to which walls are considered. ``q`` is the configuration, shape (c,) [rad, m].
         """
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
@@ -144,7 +144,10 @@ class GoalPoses:
     def _wall_gap(self, points: FloatArray) -> float:
         """Return the least gap of a pose to walls and surfaces, beyond radius and required clearance [m].
 
-        ``points`` are the positions of joints and tip, shape (links + 1, d) [m].
+        It is capped at ``settings.reach`` times the arm's length.
+
+        Args:
+            points: positions of joints and tip, shape (links + 1, d) [m].
         """
         arm = self.problem.arm
         reach = self.settings.reach * arm.length
@@ -228,7 +231,7 @@ class GoalPoses:
         return pose
 
     def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[ArmPose, ...]:
-        """Return successive solutions of the NLP, each started from the previous one with new regions around that.
+        """Return successive solutions of the NLP, each started from the previous one with new regions around it.
 
         Args:
             seed: collision-free configuration at or near the goal, shape (c,) [rad, m].

@@ -21,7 +21,7 @@ from ccm_opt.robot.biarc import bend_shares
 _LIMIT_SHARE = 0.98
 """Fraction of a joint limit that a pose may use (as in the steps of the motion)."""
 _USER_GAP = 0.05
-"""Fraction of the preferred clearance that a pose keeps for any weight of the user's costs. Measured: with 0, poses in
+"""Fraction of the preferred clearance that a pose keeps, however large the user's costs. Measured: with 0, poses in
 the wing box have 0.1 mm less clearance than the certificate requires."""
 _SIDES = (("left", "right"), ("down", "up"))
 """Names of the sides to which joints bend, for positive and negative bends."""

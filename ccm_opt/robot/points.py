@@ -123,11 +123,14 @@ class MovingPoint:
         return _Axes(first, rotations[..., 1], rotations[..., 0])
 
     def _summed(self, of_links: FloatArray) -> FloatArray:
-        """Return the sum of vectors of the links, shape (N, links, 2 or 3), weighted by the levers, shape (N, d)."""
+        """Return the sum of one vector per link, weighted by the levers, shape (N, d).
+
+        ``of_links`` are the vectors, shape (N, links, 2 or 3).
+        """
         return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers)[..., : self.arm.dimension])
 
     def _carried(self, q: FloatArray) -> FloatArray:
-        """Return the displacement of the base for configurations of shape (N, c), shape (N, d) [m].
+        """Return the displacement of the base, shape (N, d) [m], in configurations q, shape (N, c).
 
         The map is linear, so it also applies to derivatives.
         """

@@ -3,8 +3,8 @@
 The planned motion x(s) of all axes, bends and feed, is a function of the fraction s of its duration. Braking follows
 x(s) with a speed ṡ that begins at that of the plan and falls as fast as the limits allow. The limits are those of
 timing, rows a s̈ + b ṡ² + d ṡ + c within ±1. Every row allows an interval of s̈, and the least allowed s̈ is applied in
-every step. If the plan keeps its limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower speed
-(the limits are convex in (ṡ², s̈)), so that the speed never has to rise.
+every step. If the plan respects the limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower
+speed (the limits are convex in (ṡ², s̈)), so that the speed never has to rise.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ elsewhere.
 _STEP = 2e-3
 """Largest time between two samples while braking [s]. Taste."""
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
-"""Fractions of every limit that are tried in turn for braking, until all samples keep the limits. Taste.
+"""Fractions of every limit that are tried in turn for braking, until all samples respect the limits. Taste.
 
 Smaller fractions may be needed because the accelerations of the planned motion change between the points at which
 limits are evaluated.
@@ -63,15 +63,17 @@ def braked(
     """Return a motion up to a given time, followed by braking to rest along the planned motion in minimum time.
 
     Args:
-        trajectory: a planned motion that keeps its limits.
+        trajectory: a planned motion that respects the limits.
         time: time at or after which braking begins, at the next sample of the motion [s].
         arm: the arm.
-        limits: limits on speeds, accelerations and efforts, without limits on jerk.
+        limits: limits on speeds, accelerations and efforts; must contain no limits on jerk.
         inverse_dynamics: inverse dynamics of the arm.
         share: fraction of the drives' limits that may be used, as in the plan; see ``robot.coordinates``.
 
     Returns:
-        A motion that begins as the planned one and ends at rest, without the stops that it no longer reaches.
+        A motion that begins as the planned one and ends at rest, without the stops that it no longer reaches; the
+        planned motion itself if that ends sooner. The limits are imposed at a few points of each step, so the caller
+        has to verify the motion.
 
     Raises:
         RetimingError: the arm cannot be braked within its limits.
@@ -146,7 +148,7 @@ def _braking_motion(
 def _least_change(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, s: float, speed: float, step: float
 ) -> float:
-    """Return the least path acceleration s̈ ≤ 0 that keeps the limits over the next step of braking [1/s²].
+    """Return the least path acceleration s̈ ≤ 0 that respects the limits over the next step of braking [1/s²].
 
     Args:
         path: the planned motion as a function of the fraction of its duration.

@@ -64,7 +64,7 @@ class MotionLimit(ABC):
     """Abstract limit on motions along a path; methods that are not overridden impose no limit."""
 
     kept_by_legs: bool = False
-    """Whether Paul's legs and transitions keep the limit by construction."""
+    """Whether Paul's legs and transitions respect the limit by construction."""
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
         """Return 1/ṡ at the maximum path speed within the limit, 0 where any speed is allowed, shape (P,) [s]."""
@@ -105,7 +105,10 @@ class CoordinateLimit(MotionLimit):
     limit: FloatArray
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on the duration for the derivative and its difference quotients at T samples, (T,)."""
+        """Return the factors on the duration that bring the derivative at T samples within its limit, shape (T,).
+
+        Difference quotients between samples, which approximate the derivative, are brought within the limit as well.
+        """
         values = (samples.place, samples.velocity, samples.acceleration)
         found = of_samples(self._share(mean_rates(values[self.order - 1], samples.steps)))
         if self.order < len(values):
@@ -176,7 +179,7 @@ _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
 def drive_name(number: int, coordinates: Coordinates) -> str:
-    """Return text for a drive: ball joint (counted from 1) and axis of a revolute, or an axis of the base."""
+    """Return a drive's name for messages: ball joint (counted from 1) and axis of a revolute, or axis of the base."""
     if number < coordinates.revolutes:
         return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
     return f"the {coordinates.base_names[number - coordinates.revolutes]} axis"
@@ -355,7 +358,11 @@ class PointSpeed(MotionLimit):
         return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on the duration for T samples, differences, and linear motion between samples, (T,)."""
+        """Return the factors on the duration that bring the point's motion at T samples within its limits, shape (T,).
+
+        The limits apply to the samples themselves, to difference quotients between them and, for the speed, to the
+        motion between samples, in which the coordinates are linear in time.
+        """
         step = samples.steps
         places = self._point.position(samples.place)
         velocities = self._point.velocity(samples.place, samples.velocity)
@@ -369,7 +376,7 @@ class PointSpeed(MotionLimit):
         return np.asarray(np.maximum(speed / self._velocity, np.sqrt(growth / self._acceleration)))
 
     def _speed_between(self, samples: MotionSamples) -> FloatArray:
-        """Return bounds on the point's speed within steps whose coordinates are linear in time, shape (T − 1,) [m/s].
+        """Return upper bounds on the point's speed in steps whose coordinates are linear in time, shape (T − 1,) [m/s].
 
         In a step of length h, the velocity deviates from its chord by at most h² / 8 · max|p⃛|.
         """

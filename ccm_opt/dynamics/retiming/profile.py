@@ -286,7 +286,7 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
 
 
 def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
-    """Return the inner knots at which a path stops, q' = 0, as where three control points in a row coincide.
+    """Return the inner knots at which a path stops, q' = 0, for example where three successive control points coincide.
 
     Args:
         spline: the path.

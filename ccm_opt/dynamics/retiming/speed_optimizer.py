@@ -72,7 +72,7 @@ Measured on the random paths of ``tests/test_retiming.py``: with friction three 
 _SETTLED = 2e-3
 """Relative change of the duration from round to round below which friction counts as converged. Taste."""
 _UNSEEN_FLOOR = 5e-4
-"""Additional change of velocity that may remain unexplained, as a fraction of acceleration limit times duration.
+"""Change of velocity that may always remain unexplained, as a fraction of acceleration limit times motion duration.
 
 Derived: half of what the verifier allows.
 """
@@ -516,7 +516,10 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, evaluatio
 
 
 def unresolved_gains(samples: MotionSamples) -> FloatArray:
-    """Return velocity changes of steps not explained by accelerations at the ends, (T − 1, n) [rad/s, m/s]."""
+    """Return the part of each step's velocity change that the accelerations at its ends do not explain, (T − 1, n).
+
+    It is the distance [rad/s, m/s] of the change from the range between the two accelerations times the step, or 0.
+    """
     step = samples.steps
     gained = np.diff(samples.velocity, axis=0)
     most = step * np.maximum(samples.acceleration[1:], samples.acceleration[:-1])

@@ -193,7 +193,7 @@ def near_the_path(
 
 
 def max_deviation(spline: BSpline, s: FloatArray, link_lengths: FloatArray, coordinates: Coordinates) -> FloatArray:
-    """Return bounds on the deviation of any point of the arm from the path on chords between points of the path.
+    """Return upper bounds on the distance of any point of the arm from the path while it moves along each chord.
 
     Args:
         spline: spline of the arm's coordinates as a function of the path parameter.
@@ -459,7 +459,7 @@ class _Timing:
         return profile.slowed(max(needed_stretch(sampled, self.limits) / self.settings.profile.dense_share, 1.0))
 
     def sampled(self, profile: Profile, step: float, chords: Chords | None) -> MotionSamples:
-        """Return samples of the motion that keep all limits, slowed down slightly if necessary."""
+        """Return samples of the motion that respect all limits, slowed down slightly if necessary."""
         settings = self.settings.sampling
         for _ in range(_RESAMPLINGS):
             # Sampled slightly finer than required, so that slowing down slightly does not make the steps too long.

@@ -139,7 +139,16 @@ def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, p
 
 
 def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[str, ...]:
-    """Return advice on how to make PD stable for any eigenvalue ν of M⁻¹ Kd, if possible."""
+    """Return advice on how to make PD control stable.
+
+    The advised values are sufficient for every eigenvalue ν of M⁻¹ Kd. If no gains are, because the arm is too much
+    lighter than modelled, the advice is to reduce the mass error or to change the control law.
+
+    Args:
+        options: controller, gains and step.
+        ratio: κ = Kp / Kd [1/s].
+        bound: upper bound on ν dt (1 + κ dt) / (1 + ν dt).
+    """
     computed = 'simulation.controller = "computed-torque"'
     # For ν → ∞ the condition is 1 + κ dt < bound.
     most = _ADVISED_SHARE * (bound - 1.0) / options.step

@@ -295,7 +295,7 @@ def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: 
 
     Args:
         many: the batch.
-        rows: the range.
+        rows: the range, a slice of the indices of its configurations.
         operator: the operator.
         segment: index of the segment that changes; ignored for base rotation.
         signed: signed scales of the steps, one for each configuration of the range.

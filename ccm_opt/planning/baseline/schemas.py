@@ -168,7 +168,7 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
     Args:
         world: environment of the schemas.
         start: state of the arm on the path.
-        least: minimum length of the segments before the path [m].
+        least: minimum total length of the segments before the path [m].
         most: maximum length to feed [m].
 
     Yields:

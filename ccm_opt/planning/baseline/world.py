@@ -50,9 +50,9 @@ class World:
     """Environment in which the baseline's schemas plan; without walls and limits by default.
 
     Attributes:
-        passes: function for the moves that respect joint limits and sweep no wall and no part of the arm.
-        tips: function for the tips of backbone curves, or of the jointed arm that follows the curves.
-        gap: function for the approximate distance of points from contact with a wall.
+        passes: function that tells which moves respect the joint limits and touch neither walls nor the arm itself.
+        tips: function that returns the tips of backbone curves, or of the jointed arm that follows the curves.
+        gap: function that returns the approximate distance of points from contact with a wall.
         curvature_limit: limit of |C| [1/m]; values above a fraction of this limit are penalised in ``crowding``.
         thickness: minimum distance between parts of the arm's centre line [m]; 0 to ignore self-collision.
         base_range: minimum and maximum heading of the base [rad].
