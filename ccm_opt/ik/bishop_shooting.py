@@ -325,7 +325,7 @@ def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -
 
 
 def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatArray:
-    """Return the components of the curve's mean direction over each link along the y and z axes of the link, (n, 2).
+    """Return the components, along each link's y and z axes, of the curve's mean direction over the link, shape (n, 2).
 
     Args:
         frames: quaternions of the curve's frames at the starts of the links, shape (n, 4).
@@ -339,7 +339,7 @@ def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatAr
 
 
 def _axes(quaternions: FloatArray) -> list[FloatArray]:
-    """Return the x, y and z axes turned by each quaternion, each of shape (n, 3), for quaternions of shape (n, 4)."""
+    """Return the x, y and z axes turned by each of n quaternions, shape (n, 4), as three arrays of shape (n, 3)."""
     columns = ca.SX(ca.DM(quaternions.T))
     return [np.asarray(ca.evalf(axis(columns, k))).T for k in range(3)]
 

@@ -258,7 +258,7 @@ def _tip_equations(
 
 
 def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -> FloatArray:
-    """Return start values of an NLP's variables for a smooth curve of the arm's length along a path, (variables,).
+    """Return start values of an NLP's variables, shape (variables,): a smooth curve of the arm's length along a path.
 
     Args:
         nlp: the NLP.

@@ -125,7 +125,7 @@ class CompiledConstraint(_Compiled):
         return self._beyond_bounds(self.all_values(states.q, states.u, states.rates))
 
     def _beyond_bounds(self, values: FloatArray) -> FloatArray:
-        """Return the signed violation of the worst of m entries, shape (N,), from their values, shape (N, m)."""
+        """Return the signed violation of the worst entry, shape (N,), for values of m entries, shape (N, m)."""
         # NaN would silently win or lose any comparison, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)

@@ -136,7 +136,7 @@ class RowSet:
         return table
 
     def applicable_mask(self, u: FloatArray | float) -> BoolArray:
-        """Return which rows apply at a path parameter, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
+        """Return a mask of the rows that apply at a path parameter, shape (rows,), or (N, rows) for ``u`` (N, 1)."""
         inside: BoolArray = (self.first <= u + TINY) & (u <= self.last + TINY)
         return inside
 

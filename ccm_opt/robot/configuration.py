@@ -70,7 +70,7 @@ def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -
 
 
 def _parted(edges: FloatArray, counts: IntArray) -> FloatArray:
-    """Return edges, shape (m + 1,), with each of the m intervals divided into ``counts`` equal parts, shape (m,)."""
+    """Return ``edges`` with each of their m intervals divided into ``counts`` equal parts, one count per interval."""
     first = np.repeat(np.cumsum(counts) - counts, counts)
     share = (np.arange(counts.sum()) - first) / np.repeat(counts, counts)
     return np.append(np.repeat(edges[:-1], counts) + share * np.repeat(np.diff(edges), counts), edges[-1])

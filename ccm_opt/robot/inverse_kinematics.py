@@ -38,9 +38,10 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLER
 
 
 def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the angles θ1 and θ2, shape (...), with which Rz(θ1) Ry(θ2) turns x̂ to a unit direction, shape (..., 3).
+    """Return the angles θ1 and θ2 with which Rz(θ1) Ry(θ2) turns x̂ into given unit directions [rad].
 
-    Of the two solutions the one with θ1 within ±90° is returned [rad].
+    The directions have shape (..., 3), both results shape (...). Of the two solutions, the one with θ1 within ±90° is
+    returned.
     """
     x, y, z = np.moveaxis(direction, -1, 0)
     side = np.where(x < 0.0, -1.0, 1.0)

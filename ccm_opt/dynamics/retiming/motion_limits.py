@@ -86,7 +86,7 @@ class MotionLimit(ABC):
 
     @abstractmethod
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return, for T samples, the factor on the duration that brings sample and next step within the limit, (T,).
+        """Return, per sample, the factor on the duration that brings it and the next step within the limit, shape (T,).
 
         A factor is at most 1 where the limit is already satisfied.
         """

@@ -254,7 +254,7 @@ def with_transitions(vias: FloatArray, times: FloatArray, axes: DriveLimits, win
 
 
 def needed(legs: Legs, axes: DriveLimits) -> FloatArray:
-    """Return the factors by which each leg must last longer to respect velocity and acceleration limits, (K − 1,)."""
+    """Return, per leg, the factor on its duration that velocity and acceleration limits require, shape (K − 1,)."""
     # The first and the last velocity are those at rest before and after the motion, not of legs.
     speed = np.max(np.abs(legs.speeds[1:-1]) / (_SHARE * axes.velocity), axis=1)
     change = np.abs(np.diff(legs.speeds, axis=0))
@@ -286,7 +286,7 @@ def _shortened(legs: Legs, axes: DriveLimits, window: float, least: float, facto
 
 
 def _leg_time_factors(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
-    """Return the factors by which each leg must last longer so that its samples respect all limits, (K − 1,)."""
+    """Return, per leg, the factor on its duration that brings its samples within all limits, shape (K − 1,)."""
     stretch = np.zeros(len(legs.times))
     if not limits:
         return stretch

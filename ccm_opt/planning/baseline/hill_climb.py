@@ -171,7 +171,7 @@ class SchemaStep:
     """One configuration of an arm's motion, with the schema and the stage of the plan that led to it.
 
     Attributes:
-        schema: name of the schema, such as ``SCM-7``; two names if schemas act together.
+        schema: name of the paper's schema, such as ``SCM-7``; two names if schemas act together.
         configuration: configuration of the arm after the step.
         stage: description of the stage of the plan.
     """

@@ -70,13 +70,15 @@ Taste."""
 _NOTHING_LEFT = 1e-6
 """Remaining length of the reference path that counts as zero, as a fraction of the arm's length. Taste."""
 _TAKEN_BACK = (0.0, 0.25, 0.5, 0.75)
-"""Fractions of the steps of SCM-8 that are discarded, in order, if SCM-7 fails from the last step. Taste."""
+"""Fractions of the steps of schema SCM-8 of the paper that are discarded, in order, if SCM-7 fails from the last step.
+Taste."""
 _MOST_OF_WAY = 0.5
-"""Progress of a failed SCM-7, as a fraction, above which SCM-7 is not restarted from an earlier step. Taste."""
+"""Progress of a failed run of schema SCM-7 of the paper, as a fraction, above which it is not restarted from an earlier
+step. Taste."""
 _LAST_CLIMB = 300
-"""Maximum number of moves of SCM-0 at the end of a plan. Taste."""
+"""Maximum number of moves of schema SCM-0 of the paper, the hill climb, at the end of a plan. Taste."""
 _MERGE_TOLERANCE = 0.1
-"""Maximum change of headings when segments are merged [rad]; the arm moves to the result by SCM-2. Taste."""
+"""Maximum change of headings when segments are merged [rad]; the arm then moves to the result. Taste."""
 
 _Result = TypeVar("_Result")
 
@@ -134,10 +136,10 @@ def fold_plan(
 
 
 def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
-    """Change the curve to a type that suits a subgoal (SCM-1, SCM-8), then move the tip straight to it (SCM-7).
+    """Change the curve to a type that suits a subgoal, then move the tip straight to the subgoal.
 
-    SCM-7 begins at the last collision-free step of SCM-8, or, if it fails early, at an earlier step. Steps are yielded
-    only if it succeeds.
+    The change uses schemas SCM-1 and SCM-8 of the paper, the second motion SCM-7. SCM-7 begins at the last
+    collision-free step of SCM-8, or, if it fails early, at an earlier step. Steps are yielded only if it succeeds.
 
     Returns:
         A configuration with the tip at the subgoal.
@@ -209,11 +211,11 @@ class Folds:
 
 
 def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
-    """Feed a new segment of the arm from the tip to the goal (SCM-4, SCM-5), while the segments before shorten (SCM-3).
+    """Feed a new segment of the arm from the tip to the goal, while the segments before it get shorter.
 
-    Near the goal, the segments are merged and the arm climbs to the goal (SCM-0). If the climb stops, the boundary
-    between the segments moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves
-    throughout.
+    Schema SCM-4 of the paper selects the segment, SCM-5 feeds it, and SCM-3 shortens the others. Near the goal, the
+    segments are merged and the arm climbs to the goal (SCM-0). If the climb stops, the boundary between the segments
+    moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves throughout.
 
     Args:
         world: environment of the schemas.
@@ -305,7 +307,9 @@ def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
 
 
 def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Merge the last two segments if possible, and climb to the goal by SCM-0; if that fails, climb with both segments.
+    """Merge the last two segments if possible and climb to the goal; if that fails, climb with both segments.
+
+    Both climbs are schema SCM-0 of the paper.
 
     Raises:
         SchemaStopped: the goal is reached neither with merged nor with separate segments.
@@ -319,7 +323,7 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
 
 
 def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Move to the configuration with the last two segments merged by SCM-2, then to the goal by SCM-0.
+    """Move to the configuration with the last two segments merged, then to the goal (schemas SCM-2 and SCM-0).
 
     Raises:
         ProblemError: the segments cannot be merged.
@@ -334,7 +338,7 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Run SCM-0 with the potential of obstacles and the limits on moves that plans use."""
+    """Run schema SCM-0 with the weight of the obstacle potential and the limits on moves that plans use."""
     most = _LAST_CLIMB
     return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
 

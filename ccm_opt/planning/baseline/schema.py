@@ -21,17 +21,17 @@ PUSH = 0.01
 PATIENCE = 15
 """Number of moves without progress after which a climb of a plan ends, as later success is rare. Taste."""
 FEED = 0.02
-"""Length that SCM-3 and SCM-5 feed in one step, as a fraction of the arm's length. Taste."""
+"""Length that schemas SCM-3 and SCM-5 of the paper feed in one step, as a fraction of the arm's length. Taste."""
 _ON_THE_WAY = Precision(2e-3, 2e-2)
-"""Precision at the intermediate subgoals of SCM-7. Taste."""
+"""Tolerances of the tip at the intermediate subgoals of schema SCM-7 of the paper. Taste."""
 _STRIDE = 0.12
-"""Maximum change of heading along the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
+"""Maximum change of heading along the curve between two steps of schemas SCM-2 and SCM-8 [rad]. Taste."""
 _HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
-"""Precision with which the schemas SCM-3 and SCM-6 hold the pose of a segment's end. Taste."""
+"""Tolerances within which schemas SCM-3 and SCM-6 of the paper hold the pose of a segment's end. Taste."""
 _SUBGOAL_SPACING = 0.03
-"""Maximum distance between subgoals of SCM-7, as a fraction of the arm's length. Taste."""
+"""Maximum distance between subgoals of schema SCM-7, as a fraction of the arm's length. Taste."""
 _SUBGOAL_TURN = 0.12
-"""Maximum change of the tip's heading between subgoals of SCM-7 [rad]. Taste."""
+"""Maximum change of the tip's heading between subgoals of schema SCM-7 [rad]. Taste."""
 _STRIDE_SAMPLES = 65
 """Number of arc lengths at which the change of heading is evaluated. Taste."""
 _HELD_PUSH = 0.03
@@ -41,7 +41,7 @@ _HELD_PATIENCE = 20
 _RELAXING = 6
 """Number of moves that reduce the potential before the end of a segment is moved back to its pose. Taste."""
 _END_TURN = 0.3
-"""Maximum change of the curvature at the tip in one step of SCM-6, times the length of the segment [rad]. Taste."""
+"""Maximum change of the curvature at the tip in one step of schema SCM-6, times the segment's length [rad]. Taste."""
 
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
@@ -50,7 +50,7 @@ HELD = (
 
 
 def scm_6(world: World, start: Configuration) -> Schema:
-    """Run SCM-6: reduce the curvature at the tip to zero, while position and heading of the tip are kept.
+    """Run schema SCM-6 of the paper: reduce the curvature at the tip to zero while the tip keeps its pose.
 
     Args:
         world: environment of the schemas.
@@ -176,7 +176,7 @@ def scm_0(
     push: float = 0.0,
     patience: float = np.inf,
 ) -> Schema:
-    """Run SCM-0: pure hill climbing to a goal position and, if given, goal heading of the tip.
+    """Run schema SCM-0 of the paper: pure hill climbing to a goal position and, if given, heading of the tip.
 
     Interpolation points and base rotation change; number and lengths of the segments are kept.
 
@@ -184,7 +184,7 @@ def scm_0(
         world: environment of the schemas.
         start: configuration of the arm.
         goal: goal of the tip.
-        precision: maximum errors of the tip at the goal; default values if None.
+        precision: tolerances of the tip at the goal; default values if None.
         weights: weights of the distance function; default values if None.
         most_steps: maximum number of moves.
         push: weight of the repulsive potential of obstacles; 0 for pure hill climbing.
@@ -220,7 +220,7 @@ def scm_0(
 
 
 def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
-    """Run SCM-7: a sequence of SCM-0 with subgoals on the straight line from the tip to a goal.
+    """Run schema SCM-7 of the paper: a sequence of SCM-0 with subgoals on the straight line from tip to goal.
 
     The heading of the tip changes evenly from subgoal to subgoal. The motion between subgoals is linear in bends if
     that is allowed.
@@ -229,7 +229,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
         world: environment of the schemas.
         start: configuration of the arm.
         goal: goal of the tip.
-        precision: maximum errors of the tip at the goal; default values if None.
+        precision: tolerances of the tip at the goal; default values if None.
 
     Yields:
         A step at every subgoal, and the moves of the climb between two subgoals if a linear motion is not allowed.
@@ -258,7 +258,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 
 
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
-    """Move to the next subgoal of SCM-7 by SCM-0, in one step if a motion that is linear in bends is allowed.
+    """Move to the next subgoal of schema SCM-7 by SCM-0, in one step if a motion linear in bends is allowed.
 
     Raises:
         SchemaStopped: the subgoal is not reached.
@@ -284,14 +284,14 @@ def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
 
 
 def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
-    """Run SCM-2: move by linear interpolation of curvature and base rotation to a configuration selected by SCM-1.
+    """Run schema SCM-2 of the paper: move to a configuration by linear interpolation of curvature and base rotation.
 
     Base position and length are kept.
 
     Args:
         world: environment of the schemas.
         start: configuration of the arm.
-        target: a configuration with equal base position and length.
+        target: a configuration with the same base position and length as ``start``.
 
     Yields:
         Evenly spaced steps.
@@ -313,14 +313,14 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
 
 
 def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_as_free: bool = False) -> Schema:
-    """Run SCM-8: move as in SCM-2, but with a fixed direction of the vector from base to tip.
+    """Run schema SCM-8 of the paper: move as in SCM-2, but with a fixed direction of the vector from base to tip.
 
     The base rotates to keep this direction, so base rotation does not end at the value of the target.
 
     Args:
         world: environment of the schemas.
         start: configuration of the arm.
-        target: a configuration with equal base position and length.
+        target: a configuration with the same base position and length as ``start``.
         as_far_as_free: end before a contact instead of raising an error, unless the first step is already blocked.
 
     Yields:

@@ -22,15 +22,15 @@ from ccm_opt.robot.decomposition import add_segment, delete_segment, segment_hea
 from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
 _SELECTED_PRECISION = Precision(1e-3, 6e-3)
-"""Precision with which a curve selected by SCM-4 ends at the goal; SCM-0 removes the remaining error. Taste."""
+"""Tolerances within which a curve selected by schema SCM-4 ends at the goal; SCM-0 removes the rest. Taste."""
 _SHORTENING = 0.03
-"""Fraction by which SCM-4 shortens a segment that is too long, per iteration. Taste."""
+"""Fraction by which schema SCM-4 of the paper shortens a segment that is too long, per iteration. Taste."""
 _SELECTION_PUSH = 0.05
-"""Weight of the repulsive potential of obstacles in the climb of SCM-4. Taste."""
+"""Weight of the repulsive potential of obstacles in the climb of schema SCM-4 of the paper. Taste."""
 _SELECTION_STEPS = 1500
-"""Maximum number of moves in the climb of SCM-4. Taste."""
+"""Maximum number of moves in the climb of schema SCM-4 of the paper. Taste."""
 _LEAST_CHORD_RATIO = 0.25
-"""Minimum ratio of chord to length of the initial guess of SCM-4. Taste."""
+"""Minimum ratio of chord to length of the initial guess of schema SCM-4 of the paper. Taste."""
 _FINEST_FEED = 1.0 / 8.0
 """Minimum feed step after repeated halving at an obstacle, as a fraction of the full step. Taste."""
 
@@ -100,7 +100,7 @@ Feed: TypeAlias = Generator[SchemaStep, None, Feeding]
 
 
 def scm_3(world: World, start: Configuration, segment: int, length: float) -> Schema:
-    """Run SCM-3: keep position and heading of a segment's end while the segment gets longer or shorter.
+    """Run schema SCM-3 of the paper: lengthen or shorten a segment while its end keeps position and heading.
 
     The curvature at that end is kept as well, and so are all later segments.
 
@@ -128,7 +128,7 @@ def scm_3(world: World, start: Configuration, segment: int, length: float) -> Sc
 
 
 def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: float) -> Schema:
-    """Run SCM-5: feed or retract the last segment of the arm along a given curve.
+    """Run schema SCM-5 of the paper: feed or retract the last segment of the arm along a given curve.
 
     The last segment is always the first part of the curve, so that no point of the segment leaves the curve.
 
@@ -161,9 +161,9 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
 
 
 def pass_length(world: World, start: Feeding, least: float, most: float = np.inf) -> Feed:
-    """Run SCM-3 and SCM-5 together: feed the arm along a reference path, with length taken from the segments before.
+    """Feed the arm along a reference path, with the length taken from the segments before the path.
 
-    The arm's length is constant, so each step belongs to both schemas.
+    Schemas SCM-3 and SCM-5 of the paper run together: the arm's length is constant, so each step belongs to both.
 
     Args:
         world: environment of the schemas.
@@ -201,10 +201,11 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
 
 
 def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
-    """Move the start of a reference path ahead along the path, and stretch the segment before by this length (SCM-3).
+    """Move the start of a reference path ahead along the path, and lengthen the segment before by the same amount.
 
-    "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The pose that is held moves
-    along the path with the boundary, so that a fold opens. The part of the arm on the path does not move.
+    The segment is lengthened by schema SCM-3 of the paper. "Segment boundaries can be moved smoothly along the length
+    of the arm" (section 2.2). The pose that is held moves along the path with the boundary, so that a fold opens. The
+    part of the arm on the path does not move.
 
     Args:
         world: environment of the schemas.
@@ -238,7 +239,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
 def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Feeding:
     """Return the state of an arm with the first piece of a reference path added at its tip.
 
-    The other segments are shortened to compensate, while the pose of their end is kept (SCM-3).
+    The other segments are shortened to compensate, while their end keeps its pose (schema SCM-3 of the paper).
 
     Raises:
         SchemaStopped: the pose cannot be kept, not even with a short piece.
@@ -302,7 +303,7 @@ _KEPT_LENGTH = (
 
 @dataclass(frozen=True)
 class Selection:
-    """Curvature segment that SCM-1 or SCM-4 selects to reach a goal, with its type.
+    """Curvature segment that schema SCM-1 or SCM-4 of the paper selects to reach a goal, with its type.
 
     Attributes:
         kind: type of the segment.
@@ -318,10 +319,11 @@ class Selection:
 
 
 def scm_1(world: World, start: Configuration, goal: TipPose) -> Selection:
-    """Select the type of a curvature segment and the base rotation to reach a goal, by SCM-1, for SCM-2 or SCM-8.
+    """Run schema SCM-1 of the paper: select the type of a curvature segment and the base rotation to reach a goal.
 
-    The arm does not move. Only base and goal pose are considered (section 2.1). The curve is a circular arc or a modal
-    curve of the selected type whose end is at the goal position, with base rotation clipped to the range of the base.
+    The arm does not move; SCM-2 or SCM-8 then moves it. Only base and goal pose are considered (section 2.1). The curve
+    is a circular arc or a modal curve of the selected type whose end is at the goal position, with base rotation
+    clipped to the range of the base.
 
     Args:
         world: environment of the schemas, with the range of the base.
@@ -335,7 +337,7 @@ def scm_1(world: World, start: Configuration, goal: TipPose) -> Selection:
 
 
 def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tuple[Selection, ...]:
-    """Return the selection of SCM-1 and those of the other bent types, ranked by heading error at the goal.
+    """Return the selection of schema SCM-1 and those of the other bent types, ranked by heading error at the goal.
 
     The selection of SCM-1 comes first, except for a straight segment if the goal is nearer than the arm's length.
 
@@ -385,11 +387,12 @@ def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType
 
 
 def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np.inf) -> Selection:
-    """Select type, curve and length of a further segment from the arm's tip to a goal, by SCM-4; the arm does not move.
+    """Run schema SCM-4 of the paper: select a further segment, with type and length, from the arm's tip to a goal.
 
-    The segment begins at the tip of the arm with the heading of the tip and zero curvature, as SCM-6 leaves the tip.
-    The type depends on both poses only. The initial guess is a half wave plus a whole wave of curvature with the
-    changes of heading that the poses require; hill climbing in interpolation points and length then reaches the goal.
+    The arm does not move. The segment begins at its tip, with the heading of the tip and zero curvature, as SCM-6
+    leaves the tip. The type depends on both poses only. The initial guess is a half wave plus a whole wave of curvature
+    with the changes of heading that the poses require; hill climbing in interpolation points and length then reaches
+    the goal.
     The paper does not define the optimal length of the segment. Here it is the result of the climb, or ``longest`` if
     that is shorter.
 

@@ -95,7 +95,9 @@ class World:
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
-        """Return the repulsive potential between points near each other in the plane but far apart along the arm, (m,).
+        """Return the repulsive potential of each of m curves with itself, shape (m,).
+
+        It acts between points that are near each other in the plane but far apart along the curve.
 
         Args:
             shapes: m backbone curves.
