@@ -45,7 +45,7 @@ from typing import NoReturn
 CANCELLED = 130
 """Exit code after Ctrl-C: 128 plus the signal number, by the convention of shells."""
 LOOK_AGAIN = 0.25
-"""Interval between checks for a lost interrupt, a fraction of the second within which a command should end [s]."""
+"""Interval between checks for a lost interrupt, short since a command should end within a second [s]."""
 LOOK_FOR_LOADED = 0.02
 """Interval between checks whether modules are still being imported, after which an interrupt is raised [s]."""
 _LOADER = "<frozen importlib._bootstrap>"
@@ -57,7 +57,7 @@ class _Notes:
     """State of the handling of Ctrl-C.
 
     Attributes:
-        noted: whether Ctrl-C was pressed while a press was only recorded.
+        noted: whether Ctrl-C was pressed during the last steps of a file, when it is only recorded.
         met: whether the last press was handled; true before the first press.
         struck: whether any interrupt was raised.
         raised: weak reference to the interrupt raised last; returns None once that object no longer exists.
@@ -152,7 +152,7 @@ def _look(number: int, frame: FrameType | None) -> None:
 def last_steps_uninterrupted() -> None:
     """Only record the next Ctrl-C, without interrupting, until the current ``interrupts_as_usual`` block ends.
 
-    For the last steps of the work on a file. A second Ctrl-C interrupts as usual, in case these steps hang.
+    This is for the last steps of the work on a file. A second Ctrl-C interrupts as usual, in case these steps hang.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _note)
@@ -160,7 +160,10 @@ def last_steps_uninterrupted() -> None:
 
 @contextmanager
 def interrupts_as_usual() -> Iterator[None]:
-    """Restore the present handling of Ctrl-C at the end of a ``with`` block, whatever the block changes."""
+    """Restore, at the end of a ``with`` block, the handling of Ctrl-C that was in place at its start.
+
+    Only the main thread handles Ctrl-C; in other threads nothing changes.
+    """
     _NOTES.noted = False
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -173,7 +176,7 @@ def interrupts_as_usual() -> Iterator[None]:
 
 
 def cancelled_meanwhile() -> bool:
-    """Return whether Ctrl-C was recorded, without interrupting, in the last ``interrupts_as_usual`` block."""
+    """Return whether Ctrl-C was recorded, without interrupting, since the last ``interrupts_as_usual`` block began."""
     return _NOTES.noted
 
 

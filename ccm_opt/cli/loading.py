@@ -27,8 +27,8 @@ _MOST_LEFT_OUT = 10
 """Maximum number of layers of a drawing, and of elements left out, that are listed without --verbose."""
 
 _SAME_SIZE = 1e-3
-"""Relative difference between stated and imported size of a drawing that is not reported. Taste: pages have rounded
-sizes."""
+"""Maximum relative difference between stated and imported size of a drawing that is not reported. Taste: sizes of pages
+are rounded."""
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 
@@ -184,11 +184,12 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
 
 
 FASTEST = {"/s": 10.0, "/s²": 200.0}
-"""Speed and acceleration, in arm lengths, above which a limit probably has a wrong unit. Taste: linear motors of one
+"""Speed in arm lengths per second, and acceleration in arm lengths per second², above which a limit probably has a
+wrong unit. Taste: linear motors of one
 metre reach about 5 m/s and 100 m/s²."""
 SLOWEST = 5e-4
-"""Speed or acceleration, in arm lengths, below which a limit probably has a wrong unit: half an hour for one arm
-length. Taste."""
+"""Speed in arm lengths per second, or acceleration in arm lengths per second², below which a limit probably has a wrong
+unit; at this speed, one arm length takes half an hour. Taste."""
 STRONGEST_GRAVITY = 50.0
 """Gravity above which the unit is probably wrong: twice that of Jupiter; that of Earth is 9810 in mm/s² [m/s²]."""
 
@@ -223,13 +224,13 @@ def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
 
 @dataclass
 class NamedProblems:
-    """Reader of problem files that refuses a second problem of equal name, whose output folder would replace the first.
+    """Reader of problem files that refuses a second problem of the same name, since both would use one output folder.
 
     Attributes:
         files: all files that will be read.
         changes: overrides of keys, ``key.path=value``, applied to every file.
         taken: file of every problem read so far, by the name of the problem.
-        warned: whether the files were already checked for equal names.
+        warned: whether the files were already checked for names that occur twice.
     """
 
     files: Sequence[Path]

@@ -209,7 +209,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
-    """Return the exit code of running one item; any error is converted to a message and an exit code."""
+    """Return the exit code of a function run on one item; an error is printed as a message and gives an exit code."""
     try:
         return run(item)
     except (ProblemError, NativeLibraryError) as error:

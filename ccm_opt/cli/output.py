@@ -1,6 +1,6 @@
 """Output options of commands: tables for people, one JSON document for programs, or nothing.
 
-Also the values of command-line options that select code, so that the code need not be imported to list them.
+The module also lists the values of command-line options that select code, so that help texts need not import that code.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -143,7 +143,7 @@ def _turn_words(end: FloatArray) -> str:
 
 
 def _main_costs(costs: Mapping[str, float]) -> str:
-    """Return words about the significant terms of a cost, the largest first."""
+    """Return the significant cost terms as a text, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
 
@@ -199,7 +199,9 @@ def reach_files(
 def _watched(
     problem: Problem, crew: Workers, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
-    """Return a context manager that ends the command if local processes hang; clusters have their own time limits."""
+    """Return a context manager that ends the command if local processes report no progress for too long.
+
+    On a cluster, which has time limits of its own, it does nothing. Its value is the function to call with progress."""
     if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)

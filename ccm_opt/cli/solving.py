@@ -1,6 +1,6 @@
 """The command ``solve``, and the records of problems for which no plan was found.
 
-An earlier plan of equal name is kept where the new result is incomplete; that result is written next to it.
+An earlier plan of the same name is kept if the new result is incomplete, which is then written next to it.
 """
 
 import json
@@ -28,7 +28,7 @@ from ccm_opt.problem import Problem
 def failure_recorder(
     problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Callable[[str, Diagnosis], None]:
-    """Return a function of status and diagnosis that writes the record of a problem for which no plan was found.
+    """Return a function that, given status and diagnosis, writes the record of a problem without a plan.
 
     Args:
         problem: the problem.
@@ -73,7 +73,8 @@ def failures_recorded(
         VerificationError: the verifier rejects the plan, as the record says.
         KeyboardInterrupt: Ctrl-C was pressed; the record has the status ``cancelled`` and any reason known so far, or
             an existing plan is written.
-        MemoryError: memory was exhausted before a reason was known, as the record says; also raised as other errors.
+        MemoryError: memory was exhausted before a reason was known; the record says so. Libraries may report this by
+            other types of error.
     """
     record = failure_recorder(problem, out, clock, pictures=pictures, write=write)
     in_short = failure_recorder(problem, out, clock, pictures=False, write=write)
@@ -120,7 +121,7 @@ def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
 
 
 def report_folder(folder: Path, target: Path, what: str) -> None:
-    """Print a warning that an earlier result is kept and the new one was written elsewhere, if so.
+    """Print a warning if an earlier result was kept and the new one was written to another folder.
 
     Args:
         folder: folder that was written.

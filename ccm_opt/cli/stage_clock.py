@@ -1,6 +1,6 @@
 """Timing and display of the stages of a command, and a watchdog that ends a command that hangs.
 
-Time limits are kept by code that checks the clock. IPOPT does not when memory runs out: its linear solver then loops
+Time limits are enforced by code that checks the clock. When memory runs out, IPOPT does not: its linear solver loops
 forever, and neither Python nor its signal handlers run. A watchdog process, forked for the duration of planning,
 therefore receives every progress report. After far more time without a report than the time limit, the watchdog prints
 an error, writes a record, and ends the command with exit code 3. If the reason why no plan exists was already known,
@@ -67,7 +67,7 @@ class StageClock:
         self(Progress(stage))
 
     def __call__(self, progress: Progress) -> None:
-        """Receive a progress report of ``solve``; the times of equal stages of several plans are added."""
+        """Receive a progress report of ``solve``; times of stages of the same name are added up over several plans."""
         stage = progress.stage.rpartition(": ")[2]
         if stage != self.current:
             self.finish()
@@ -139,8 +139,8 @@ ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
 
 
 SILENT_LIMITS = 3.0
-"""Wall time without a report, besides ``GRACE``, after which planning is ended from outside, in multiples of the time
-limit. Derived: planning should end by itself after three times as much wall time."""
+"""Wall time without a progress report after which planning is ended from outside, as a multiple of the time limit;
+``GRACE`` is added. Derived: planning should end by itself after three times the time limit in wall time."""
 GRACE = 60.0
 """Wall time added to ``SILENT_LIMITS`` time limits [s]. Taste: far longer than stages without a time limit take."""
 PATIENCE = 2.0
@@ -250,8 +250,8 @@ def _end(
 ) -> None:
     """Print why a hanging command is ended, write the record, and end the command.
 
-    A reason that was already known, and printed, is included in the record. Arguments are those of ``_listen``, and
-    ``known``, the reason, or None.
+    Arguments are those of ``_listen``, and ``known``: the reason why no plan exists, which goes into the record, or
+    None if it is not known yet.
     """
     what = "planning" if known is None else "the search for changes that would help"
     reason = f"{what} reported nothing for {silence:g} s and was stopped"

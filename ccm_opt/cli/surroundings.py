@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 
 LEAST_ADDRESS_SPACE = 300_000_000
-"""Address space below which the libraries cannot be imported, and some would retry forever [bytes]. Measured: with
-``ulimit -v``, importing fails below this value."""
+"""Minimum address space for importing the libraries; with less, some retry forever [bytes]. Measured by
+``ulimit -v``."""
 
 MORE_MEMORY = "more memory: solving takes 0.6 to 1 GB of address space, and more for many links"
 """Advice to the user when memory runs out."""
@@ -77,7 +77,8 @@ _SAID = (
 )
 """Parts of error messages by which libraries report exhausted memory."""
 _SAYERS = (RuntimeError, OSError, ImportError, SystemError)
-"""Types of errors with which libraries report exhausted memory; in others the words may be part of a file name."""
+"""Types of errors with which libraries report exhausted memory; in other types, the words of ``_SAID`` may come from a
+file name."""
 _DEEPEST = 50
 """Maximum number of errors of a causal chain that are checked."""
 

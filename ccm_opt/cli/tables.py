@@ -176,7 +176,7 @@ COLUMNS = (
     "planning CPU [s]",
     "",
 )
-"""Column headings of the table of Pareto-optimal plans; clearances are beyond the required one, with unit."""
+"""Column headings of the table of Pareto-optimal plans; clearances are those beyond the required clearance."""
 
 
 def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:

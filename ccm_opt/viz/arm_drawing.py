@@ -124,10 +124,12 @@ def draw_body(
 
 
 def radius_runs(radius: FloatArray | float, links: int) -> list[tuple[slice, float]]:
-    """Return the runs of links of equal radius: the joints of each, its last one's end included, and the radius [m].
+    """Return the runs of successive links of equal radius, each as a slice of joints and the radius [m].
+
+    A slice selects the joints of the run's links and the end of its last link, among joints and tip.
 
     Args:
-        radius: radius of all links, or of each, shape (links,) [m].
+        radius: radius of all links, or of each link, shape (links,) [m].
         links: number of links.
     """
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (links,))

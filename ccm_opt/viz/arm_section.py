@@ -22,8 +22,8 @@ _SECTION_SHARE = 0.12
 _PLACES = 100
 """Number of positions along the arm at which distances are measured. Taste."""
 _TOUCHING = 1e-5
-"""Distance from a surface at which a ray ends, as a fraction of the search distance: distances near zero have rounding
-errors."""
+"""Distance from a surface at which a ray ends, as a fraction of the search distance; smaller distances are dominated by
+rounding errors."""
 _STEPS = 40
 """Maximum number of steps along a ray. Derived: they reach a surface at an angle of 10 degrees to within a thousandth
 of the distance."""
@@ -89,7 +89,8 @@ def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
 def free_lengths(tree: SurfaceTree, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
     """Return the length of each of N rays up to the first surface, at most the search distance, shape (N,) [m].
 
-    Sphere tracing (Hart, 1996): each step along a ray is as long as the distance to the nearest surface.
+    The method is sphere tracing (Hart, 1996): each step along a ray is as long as the distance to the nearest surface.
+    It never passes a surface; along one that a ray nearly grazes, the result may be too short.
 
     Args:
         tree: tree of the surfaces.

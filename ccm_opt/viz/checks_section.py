@@ -50,12 +50,12 @@ _ORDER = (
 _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
 )
-"""Names of checks of a plan's consistency, and of the fraction of limits that planning leaves to the controller."""
+"""Pattern of the names of checks that concern only a plan's own data, or the reserve that limits leave to control."""
 _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
-"""Path parameter at which a constraint comes nearest to its bounds; used only where no time is given."""
+"""Pattern of the path parameter at which a constraint comes nearest to its bounds; used only if no time is given."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
 _PAUSE = re.compile(r"stop (\d+) pause")
-"""Name of the only check whose value must be at least its limit: the rest at an intermediate goal."""
+"""Pattern of the name of the only check whose value must be at least its limit: the pause at an intermediate goal."""
 
 
 _BOUND = 1e-5
@@ -217,7 +217,7 @@ def _row(check: CheckWords) -> tuple[Child, ...]:
 
 
 def _place(check: CheckWords) -> Markup:
-    """Return where the worst value of a check was found, with a button that moves the report's player to its time."""
+    """Return where the worst value of a check was found, with a button that shows the motion at this time."""
     if check.time is None:
         return joined((check.where,))
     between = ", " if check.where else ""

@@ -57,7 +57,8 @@ def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) 
     Args:
         room: clearance of the motion over time.
         units: units of lengths.
-        most: maximum number of time intervals below the preferred clearance that are mentioned, worst ones only.
+        most: maximum number of time intervals below the preferred clearance that are mentioned; if there are more,
+            those with the largest shortfall.
     """
     yield _least_gap(room, units)
     worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]
@@ -210,7 +211,10 @@ def gap_data(room: ClearanceRecord) -> dict[str, object]:
 
 
 def chart_top(room: ClearanceRecord) -> float:
-    """Return the clearance at the top of the chart [m]: a multiple of the preferred or of the minimum clearance."""
+    """Return the clearance at the top of the chart of clearance over time [m].
+
+    It is a multiple of the preferred or the minimum clearance, reduced to just above the largest clearance of the
+    motion and kept below the search distance, at which recorded clearances are capped."""
     # The record caps gaps at its search distance; capped values are not shown as if they were gaps.
     largest = 1.1 * float(room.gaps.max())
     shown = max(_PREFERRED_CLEARANCES_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach

@@ -270,7 +270,7 @@ def coded(values: FloatArray, step: float) -> CodedArray:
 
 
 def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
-    """Return the step for encoding values: the largest power of ten up to ``share`` times their maximum magnitude.
+    """Return the step for encoding values, the largest power of ten up to ``share`` times their maximum magnitude.
 
     The step is 1 where all values are zero.
     """

@@ -26,13 +26,13 @@ from ccm_opt.viz.scene_data import scene_data
 Mark = dict[str, object]
 """A mark in the report's scene: ``kind``, positions [m], and optionally ``words`` with their position ``at``."""
 _IN_A_WORD = {"contact": "in contact", "blocked": "no passage", "hemmed in": "hemmed in"}
-"""Short labels of findings for which a label at the position is enough, by kind of finding."""
+"""Short labels by kind of finding (reason why no plan exists), for kinds that need only a label at their position."""
 
 
 def finding_marks(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
-    """Return the marks of all findings of a diagnosis for the report's scene.
+    """Return the marks in the report's scene for all findings (reasons why no plan exists) of a diagnosis.
 
-    Only the first finding's text is shown in the scene, that of the others in tooltips.
+    The text of the first finding is shown in the scene, the texts of the others in tooltips.
 
     Args:
         problem: the problem.
@@ -58,7 +58,7 @@ def best_attempt(problem: Problem, diagnosis: Diagnosis) -> FloatArray | None:
     """Return the pose in which the best failed attempt ended, as positions of joints and tip, shape (n + 1, d) [m].
 
     Returns:
-        None where there was no search, or infeasibility is proved. The arm has n links, and d = 2 or 3.
+        The pose of the n links, with d = 2 or 3; None if there was no search, or if it is proved that no plan exists.
     """
     found = diagnosis.evidence.get("nearest_pose")
     if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
@@ -82,7 +82,10 @@ def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mar
 
 
 def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield marks for an arm that is too short: the shortest path to the goal, or the circle of reach and the gap."""
+    """Yield marks for an arm that is too short.
+
+    These are the shortest path to the goal, if that is too long, else the circle that the arm can reach and the
+    distance from it to the goal."""
     if finding.measured is None or finding.place is None:
         return
     missing = f"arm {units.length(finding.measured - problem.arm.length)} too short"
@@ -109,7 +112,7 @@ def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
 
 
 def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield marks for an arm that is too thick: a disc of the arm with clearance, and the gap between two walls."""
+    """Yield marks for an arm that is too thick: a disc as wide as arm plus clearance, and the gap between two walls."""
     if finding.place is None or finding.measured is None or finding.allowed is None:
         return
     tight = {"radius": 0.5 * finding.allowed, "room": 0.5 * finding.measured}

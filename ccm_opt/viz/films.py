@@ -27,7 +27,7 @@ from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
 from ccm_opt.viz.views import SceneViews, draw_base, view_box, view_window
 
 _TOLD_FACTOR = 1.05
-"""Ratio to real time above which a film shows its speed."""
+"""Ratio of playback speed to real time above which a film states this ratio."""
 _MOST_VIDEO_FRAMES = 1500
 """Maximum number of frames of a video; longer motions are shown faster than real time."""
 

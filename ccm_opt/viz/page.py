@@ -49,7 +49,7 @@ _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 
 BindingRow = tuple[str, float, str]
-"""An active constraint of a pose in words, the decrease of cost if it were relaxed by one unit, and this unit."""
+"""An active constraint of a pose: (constraint in words, decrease of cost if relaxed by one unit, this unit)."""
 
 
 def binding_rows(
@@ -77,7 +77,8 @@ def _row(
 ) -> BindingRow:
     """Return one active constraint of a goal pose in words, with the cost saved per unit and this unit.
 
-    In the NLP multipliers refer to one arm length, one radian, or the whole limit.
+    The NLP's multipliers refer to one arm length, one radian, or a whole torque limit; the result refers to one unit of
+    length of the page, one degree, or 1 % of the limit.
     """
     if region := _REGION.fullmatch(name):
         link = int(region[1])

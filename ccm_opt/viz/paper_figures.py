@@ -224,7 +224,8 @@ def _steps_figure(plan: PlanDrawing) -> Figure:
 def _step_boundaries(plan: PlanDrawing, count: int) -> IntArray:
     """Return the indices of the samples that bound the steps of a motion, from the first to the last sample.
 
-    Steps end at the intermediate goals, or else are ``count`` steps of about equal joint travel.
+    Steps end at the intermediate goals. Without these, there are ``count`` steps over which the joints travel about the
+    same distance.
     """
     stops = plan.trajectory.stops
     last = len(plan.points) - 1

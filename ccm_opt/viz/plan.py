@@ -24,7 +24,7 @@ _POSES_ON_THE_WAY = 7
 _LEAST_DISC = 0.012
 """Minimum position tolerance of a goal that is drawn, as a fraction of the picture's width."""
 _LEAST_SEEN = 0.1
-"""Foreshortening of a direction (fraction of its length) up to which the number of a goal ignores the arrow."""
+"""Projected length of a unit direction up to which the number of a goal is placed as if there were no arrow."""
 _LEAST_WEDGE = 0.05
 """Minimum heading tolerance of a goal that is drawn [rad]."""
 
@@ -130,7 +130,9 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
-    """Return indices of samples between which the mean distance travelled by all joints is about equal.
+    """Return indices of samples between which all joints on average travel about the same distance, increasing.
+
+    If samples coincide, there are fewer than requested.
 
     Args:
         points: positions of joints and tip of n links at T samples, shape (T, n + 1, d) with d = 2 or 3 [m].

@@ -17,8 +17,8 @@ class PictureSettings:
         bottom: bottom margin, for axis labels and legend [inch].
         workspace_margin: margin around the whole workspace, as a fraction of the workspace's longest side.
         most_named_obstacles: maximum number of obstacles whose names are shown; more names would hide the picture.
-        least_error: tracking error at the bottom of the logarithmic scale, where smaller errors are drawn too [rad]
-            or [m].
+        least_error: tracking error at the bottom of the logarithmic scale [rad] or [m]; smaller errors are drawn there
+            too.
     """
 
     dots_per_inch: int = 120

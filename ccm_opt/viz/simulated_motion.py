@@ -49,7 +49,7 @@ def simulation_png(
 
 
 def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
-    """Return the number of samples before the simulation diverged; later samples hold no data."""
+    """Return the number of samples before the simulation diverged, at least 1; all samples if it did not diverge."""
     verdict = simulated.verdict
     if verdict.outcome != "diverged" or verdict.time is None:
         return len(trajectory.time)
@@ -66,7 +66,7 @@ def draw_errors(
         trajectory: the planned motion.
         joints: states of all revolute joints over the planned motion.
         simulated: motion of the simulated arm.
-        least: error at the bottom of the scale, where smaller errors are drawn too [rad] or [m].
+        least: error at the bottom of the scale [rad] or [m]; smaller errors are drawn there too.
     """
     reached = slice(simulated_samples(trajectory, simulated))
     time = trajectory.time[reached]
@@ -176,7 +176,7 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Tole
 
 
 def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
-    """Draw every link with the width of the region that the link may cover under joint errors.
+    """Draw every link with the width of the region that the link may cover under the tolerated joint errors.
 
     Args:
         axes: axes with their limits and aspect set.

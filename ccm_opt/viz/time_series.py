@@ -1,8 +1,9 @@
 """Time series of a plan as data for the charts of its report.
 
-Path length is measured in joint space, so that the path speed is the norm of the joint velocities. At every sample, the
-used fraction of a limit is the maximum magnitude of its quantity divided by the limit. The limit with the largest
-fraction determines the speed; the velocity limits alone would allow the path speed divided by their fraction.
+Path length is measured in joint space, so that the path speed is the norm of the joint velocities. The used fraction of
+a limit at a sample is the magnitude of the limited quantity divided by the limit, the maximum over all drives. The
+limit with the largest fraction determines the speed. The velocity limits alone would allow the path speed divided by
+their used fraction.
 """
 
 import heapq
@@ -22,7 +23,7 @@ _MOST_NUMBERS = 70_000
 _MOST_SAMPLES = 2000
 """Maximum number of samples of a chart. Taste."""
 _LEAST_SAMPLES = 120
-"""Number of samples granted to a chart even where that takes more values. Taste."""
+"""Number of samples that a chart may always have, even if its values then exceed the maximum number. Taste."""
 _MOVING = 0.02
 """Used fraction of the velocity limits above which the path speed that they allow is well defined. Taste."""
 _CURVE_ERROR = 2e-3
@@ -34,9 +35,9 @@ _POSE_ERROR = 1e-4
 def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
     """Return the indices, increasing, of samples whose piecewise linear interpolation approximates all curves.
 
-    The sample farthest from the interpolation is added, one at a time (Ramer 1972, Douglas and Peucker 1973, here for
-    all columns at once and the worst first). Unlike keeping the minimum and maximum of equal time intervals, this
-    method bounds the error, on which the animation of the arm depends, and keeps only a tenth of the samples.
+    Samples are added one at a time, each time the one farthest from the interpolation in any column (Ramer 1972,
+    Douglas and Peucker 1973). Unlike keeping the minimum and maximum of equal time intervals, this bounds the error,
+    which the animation of the arm needs, and keeps only a tenth of the samples.
 
     Args:
         time: increasing times of the T samples, shape (T,).
@@ -82,7 +83,7 @@ _STILL = 1e-9
 
 
 _LEAST_TRACKING = 0.01
-"""Minimum extent of the axis of tracking errors, since no instrument could measure smaller ones [°]."""
+"""Minimum extent of the axis of tracking errors, since smaller errors could not be measured [°]."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_name(number: int) -> str:
-    """Return a name for a revolute joint that does not bend the arm, from its index among all revolutes."""
+    """Return a name for a revolute joint that does not bend the arm, given its index (from 0) among all revolutes."""
     joint, axis = divmod(number, 3)
     return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 

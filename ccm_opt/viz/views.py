@@ -34,7 +34,7 @@ VIEW_SIDE = 4.6
 SPACE_DOTS_PER_INCH = 110
 """Resolution of PNG files of scenes in space [1/inch]. Taste."""
 _LEAST_TRIANGLES = 200
-"""Number of triangles granted to each obstacle, however many obstacles there are."""
+"""Minimum number of triangles allowed to each obstacle, however many obstacles there are."""
 _FEWEST_SIDES = 12
 """Number of sides of spheres, cylinders and capsules where many obstacles must share the triangles."""
 _GLASS_PIXELS = 700
@@ -193,10 +193,10 @@ class SceneViews:
 
 
 def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
-    """Increment, at all pixels that an obstacle covers, the number of obstacles seen through each other.
+    """Add 1 to the number of obstacles at every pixel that one transparent obstacle covers.
 
     Args:
-        sheets: number of obstacles at every pixel, shape (height, width), y up; changed in place.
+        sheets: number of obstacles that cover each pixel, shape (height, width), y up; changed in place.
         flat: vertices of the obstacle in the picture, shape (v, 2) [pixel].
         faces: vertex indices of the triangles, shape (m, 3).
     """

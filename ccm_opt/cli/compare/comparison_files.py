@@ -79,7 +79,7 @@ def comparison_json(comparison: Comparison) -> str:
 
 
 def medians(runs: Sequence[Run]) -> dict[str, float]:
-    """Return the median of every figure over the solved runs that have it, by key; NaN where no run has it."""
+    """Return the median of each figure over the solved runs that have it, by the figure's key; NaN if none has it."""
     found = {
         item.key: [run.figures[item.key] for run in runs if run.solved and item.key in run.figures]
         for item in QUANTITIES
@@ -182,7 +182,7 @@ def problem_text(problem: Problem) -> str:
 def mesh_files(problem: Problem) -> dict[str, bytes]:
     """Return the contents of a problem's mesh files, by path relative to the problem file.
 
-    Equal meshes have equal paths in all problems.
+    Meshes of equal content have the same path in all problems.
     """
     return {_mesh_name(body): body.content for _, _, body in problem.workspace.meshes}
 

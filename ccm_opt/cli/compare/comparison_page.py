@@ -20,7 +20,7 @@ LEAST_P = 1e-3
 
 
 def display_unit(quantity: Quantity) -> tuple[str, float]:
-    """Return the unit in which a figure is displayed and the factor from its stored unit; lengths are in mm."""
+    """Return the unit in which a figure is displayed, and the factor from its stored unit; lengths are shown in mm."""
     return ("mm", 1e3) if quantity.unit == "m" else (quantity.unit, 1.0)
 
 
@@ -37,7 +37,7 @@ def format_value(quantity: Quantity, figure: float) -> str:
 def format_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
     """Return the ratio or difference of two methods in a figure as text, such as ``× 0.95`` or ``+1.2``.
 
-    The text is a dash if the value is unknown, for lack of problems.
+    The text is a dash if there are too few problems to compute the value.
 
     Args:
         quantity: the figure.

@@ -74,7 +74,7 @@ _OF_THE_PAPER: Mapping[str, object] = {
     **{name: getattr(PlannerOptions(), name) for name in ("optimiser", "seed", "tries", "wanted_gap", "weights")},
     "method": "hill-climbing",
 }
-"""Options of the paper's planner; options that it does not support are reset to their defaults."""
+"""Planner options for the paper's planner; options that this planner does not support have their defaults."""
 
 METHODS: Mapping[str, Method] = {
     method.name: method
@@ -145,7 +145,8 @@ DIGITS = 16
 OURS = "ccm_opt"
 """Name of the package whose planners, timing and verifier are used in every run."""
 NOT_MET = ("cli/", "viz/")
-"""Parts of the package that do not affect runs, except OMPL planners; random suites have a separate version."""
+"""Parts of the package whose code is not hashed, since runs do not depend on it. Exceptions: the planner that uses OMPL
+is hashed, and random suites have a version of their own (``suites.GENERATOR``)."""
 _OMPL = "cli/compare/ompl_"
 SOURCES = frozenset((".py", ".c", ".h", ".so", ".pyd"))
 """Suffixes of files that contain code."""
@@ -155,7 +156,7 @@ SOURCES = frozenset((".py", ".c", ".h", ".so", ".pyd"))
 def code_of(method: str) -> str:
     """Return a hash of the code that a method runs on this machine, in hexadecimal digits.
 
-    For an external planner the hash covers the planner's package too.
+    It covers this package. For an external planner it also covers that planner's package, for OMPL its version.
 
     Args:
         method: name of a method, or ``module:attribute``.

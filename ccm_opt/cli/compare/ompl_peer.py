@@ -1,8 +1,8 @@
 """Planner that uses RRT-Connect of OMPL (extra ``ompl``), for comparison, for planar arms and arms in space.
 
 Only the search is compared. Goal poses, collision checking of motions, smoothing, timing and verification are those of
-the built-in planner. Its certificate proves straight motions in joint space collision-free at all times, not only at
-samples, so that OMPL meets the same standard.
+the built-in planner. Collisions are checked by its certificate, which proves straight motions in joint space
+collision-free at all times, not only at samples.
 """
 
 from collections.abc import Iterator
@@ -54,8 +54,8 @@ class OmplSettings:
         searched_gap: clearance beyond contact that paths of OMPL keep, as a fraction of the arm's length. Taste.
         certified_gap: clearance beyond contact that the smooth planar path keeps, as a fraction of the arm's length; at
             corners it may deviate from the path of OMPL by the difference. Taste: as for the paper's planner.
-        longest_turn: maximum change of a joint angle between two keyframes, so that refining a corner affects only a
-            short part of the path [rad]. Taste.
+        longest_turn: maximum change of a joint angle between two keyframes [rad]; a small value keeps the refinement of
+            a corner local. Taste.
         beyond_tube: distance beyond the guide tube at which joints begin to bend, in link lengths. Taste: a smooth path
             may begin to bend them a little earlier.
         refinements: maximum number of refinements of the smooth planar path. Derived: they reduce the deviation at a
@@ -132,7 +132,9 @@ class OmplPlanner:
         return path
 
     def _way(self, query: "_Query", start: FloatArray, goals: list[FloatArray]) -> FloatArray:
-        """Return the K vertices of a certified path of OMPL, in c sampler coordinates with exact ends, shape (K, c).
+        """Return the K vertices of a certified path found by OMPL, in sampler coordinates, shape (K, c).
+
+        The first vertex is exactly the start, the last exactly a goal.
 
         Args:
             query: the planning query.
@@ -309,7 +311,9 @@ def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
 
 
 def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
-    """Return coordinates for sampling all configurations within the joint limits; a clamped base keeps its heading."""
+    """Return the coordinates from which OMPL samples all configurations within the joint limits of a planar arm.
+
+    With a clamped base the first bend angle is fixed; otherwise it has its full range."""
     arm = problem.arm
     free = np.eye(arm.links)
     if ends.clamped:
@@ -323,7 +327,7 @@ def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
 
 
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
-    """Return the certificate for a clearance if start and goal pose keep it, else the certificate for contact.
+    """Return a certificate that proves a clearance if start and goal pose keep it, else one that proves no contact.
 
     Args:
         problem: the problem.
@@ -365,8 +369,8 @@ class _InSpace:
     def _where_ours_ends(self) -> FloatArray | None:
         """Return the final configuration of the built-in planner's motion, shape (c,) [rad, m]; None if it finds none.
 
-        In ducts, hardly any sampled goal pose is collision-free, and OMPL can only fail without one. The time of this
-        search is not charged to OMPL.
+        It serves as a goal pose. In ducts hardly any sampled goal pose is collision-free, and without one OMPL cannot
+        succeed. The time of this search is not counted as OMPL's.
         """
         if self.problem.goal.whole(self.problem.arm) is not None or self.problem.goal.via:
             return None

@@ -1,7 +1,7 @@
 """Comparison of planning methods, with every run in a supervised process.
 
-Every run gives a record, whatever a planner does: if the process dies, or is killed for excessive time or memory, that
-is the result of this run, and the next run gets a new process. Other processes are reused, with libraries loaded.
+Every run gives a record, whatever a planner does. If a process dies, or is killed for excessive time or memory, this is
+the result of the run, and the next run gets a new process. Otherwise the process, with libraries loaded, is reused.
 """
 
 import atexit
@@ -247,7 +247,7 @@ class Comparison:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """Comparisons of every two methods, in order."""
+        """Comparisons of every two methods, in the order of ``methods``."""
         found = []
         for one, other in combinations(self.methods, 2):
             first = self.method_runs(one)
@@ -256,7 +256,7 @@ class Comparison:
         return tuple(found)
 
     def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
-        """Return the number of problems that a method solves, and the confidence interval of the fraction solved."""
+        """Return the number of problems that a method solves, and the 95 % confidence interval of their fraction."""
         count = sum(run.solved for run in self.method_runs(method))
         return count, success_interval(count, len(self.problems))
 
@@ -267,7 +267,9 @@ class Comparison:
 
 
 def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
-    """Return for each method the number of runs in a journal that were made with other code, where not zero.
+    """Return the number of runs in a journal that were made with other code than the present, by method.
+
+    Methods without such runs are left out.
 
     Such runs remain in the journal but are made again.
 

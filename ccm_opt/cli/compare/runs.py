@@ -1,8 +1,8 @@
 """Runs of a method on a problem: tasks for worker processes, results, journal, and the figures compared.
 
 Each line of the journal is appended by one system call, so that a killed process leaves whole lines and at most one
-partial line, which is removed when the journal is opened again. Runs are identified by keys; of two with equal keys the
-first counts, unless it crashed, since a crash is a defect that may have been fixed.
+partial line, which is removed when the journal is opened again. Runs are identified by keys. Of two runs with the same
+key the first counts, unless it crashed: a crash is a defect that may have been fixed since.
 """
 
 import hashlib
@@ -225,7 +225,7 @@ def failed_run(task: Task, error: BaseException) -> Run:
 
 
 def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
-    """Return outcome and reason, in one line, of a run that ended in an error."""
+    """Return the outcome of a run that ended in an error, and the reason as a single line of text."""
     if isinstance(error, NoPlanFound):
         outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
         return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
@@ -303,7 +303,7 @@ class Journal:
         return key in self.runs and self.runs[key].outcome != "crashed"
 
     def append(self, run: Run) -> None:
-        """Append a run, unless the journal has one with an equal key that did not crash.
+        """Append a run, unless the journal has a run with the same key that did not crash.
 
         Raises:
             ProblemError: the run cannot be written.
@@ -336,7 +336,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
     """Yield the journal at a path, locked against other comparisons for the duration of a ``with`` block.
 
     Raises:
-        ProblemError: the file cannot be written, is in use by another comparison, or is no journal.
+        ProblemError: the file cannot be written, is in use by another comparison, or is not a journal.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -71,9 +71,10 @@ def arm_of_links(links: int, length: float, radius: float) -> Arm:
 
 
 def with_links(arm: Arm, links: int) -> Arm:
-    """Return an arm with another number of links and equal drives, but unchanged length, radius and mass.
+    """Return an arm with another number of equal links; total length, radius and total mass are unchanged.
 
-    With fewer links, joints may bend more, up to a right angle, so that the arm can follow equal curves.
+    Rotor inertia and friction become the means of the given arm's. The fewer the links, the larger the joint limit, up
+    to a right angle, so that the arm can follow the same curves.
     """
     masses = np.full(links, float(np.sum(arm.masses)) / links)
     axial, transverse = cylinder_inertia(masses, arm.radius, arm.length / links)
@@ -121,7 +122,7 @@ def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Float
 
 
 def links_apart(arm: Arm, points: FloatArray, gap: float) -> bool:
-    """Return whether links that are not close along the arm keep a minimum clearance from each other.
+    """Return whether all pairs of links that are checked for self-collision keep a minimum clearance.
 
     Args:
         arm: the arm of n links.
@@ -195,9 +196,9 @@ JOBS: Mapping[str, Mapping[str, float]] = {
     "wing-box": {"base": 0.02, "fed": 0.05, "goal": 0.02, "turn": 0.25, "room": 0.004},
     "blade-row": {"base": 0.003, "fed": 0.1, "goal": 0.01, "turn": 0.15, "room": 0.002},
 }
-"""Maximum perturbations of example problems, by name: base across its direction [m], feed at the start [m], goal
-position [m] and direction [rad]; and minimum clearance of the straight arm at the start and of the last link at the
-goal [m]. Taste: fractions of the available clearance."""
+"""Perturbations of example problems, by name. Maximum values: ``base``, across its direction [m]; ``fed``, feed at the
+start [m]; ``goal``, position [m]; ``turn``, direction [rad]. Also the minimum clearance of the straight arm at the
+start and of the last link at the goal [m]. Taste: fractions of the available clearance."""
 MOST_DRAWS = 1000
 """Maximum number of samples of start and goal; if all are in contact, the perturbation is too large for the scene."""
 
@@ -249,7 +250,7 @@ def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
 
 
 def _limits(limits: Limits, links: int) -> Limits:
-    """Return limits for another number of links; those of the example problems are equal for all revolute joints."""
+    """Return limits for another number of links, given limits that are equal for all revolute joints."""
     given = {key: getattr(limits, key) for key in ("velocity", "acceleration", "torque", "jerk")}
     whole = {key: np.full(3 * links, float(values[0])) for key, values in given.items() if values is not None}
     return replace(limits, **whole)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class ConfidenceInterval:
-    """A confidence interval with its two ends, which are infinite where the sample is too small."""
+    """The two ends of a confidence interval; infinite if the sample is too small for the level."""
 
     low: float
     high: float
@@ -84,7 +84,7 @@ def success_interval(solved: int, count: int) -> ConfidenceInterval:
 
 
 def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
-    """Return the paired comparison of how many problems two methods solve, given their runs in equal order.
+    """Return the paired comparison of how many problems two methods solve, given their runs, problem by problem.
 
     The test is McNemar's in its exact form: if both methods are equally good, each problem that only one solves is
     solved by the first with probability ½.

@@ -245,7 +245,7 @@ class Case:
         suite: name of the suite; "files" for a problem file.
         seed: seed of a random problem.
         given: problem read from a file; None for a random problem.
-        fingerprint: text that distinguishes different problems of equal name.
+        fingerprint: text that distinguishes different problems of the same name.
     """
 
     name: str
@@ -262,7 +262,7 @@ class Case:
 
 
 def problem_maker(suite: str) -> Callable[[int, str], Problem]:
-    """Return the function of seed and name that makes the problems of a random suite.
+    """Return the function that makes a problem of a random suite, given seed and name of the problem.
 
     Args:
         suite: name of a suite, or a reference ``module:attribute`` to such a function.
@@ -347,7 +347,7 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
     """Return cases of a comparison without duplicates.
 
     Raises:
-        ProblemError: two different problems have equal names.
+        ProblemError: two different problems have the same name.
     """
     kept: dict[str, Case] = {}
     for case in cases:

@@ -54,7 +54,7 @@ class Replanner:
         threading.Thread(target=self._run, daemon=True, name="replanner").start()
 
     def ask(self, change: Callable[[], LiveAnswer]) -> None:
-        """Request a change of the plan; earlier requests that have not begun are dropped.
+        """Request a change of the plan; an earlier request that is still waiting is dropped.
 
         Args:
             change: function that makes the change and returns the result.
@@ -66,7 +66,7 @@ class Replanner:
         self._requested.put(None)
 
     def _run(self) -> None:
-        """Make the latest requested change, again and again; after a quiet period, plan from scratch."""
+        """Loop until ``end``: make the change requested last, and after a period without requests plan from scratch."""
         quiet = None
         while True:
             try:
@@ -91,7 +91,7 @@ def direction_of(wxyz: FloatArray) -> FloatArray:
 
 
 GOAL = "the goal"
-"""Name of the goal in the list of movable objects."""
+"""Name of the goal in the list of objects that the user can drag."""
 
 
 class Handles:
@@ -176,7 +176,7 @@ class Handles:
         return self._from_world(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
 
     def _from_world(self, vector: FloatArray) -> FloatArray:
-        """Return a vector of viewer coordinates, shape (3,), in the arm's coordinates, shape (2,) or (3,)."""
+        """Return a vector given in scene coordinates, shape (3,), in the arm's coordinates, shape (2,) or (3,)."""
         return self._live.problem.arm.embedded(np.eye(self._live.problem.dimension)) @ vector
 
 
@@ -188,7 +188,8 @@ _SLIDER_RATE = 10.0
 LOOPBACK = "127.0.0.1"
 """Address on which the page is served: to this machine only, since anyone who loads the page can start planning."""
 HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?", re.ASCII)
-"""Host names with which a browser on this machine requests the page; others may be DNS rebinding attacks."""
+"""Pattern of the host names with which a browser on this machine requests the page; others suggest an attack by DNS
+rebinding."""
 PATIENCE = 0.2
 """Maximum time to wait for connected pages when the viewer ends, so that Ctrl-C ends it within a second [s]."""
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")

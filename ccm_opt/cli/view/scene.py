@@ -132,7 +132,7 @@ class Scene:
             self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
 
     def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
-        """Draw one obstacle, replacing an earlier one of equal name; obstacles in space are transparent.
+        """Draw one obstacle, replacing an earlier one of the same name; obstacles in space are transparent.
 
         Args:
             obstacle: the obstacle, planar or in space.
@@ -181,7 +181,7 @@ class Scene:
         self.pose(0.0)
 
     def _draw_layers(self, start: FloatArray) -> None:
-        """Draw the start pose and the costly layers, as far as they are switched on."""
+        """Draw those layers that are switched on: the start pose and the layers that take long to compute."""
         scene = self.server.scene
         if "start" in self.shown:
             scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
@@ -250,6 +250,8 @@ def scene_path(folder: str, name: str) -> str:
 
 
 def _turns(points: FloatArray) -> FloatArray:
-    """Return quaternions (w, x, y, z), shape (n, 4), that turn the x axis along the links of points (n + 1, 3)."""
+    """Return quaternions (w, x, y, z) that turn the x axis into the links' directions, shape (n, 4).
+
+    The n links are given by joints and tip, shape (n + 1, 3)."""
     along = np.diff(points, axis=0)
     return rotation_to_axis(along / np.linalg.norm(along, axis=1, keepdims=True))

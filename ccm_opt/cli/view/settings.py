@@ -77,6 +77,6 @@ def by_gap(gaps: FloatArray, plenty: float) -> Colours:
 
     Args:
         gaps: clearances to obstacles; 0 gets the last colour of the scale.
-        plenty: clearance from which on links get the first colour of the scale [m].
+        plenty: clearance from which links get the first colour of the scale [m].
     """
     return by_use(1.0 - gaps / plenty)
