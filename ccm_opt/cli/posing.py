@@ -201,7 +201,8 @@ def _watched(
 ) -> AbstractContextManager[Callable[..., None]]:
     """Return a context manager that ends the command if local processes report no progress for too long.
 
-    On a cluster, which has time limits of its own, it does nothing. Its value is the function to call with progress."""
+    On a cluster, which has time limits of its own, it does nothing. Its value is the function to call with progress.
+    """
     if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)

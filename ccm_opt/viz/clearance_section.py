@@ -214,7 +214,8 @@ def chart_top(room: ClearanceRecord) -> float:
     """Return the clearance at the top of the chart of clearance over time [m].
 
     It is a multiple of the preferred or the minimum clearance, reduced to just above the largest clearance of the
-    motion and kept below the search distance, at which recorded clearances are capped."""
+    motion and kept below the search distance, at which recorded clearances are capped.
+    """
     # The record caps gaps at its search distance; capped values are not shown as if they were gaps.
     largest = 1.1 * float(room.gaps.max())
     shown = max(_PREFERRED_CLEARANCES_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach

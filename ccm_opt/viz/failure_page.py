@@ -85,7 +85,8 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
     """Yield marks for an arm that is too short.
 
     These are the shortest path to the goal, if that is too long, else the circle that the arm can reach and the
-    distance from it to the goal."""
+    distance from it to the goal.
+    """
     if finding.measured is None or finding.place is None:
         return
     missing = f"arm {units.length(finding.measured - problem.arm.length)} too short"

@@ -313,7 +313,8 @@ def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
 def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
     """Return the coordinates from which OMPL samples all configurations within the joint limits of a planar arm.
 
-    With a clamped base the first bend angle is fixed; otherwise it has its full range."""
+    With a clamped base the first bend angle is fixed; otherwise it has its full range.
+    """
     arm = problem.arm
     free = np.eye(arm.links)
     if ends.clamped:

@@ -252,6 +252,7 @@ def scene_path(folder: str, name: str) -> str:
 def _turns(points: FloatArray) -> FloatArray:
     """Return quaternions (w, x, y, z) that turn the x axis into the links' directions, shape (n, 4).
 
-    The n links are given by joints and tip, shape (n + 1, 3)."""
+    The n links are given by joints and tip, shape (n + 1, 3).
+    """
     along = np.diff(points, axis=0)
     return rotation_to_axis(along / np.linalg.norm(along, axis=1, keepdims=True))
