@@ -133,7 +133,7 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
 
 
 def in_space(points: FloatArray, depth: float) -> FloatArray:
-    """Return points of the plane, shape (..., 2), as points in space, shape (..., 3), moved by ``depth`` behind the plane."""
+    """Return points of the plane, shape (..., 2), as points in space, shape (..., 3), ``depth`` behind it."""
     return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 
