@@ -28,7 +28,7 @@ _SLOPE_WEIGHT = 1e-3
 _NEARNESS_WEIGHT = 10.0
 """Weight of closeness to walls, before the user's weight. Taste."""
 _NEARNESS_DISTANCE = 0.03
-"""Distance from walls beyond which points of the curve cost nothing [L]. Taste."""
+"""Distance from walls beyond which points of the curve cost nothing [arm lengths]. Taste."""
 
 STATES = 5
 """Size of the state X."""

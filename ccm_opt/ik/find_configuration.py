@@ -46,7 +46,7 @@ _POLISH_STEPS = 8
 """Maximum number of Newton steps that bring the tip onto the goal. Taste; three are usual."""
 
 _PATH_SAMPLES = 401
-"""Number of samples of the shortest path at which its region is determined. Taste."""
+"""Number of samples of the shortest path for which the region that contains them is determined. Taste."""
 
 
 @dataclass(frozen=True)
@@ -137,12 +137,12 @@ _WINDINGS = 3
 _GUESS_SAMPLES = 401
 """Number of samples of the guessed heading. Taste."""
 _CORNER_ROUNDING = 0.06
-"""Width over which corners of the guessed heading are rounded [L]. Taste."""
+"""Width over which corners of the guessed heading are rounded [arm lengths]. Taste."""
 _END_BLEND = 0.12
 """Arc length over which the guess turns from the base heading to that of the path, and from the path to the tip heading
-[L]. Taste."""
+[arm lengths]. Taste."""
 _LEAST_REGION_SHARE = 0.05
-"""Minimum length of the guess in each region [L]. Taste."""
+"""Minimum length of the guess in each region [arm lengths]. Taste."""
 _GUESS_CURVATURE = 0.9
 """Fraction of the curvature limit that the guess may use, so that the NLP starts inside its bounds. Taste."""
 
@@ -459,7 +459,7 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
 
 
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
-    """Return the shortest path with different numbers of whole turns at its ends, the least total turn first."""
+    """Return versions of the shortest path that differ by whole turns at its ends, the least total turn first."""
     low, high = task.base_heading_range
     # A freely turning base takes the path's heading; a fixed one may have to wind around to it.
     base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
@@ -469,7 +469,7 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Return assignments of curvature segments to regions, the index of the region of each segment.
+    """Return assignments of curvature segments to regions, each the index of the region of every segment.
 
     The first has one segment per region; later ones have more, in proportion to the length of the curve in a region.
     """

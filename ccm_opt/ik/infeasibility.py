@@ -208,8 +208,8 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
 
     Args:
         attempt: the failed attempt.
-        name: name of the row.
-        violation: violation of the row in the NLP's units.
+        name: name of the constraint.
+        violation: violation of the constraint in the NLP's units.
     """
     task = attempt.nlp.task
     numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
@@ -226,7 +226,7 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
     """Return the kind of an NLP constraint and a description of its violation.
 
     Args:
-        name: name of the row.
+        name: name of the constraint.
         violation: violation in the NLP's units.
         length: length of the arm [m].
     """

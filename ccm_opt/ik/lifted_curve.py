@@ -233,7 +233,7 @@ class JointsAmongPieces:
 
     @classmethod
     def from_curve(cls, curve: LiftedCurve, arcs: FloatArray) -> "JointsAmongPieces":
-        """Return the evaluation of a curve at the arc lengths of an arm's joints and tip, shape (links + 1,)."""
+        """Return the evaluation of a curve at an arm's joints and tip; ``arcs`` are their arc lengths, (links + 1,)."""
         middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 

@@ -23,13 +23,13 @@ from ccm_opt.ik.row_program import (
 from ccm_opt.scene.corridor import ConvexRegion
 
 _LEAST_PIECE = 4e-3
-"""Least arc length between knots [L]. Taste."""
+"""Least arc length between knots [arm lengths]. Taste."""
 _LEAST_SPACING = 0.08
 """Least length of a spline piece, as a fraction of the length of its segment. Taste."""
 
 _REGION_SHRINKAGE = 1e-5
 """Distance by which regions are shrunk, so that quadrature errors and the final Newton correction stay inside the real
-regions [L]. Derived: ten times the tolerance of the check of containment on an arm of a metre."""
+regions [arm lengths]. Derived: ten times the tolerance of the check of containment on an arm of a metre."""
 _CURVATURE_RESERVE = 1e-3
 """Fraction of the curvature limit that is reserved for the final Newton correction. Taste."""
 _HALF_PLANE_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)

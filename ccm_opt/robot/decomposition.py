@@ -105,14 +105,14 @@ def move_boundary(
 
 
 def segment_head(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """Return the first ``length`` metres of a segment as an exact segment of their own."""
+    """Return the first ``length`` metres of a segment as a new segment of the same shape; at most all of it."""
     if length >= segment.length:
         return segment
     return _Stretch.from_segments((segment,)).part(0.0, length).segment()
 
 
 def segment_tail(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """Return what follows the first ``length`` metres of a segment, as an exact segment of its own."""
+    """Return the rest of a segment after its first ``length`` metres as a new segment of the same shape."""
     return _Stretch.from_segments((segment,)).part(length, segment.length).segment()
 
 

@@ -38,7 +38,7 @@ def timings(
         limits: limits of every revolute joint, of the feed axis, and of points of the arm.
         inverse_dynamics: map from angles, velocities and accelerations to torques, as for ``retime``.
         revolutes: map from bends to revolute angles.
-        method: "toppra" for TOPP-RA, or Paul's transitions.
+        method: "toppra" for TOPP-RA, or "paul" for Paul's transitions.
         coordinates: the columns of the path; if None, one bend per link, and a feed axis if there is one more column.
         link_lengths: length of each link, shape (links,) [m], for which TOPP-RA samples densely enough that chords stay
             near the path.

@@ -250,7 +250,7 @@ _STOP_POINTS = 10
 _STOP_RATIO = 0.7
 """Ratio of the distances of successive extra grid points from a point at which the path stops. Taste."""
 _STOPPED = 1e-6
-"""Fraction of the greatest ``|q'|`` at any knot below which the path stops at a knot.
+"""Fraction of the greatest ``|q'|`` of all knots; at knots with less than this, the path counts as stopped.
 
 Taste: far above rounding and far below the values on a path that moves.
 """

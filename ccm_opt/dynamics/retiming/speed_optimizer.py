@@ -80,7 +80,7 @@ Derived: half of what the verifier allows.
 _GRID_SHARE = 0.99
 """Fraction of every limit used at the grid points. Taste: leaves a margin for peaks between grid points."""
 _NEGLIGIBLE = 1.004
-"""Factor of slowing down that is not worth another round. Taste."""
+"""Factor of slowing down up to which another round is not worthwhile. Taste."""
 _LEAST_TANGENT = 0.5
 """Least ratio of the speed at which the tangent of friction is taken to that of the previous round.
 
@@ -88,7 +88,7 @@ Measured: without this bound, 1 in 240 random paths with friction ends at 1.6 ti
 at 1.002 times.
 """
 _FRICTION_SHARE = 0.7
-"""Fraction of the margin between the static part of a row and the limit that the constant part of friction may take.
+"""Share of the margin between a row's static part and the limit for the constant part of linearised friction.
 
 Derived: below 1, so that a margin remains for motion; at terminal velocity, half the friction takes 0.5.
 """

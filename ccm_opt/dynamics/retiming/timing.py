@@ -135,7 +135,7 @@ def _too_slow(duration: float, step: float, most: int) -> RetimingError:
 
 
 def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:
-    """Return the motion along a path at given times, shape (T,) [s], from start to end."""
+    """Return the samples of the motion along a path at given times, shape (T,) [s], from start to end."""
     s, speed, growth = (values[:, None] for values in profile.at(time))
     # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)

@@ -21,7 +21,7 @@ class ProfileSettings:
 
     Attributes:
         dense_share: fraction of every limit that may be used between grid points. Derived: between the fraction at grid
-            points and 1, so that samples, which lie elsewhere, keep the limit, too.
+            points and 1, so that samples, which lie elsewhere, respect the limit, too.
         substeps: number of steps per grid interval at which limits are checked. Taste.
         newton_steps: maximum number of steps of Newton's method per controllable speed. Taste; a few usually suffice.
         directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived: the

@@ -16,8 +16,8 @@ from ccm_opt.robot.configuration import Configuration
 _LEAST_GAIN = 1e-4
 """Minimum relative decrease of the objective for a move to count as an improvement. Taste."""
 _GAIN_WHILE_PUSHED = 0.02
-"""Minimum relative decrease of the objective for an improvement while the repulsive potential of obstacles is part of
-it; a smaller one would prolong the climb. Taste."""
+"""Minimum relative decrease of the objective for a move to count as an improvement while the objective includes the
+repulsive potential of obstacles; a smaller one would prolong the climb. Taste."""
 _EASING = 0.3
 """Factor by which the weight of the repulsive potential is reduced when potential and distance balance, as in barrier
 methods. Taste."""

@@ -53,7 +53,7 @@ _CERTIFIED_GAP = 1e-4
 _PLANNING_SHARE = 0.9
 """Fraction of the time limit that planning may use; the rest is for timing and verification. Taste."""
 _BISECTIONS = 3
-"""Number of bisections of the certificate after which a move counts as blocked. Taste: fewer than the certificate's
+"""Number of bisections in the collision check after which a move counts as blocked. Taste: fewer than the check's
 default are faster, since most candidate moves are discarded."""
 _ROUTE_INFLATION = 1e-3
 """Inflation of walls for routes in addition to radius and clearance, as a fraction of the arm's length. Taste."""

@@ -39,7 +39,8 @@ _HELD_PUSH = 0.03
 _HELD_PATIENCE = 20
 """Number of moves without progress after which holding the pose of a segment's end has failed. Taste."""
 _RELAXING = 6
-"""Number of moves that reduce the potential before the end of a segment is moved back to its pose. Taste."""
+"""Maximum number of moves that reduce distance and obstacle potential before a segment's end is moved back to its pose.
+Taste."""
 _END_TURN = 0.3
 """Maximum change of the curvature at the tip in one step of schema SCM-6, times the segment's length [rad]. Taste."""
 

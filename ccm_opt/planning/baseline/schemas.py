@@ -392,9 +392,8 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     The arm does not move. The segment begins at its tip, with the heading of the tip and zero curvature, as SCM-6
     leaves the tip. The type depends on both poses only. The initial guess is a half wave plus a whole wave of curvature
     with the changes of heading that the poses require; hill climbing in interpolation points and length then reaches
-    the goal.
-    The paper does not define the optimal length of the segment. Here it is the result of the climb, or ``longest`` if
-    that is shorter.
+    the goal. The paper does not define the optimal length of the segment. Here it is the result of the climb, or
+    ``longest`` if that is shorter.
 
     Args:
         world: environment of the schemas.
@@ -466,7 +465,7 @@ def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_rati
         least_ratio: minimum ratio of chord to length.
 
     Raises:
-        ProblemError: start and goal have one position.
+        ProblemError: start and goal are at the same position.
     """
     chord = goal.position - position
     distance = float(np.hypot(*chord))
