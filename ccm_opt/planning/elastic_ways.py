@@ -1,7 +1,7 @@
 """Paths in space that a fed arm can follow with all its links, as elastic bands.
 
 A path through a grid is divided so that m pieces make a link. An arm that slides along the path has its links on chords
-x_i, x_{i+m}, so the points x minimise, with lengths in nominal links,
+x_i, x_{i+m}, so the points x minimise, with lengths in nominal links (twenty-fourths of the arm's length),
 
     ∫ κ² ds + ∫ |x'|² ds + Σ (lacking gap of a chord)² + Σ (excess of |x_{i-m} − 2 x_i + x_{i+m}|)²,
 
@@ -263,7 +263,7 @@ class _Band:
                     self.stiffness[(a - b) * stride, b * stride : b * stride + inner] += weight * first * second
 
     def equations(self) -> "_Equations":
-        """Return normal equations that contain only the terms that are equal in all relaxation rounds."""
+        """Return normal equations with only those terms that are the same in all relaxation rounds."""
         target = -self.stiffness[0][:, None] * self.places
         for d in range(1, len(self.stiffness)):
             below = self.stiffness[d, :-d, None]

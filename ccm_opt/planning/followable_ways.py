@@ -1,5 +1,7 @@
 """Paths that a fed arm can follow, and motions of the arm along them.
 
+Several lengths are given in nominal links, each a twenty-fourth of the arm's length.
+
 The search is hybrid A* (D. Dolgov et al., Path planning for autonomous vehicles in unknown semi-structured
 environments, 2010), in space, in C (followable_ways.c). A state is a position and a direction, from which short arcs
 towards some azimuths lead to further states; states in one bin of positions and directions count as one. The cost to go
@@ -185,7 +187,7 @@ class FollowSearch:
     def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
         """Return points along two arcs that connect a state to the goal, shape (m, 3) [m].
 
-        None if the goal is too far away, or the arcs are too long or too tightly bent.
+        The result is None if the goal is too far away, or the arcs are too long or too tightly bent.
 
         Args:
             place: position of the state, shape (3,) [m].

@@ -237,7 +237,7 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
 
 
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
-    """Return whether ``_worth`` would prefer a motion, keyframes (K, c), to even the best motion between its ends."""
+    """Return whether ``_worth`` would prefer a motion (K, c) to every possible motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
     roomy = _worst_shortfall(behind, task) <= _LOST_ROOM * task.wanted_gap
@@ -245,7 +245,7 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
 
 
 def _worst_shortfall(q: FloatArray, task: SpaceTask) -> float:
-    """Return how much more of the preferred clearance a motion, (K, c), lacks on its way than at its ends, ≥ 0 [m]."""
+    """Return the largest shortfall from the preferred clearance on a motion (K, c), less that at its ends, ≥ 0 [m]."""
     shortfall = task.clearance_shortfall(q)
     return float(np.max(shortfall) - np.max(shortfall[[0, -1]]))
 
@@ -262,7 +262,7 @@ def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
 
 
 def _time(q: FloatArray, task: SpaceTask) -> float:
-    """Return a measure of a motion's duration: the sum over its intervals of the slowest drive's turn [rad].
+    """Return a measure of a motion's duration: the turn of the drive that takes longest, summed over intervals [rad].
 
     Args:
         q: configurations at the keyframes, shape (K, c).

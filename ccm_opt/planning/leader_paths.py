@@ -166,7 +166,7 @@ class ElasticBand:
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper bounds on the shifts of a band's points to the left, each of shape (m,) [m].
 
-        Where the passage is too narrow, both bounds lead to its middle.
+        If the passage is too narrow at a point, both bounds lead to its middle.
 
         Args:
             band: points, shape (m, 2) [m].
@@ -211,7 +211,7 @@ class ElasticBand:
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
     """Return a band (m, 2) with one more point before its beginning and after its end, shape (m + 2, 2) [m].
 
-    Each lies at distance ``h`` from the end of the band, straight on in the heading there.
+    Each lies at distance ``h`` from an end of the band, which is extrapolated along the heading there.
     """
     first, last = headings
     if last is None:
@@ -334,7 +334,7 @@ class LeaderPaths:
         return FreeSpace(workspace, max(arm.tip_radius + workspace.clearance + margin * sagitta, SHORTEST))
 
     def _band_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
-        """Return the begin and end of a band, each (2,) [m]; with a goal heading, it ends a link before the goal.
+        """Return the beginning and end of a band, each (2,) [m]; with a goal heading, it ends a link before the goal.
 
         ``straight`` is the position on the feed axis at which the path leaves the axis [m].
         """

@@ -3,8 +3,8 @@
 The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so v = [θ(0), C_0, …, C_20]: 22
 numbers for any number of links. θ(s) is linear in v; with A_j the mean over link j of ∂θ/∂v, A v is the mean heading of
 the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B. The offset q₀ = q_start − B v_start
-reproduces the start exactly, however the start was computed. A goal for the whole arm adds one more coordinate, which
-adds the offset of the goal gradually.
+reproduces the start exactly, however the start was computed. The curve does not reproduce a goal for the whole
+arm exactly either; one more coordinate w, from 0 at the start to 1 at the goal, blends in what is missing.
 
 A curve of few coordinates cannot be straight up to the end of a guide tube and bend beyond, wherever that end is along
 the arm; so for an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. The
@@ -73,9 +73,10 @@ class LinkSpace(CurveUnknowns):
         return replace(space, offset=q - slopes @ start), start
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates (..., p) of the curves whose mean headings are nearest to those of q (..., c).
+        """Return the coordinates (..., p) of the curves with mean headings nearest to the link headings of q (..., c).
 
-        For few links many curves have equal mean headings; the smoothest of these is taken. The offset is left out.
+        For few links many curves have the same mean headings; the smoothest of these is taken. The offset q₀ is not
+        subtracted from q.
         """
         arm = self.arm
         headings = arm.poses(q) - (self.offset[0] + arm.base_heading if self.clamped else 0.0)
@@ -84,7 +85,7 @@ class LinkSpace(CurveUnknowns):
     def nearest(self, q: FloatArray) -> FloatArray:
         """Return the coordinates (..., p) whose configurations, with the offset, are nearest to given ones (..., c).
 
-        A coordinate that blends into a goal is kept at 0.
+        The coordinate w that blends into a goal of the whole arm, if there is one, is kept at 0.
         """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(fit_coordinates(self.turns, headings.T, self.arm.length).T)
@@ -92,8 +93,8 @@ class LinkSpace(CurveUnknowns):
     def closest(self, q: FloatArray) -> FloatArray:
         """Return the coordinates (K, p) whose link headings are nearest to those of given configurations (K, c).
 
-        The result is a least-squares fit of the link headings, in which all coordinates are free, also one that blends
-        into a goal.
+        The result is a least-squares fit of the link headings, in which all coordinates are free, including the one
+        that blends into a goal of the whole arm.
         """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(np.linalg.lstsq(self.turns, headings.T, rcond=None)[0].T)
@@ -194,11 +195,11 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Mask of the coordinates that shape the curve, shape (p,); others blend into a goal for the whole arm."""
+        """Mask of the coordinates that shape the curve, shape (p,); any other blends into a goal for the whole arm."""
         return np.arange(self.dimension) <= KNOTS
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the slightly regularised metric of squared link turns, equal for all poses, shape (p, p)."""
+        """Return the slightly regularised metric of squared link turns, the same for all poses, shape (p, p)."""
         del pose
         return self._metric
 

@@ -34,8 +34,8 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 _REACH = 0.02
 """Gap up to which contacts are constraints of a repair step, as a fraction of the arm's length. Taste."""
 _COORDINATE_WEIGHT = 1e-4
-"""Weight of changes of the coordinates relative to those of link headings; it keeps coordinates fixed that no link
-heading depends on. Taste."""
+"""Weight of changes of the coordinates relative to those of link headings. It fixes coordinates on which no link
+heading depends. Taste."""
 
 _REPAIRS = 6
 """Maximum number of rounds that repair keyframes of intervals that fail the certificate. Taste; if these do not
@@ -53,7 +53,7 @@ _REPAIR_MARGIN = 1.5e-3
 _COARSE_ROOM = 0.04
 """Gap that the motion of the coarse arm in space keeps beyond the required clearance, in nominal links."""
 _OFFSET = 0.02
-"""Largest difference between bends of the start and of the fitted curve at which a motion in space is refined
+"""Largest difference between the bends of the start and of its fitted curve for a motion in space to be refined
 [rad]."""
 _FITS = 20
 """Maximum number of Levenberg-Marquardt steps that fit an arm to joint positions."""
@@ -81,8 +81,9 @@ _RIDGE_RISE = 10.0
 def refine_motion(motion: Motion, task: MotionTask) -> Motion | None:
     """Return the motion refined to the task's own links and certified; None if that fails.
 
-    The coordinates v are kept; the matrix A and the offset are rebuilt, so that the task's start is met exactly; the
-    last keyframe is moved onto the goal; keyframes of intervals that fail the certificate are each moved by a step.
+    The keyframes' coordinates are kept, but the map from coordinates to configurations is built anew for the task's
+    links, so that the start is met exactly. The last keyframe is moved onto the goal. Keyframes of intervals that fail
+    the certificate are moved by QP steps, in a few rounds.
     """
     space = _space_of_all_links(motion, task)
     coordinates = motion.unknowns.copy()
@@ -112,7 +113,7 @@ def refine_motion(motion: Motion, task: MotionTask) -> Motion | None:
 
 
 def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
-    """Return values with one row per link, (m, k), interpolated along the arm to a new number of links, (links, k)."""
+    """Return values per link, shape (m, k), interpolated along the arm to another number of links, (links, k)."""
     resampled = [_resampled(column, links) for column in columns.T]
     return np.column_stack(resampled) if resampled else np.zeros((links, 0))
 
@@ -151,7 +152,7 @@ def _space_of_all_links(motion: Motion, task: MotionTask) -> LinkSpace:
 
 
 def _refined_space(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
-    """Return the link space whose headings [rad] are the offset (links,) plus turns (links, p) times coordinates."""
+    """Return the link space in which link headings [rad] are ``offset`` (links,) plus ``turns`` (links, p) times v."""
     return LinkSpace(arm, np.diff(turns, axis=0, prepend=0.0), arm.bends(offset))
 
 

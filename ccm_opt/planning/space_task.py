@@ -102,7 +102,7 @@ class SpaceTask(SearchTask):
 
     @property
     def unit(self) -> float:
-        """Length of a nominal link [m]."""
+        """Length of a nominal link, a twenty-fourth of the arm's length [m]."""
         return self.arm.length / NOMINAL_LINKS
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
@@ -217,7 +217,7 @@ class SpaceTask(SearchTask):
         return distance_shortfall(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for clamped joints, (c,)."""
+        """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for clamped joints, shape (c,)."""
         return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
@@ -348,7 +348,7 @@ def space_task(
 def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
     """Return a problem for the arm with few links of a task, without torque and jerk limits.
 
-    Those apply to the arm with all its links only.
+    Those limits only apply to the arm with all its links.
 
     Args:
         problem: problem of the arm with many links.

@@ -1,4 +1,7 @@
-"""Generation of tip paths in space, along which the search for a motion leads the tip or the whole arm."""
+"""Generation of tip paths in space, along which the search for a motion leads the tip or the whole arm.
+
+Many lengths are given in nominal links, each a twenty-fourth of the arm's length.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -55,7 +58,7 @@ _AROUND = 4.0
 """Distance by which paths may extend beyond all obstacles of the scene, in nominal links."""
 
 _CLOSE_ONTO_TRACK = 3.0
-"""Weight with which all joints are pulled onto the tip's track, if an arm got stuck on walls with the usual weight;
+"""Weight with which all joints are pulled onto the tip's track if the usual weight fails because walls block the arm;
 links that are long relative to the bends of a duct pass with the usual one (measured in pipes and slots with 8 and 12
 links)."""
 _BANDS = 6

@@ -83,7 +83,7 @@ _WITHDRAWN_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SpaceRun(SearchRun[SpaceTask, CurveMap]):
-    """Search for a motion in space in the unknowns of one curve."""
+    """Search for a motion in space, in the unknowns of one curve map."""
 
     stepper: SpaceStepper
 
@@ -198,7 +198,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             return None
 
     def _retracted_before(self, found: SpaceMotion) -> SpaceMotion | None:
-        """Return a certified motion back along the arm's own shape, then along a motion found from the guide tube."""
+        """Return a certified motion back along the arm's own shape, then along ``found``; None if none is certified."""
         curve, start = found.curve.blended_to(self.start.q)
         stepper = self.task.stepper(curve, 0.0)
         poses = withdrawal_poses(stepper, start, self.task.deadline)

@@ -16,7 +16,7 @@ _TURNING_FEEDS = 24
 
 
 def withdrawal_poses(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
-    """Return the certified poses of a retraction of a fed arm into its guide tube, from a start, inclusive.
+    """Return the certified poses of a retraction of a fed arm into its guide tube, beginning with the start.
 
     The backbone curve is kept fixed in space while the feed decreases to its minimum. From the first motion that is not
     certified, the arm is instead retracted along its own shape by QP steps. Both may end short of the minimum feed.
@@ -45,9 +45,9 @@ def withdrawal_poses(stepper: SpaceStepper, start: FloatArray, deadline: Deadlin
 
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses of a retraction by QP steps along the shape of an arm's pose, from that pose, inclusive.
+    """Return the poses of a retraction along the arm's own shape by QP steps, beginning with a given pose.
 
-    The retraction ends where the feed is least, or where no further step succeeds.
+    The retraction ends at the minimum feed, or when no further step succeeds.
     """
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
@@ -92,9 +92,10 @@ def turned_over(
 
 
 def _up_to_feed(unknowns: FloatArray, feed: float, column: int) -> FloatArray:
-    """Return the keyframes of a motion until its feed first falls to a value, which the last one has, shape (m, p).
+    """Return the keyframes of a motion until its feed first falls to a given value, shape (m, p).
 
-    The last keyframe is interpolated linearly; the whole motion is returned if its feed stays above the value.
+    The last keyframe has exactly this feed and is interpolated linearly. The whole motion is returned if its feed stays
+    above the value.
 
     Args:
         unknowns: unknowns at the keyframes, shape (K, p).

@@ -1,10 +1,10 @@
 """Limit that holds a planar arm in the middle of narrow gates.
 
 A gate is a passage that is hardly wider than the arm; its rail is its middle line, extended straight before and behind.
-With clearance rows alone, a step would turn the arm askew in the gate; the first-order rows then leave no clearance,
-and second-order terms violate them. So equations in every QP step, and at every inner keyframe of a motion, make the
-arm's centre line cross lines across the gate in their middle; a step satisfies them to first order and Newton's method
-restores them. Before and behind the gate, joints are pulled to the rail.
+With the linearised constraints on clearance alone, a step would turn the arm askew in the gate, where they leave no
+clearance and second-order terms violate them. So every QP step, and every inner keyframe of a motion, has equations:
+the arm's centre line has to cross lines across the gate in their middle. A step satisfies these equations to first
+order, and Newton's method then exactly. Before and behind the gate, joints are pulled to the rail.
 """
 
 from dataclasses import dataclass, replace

@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 UNBOUNDED = 1e30
 """Value that QP solvers treat as infinity."""
 _EQUATION = 5
-"""Code with which DAQP marks a row as an equation."""
+"""Code with which DAQP marks a constraint as an equation."""
 
 
 def always(pose: Pose) -> bool:
-    """Return True for any pose: the check after a step for limits whose linearised rows are exact."""
+    """Return True for any pose: the check after a step for limits whose linearised constraints are exact."""
     del pose
     return True
 
@@ -97,7 +97,7 @@ class KeyframeRows:
         slopes: derivatives a with respect to the coordinates of the keyframe, shape (m, p).
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
-        kind: purpose of the rows, reported if they are what keeps the clearance from growing.
+        kind: purpose of the constraints, reported if they are what keeps the clearance from growing.
     """
 
     keyframe: IntArray
@@ -187,7 +187,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return 0.0
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return the requirements that a pose violates, linearised and scaled to link rotations, with required changes.
+        """Return the requirements that a pose violates, linearised and scaled to link rotations, with the changes.
 
         Args:
             pose: pose at which the requirements are linearised.

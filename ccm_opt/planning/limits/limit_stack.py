@@ -1,11 +1,11 @@
 """Limits that every motion has to satisfy: contact, joint range, range of the feed, length of a step.
 
 In a QP step every near pair of bodies gives a linear inequality (a row); over an interval of a motion every link has to
-stay in half-planes and clear of other links; between keyframes a certificate bounds the deviation of links from
-straight motion.
+stay in half-planes and clear of other links; between keyframes a certificate bounds how far links deviate from
+the straight lines between their positions at the keyframes.
 
-A new limit that always holds is one more line in ``assembled_limits``, for the plane and for space; its rows, proofs,
-checks and messages belong in a file of its own.
+A new limit that always holds is one more line in ``assembled_limits``, for the plane and for space; its linearised
+constraints, proofs, checks and messages belong in a file of its own.
 """
 
 from collections.abc import Callable, Iterable
@@ -96,8 +96,7 @@ class AtRest(LimitOf[CurveUnknowns]):
 class FeedLimit(LimitOf[CurveMap]):
     """Limit on the feed of an arm in space: range of the base, and travel of the base in a step.
 
-    In a step, the base must not travel beyond the point at which the next joint has to stop just outside the guide
-    tube.
+    In a step, the base travels at most until the next joint is just outside the guide tube.
     """
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
@@ -308,19 +307,19 @@ def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> Fl
 
 
 _SOLVER_ACCURACY = 1e-6
-"""Amount by which the solution of the QP of a step may violate a row [rad]."""
+"""Amount by which the solution of the QP of a step may violate a constraint [rad]."""
 
 
 @dataclass(frozen=True)
 class JointLimit(LimitOf[CurveUnknowns]):
     """Limit on the bends of the joints.
 
-    Where the base is fixed, bends are linear in the unknowns and, between keyframes, in the path parameter: rows are
-    exact, and a motion whose keyframes satisfy the limits satisfies them throughout.
+    Where the base is fixed, bends are linear in the unknowns and, between keyframes, in the path parameter: linearised
+    constraints are exact, and a motion whose keyframes satisfy the limits satisfies them throughout.
 
     Attributes:
         arm: the arm.
-        share: fraction of every joint limit within which rows keep steps and keyframes.
+        share: fraction of every joint limit within which constraints keep steps and keyframes.
         accepted: fraction of every joint limit up to which the resulting bends are accepted.
     """
 
@@ -449,7 +448,7 @@ def assembled_limits(
     settings: AnyStepSettings,
     further: Iterable[LimitOf[Any]] = (),
 ) -> tuple[LimitOf[Any], ...]:
-    """Return all limits of a motion, in the order of their rows, for steps, optimisation and certification.
+    """Return all limits of a motion, in the order of their constraints, for steps, optimisation and certification.
 
     Exact checks run in reverse order, so that the costly check of contact comes last.
 

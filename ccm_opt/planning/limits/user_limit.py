@@ -1,7 +1,7 @@
 """User's hard constraints and costs as a limit on the motion.
 
 A constraint gives equations h(q, u) = 0 and inequalities g(q, u) ≥ 0, whose values g are called gaps. Gaps keep a
-margin where possible, as clearances do. Equations are rows that a QP step has to meet to first order; afterwards
+margin where possible, as clearances do. Equations are constraints that a QP step has to meet to first order; afterwards
 Newton's method brings the unknowns back onto the equations.
 
 A gap is divided by the norm of its derivative with respect to the headings of the links, in which the travel of the
@@ -230,8 +230,8 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Return whether a step is acceptable, from the constraint values before and after the step.
 
-        Every gap has to keep a fraction of its margin, or not shrink; the equations have to be satisfied, or the sum of
-        their residuals to shrink.
+        Every gap has to keep a fraction of its margin, or not shrink. The equations have to be satisfied, or the sum of
+        their residuals has to shrink.
         """
         # A pose that begins inside the margin may stay there, but must not lose more.
         floor = np.minimum(_KEEP_SHARE * _MARGIN * self.turns(before.gap_slopes), before.gaps)
@@ -243,7 +243,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
     def restored(self, space: CurveUnknowns, pose: Pose, most: float) -> Pose:
-        """Return a pose moved onto the user's equations by Newton's method, or the given pose if that fails.
+        """Return a pose projected onto the user's equations by Newton's method, or the given pose if that fails.
 
         Args:
             space: map from the unknowns to configurations.
@@ -256,7 +256,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return pose if moved is None else moved
 
     def moved_onto_rows(self, space: CurveUnknowns, pose: Pose, most: float, *, gaps: bool) -> Pose | None:
-        """Return a pose moved onto the user's equations by Newton steps that move the links least, or None.
+        """Return a pose projected onto the user's equations by Newton steps that move the links least, or None.
 
         Args:
             space: map from the unknowns to configurations.
@@ -298,7 +298,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return linearised equations and gaps inside their margin, scaled to link rotations, with required changes.
+        """Return the equations, and the gaps smaller than their margin, linearised, with the changes that they require.
+
+        They are scaled so that changes are link rotations.
 
         Args:
             pose: pose at which the constraints are linearised.
@@ -340,7 +342,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
 
     def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the linearised user's equations at every keyframe but the first, scaled to derivatives of norm 1.
+        """Return the user's equations, linearised at every keyframe but the first, scaled to derivatives of norm 1.
 
         Args:
             sweep: the motion.

@@ -29,7 +29,7 @@ kept. Taste."""
 
 @dataclass(frozen=True)
 class RowCurvature:
-    """Convex part of the second derivatives of a weighted sum of rows with respect to the p unknowns of each keyframe.
+    """Convex part of the Hessian of a weighted sum of constraints (rows), in the p unknowns of each keyframe.
 
     Attributes:
         diagonal: blocks of each keyframe, shape (K + 1, p, p).
@@ -53,7 +53,7 @@ class Sweep:
     unknowns: FloatArray
 
     parts: ClassVar[int] = 4
-    """Number m of equal parts of an interval; rows belong to the ends of the parts, and each part has a slack."""
+    """Number m of equal parts of an interval; constraints hold at the ends of the parts, and each part has a slack."""
 
     @property
     def intervals(self) -> int:
@@ -128,7 +128,7 @@ class Sweep:
 
     @cached_property
     def timed_joints(self) -> FloatArray:
-        """Positions of joints and tip at all times at which rows may be imposed, shape (K m + 1, n + 1, d) [m]."""
+        """Positions of joints and tip at all times at which constraints may be imposed, (K m + 1, n + 1, d) [m]."""
         if self.parts == 1:
             return self.joints
         between = self._between.reshape(-1, self.unknowns.shape[1])
@@ -136,7 +136,7 @@ class Sweep:
 
     @cached_property
     def timed_points(self) -> FloatArray:
-        """The positions of ``points`` at all times at which rows may be imposed, shape (K m + 1, n + 3, d) [m]."""
+        """Positions of ``points`` at all times at which constraints may be imposed, (K m + 1, n + 3, d) [m]."""
         return self.points if self.parts == 1 else self._with_marks(self.timed_joints)
 
     @cached_property
@@ -169,9 +169,10 @@ class Sweep:
         return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return upper bounds on how far the points of m rows deviate from straight lines over an interval, (m,) [m].
+        """Return upper bounds on how far the points that m rows constrain deviate from straight lines, (m,) [m].
 
-        The bound is 0 if the rows account for the deviation themselves.
+        A line joins a point's positions at both ends of the interval. The bound is 0 if there are rows at times in
+        between, too.
         """
         del rows
         return 0.0
@@ -182,17 +183,17 @@ class Sweep:
         return 0.0
 
     def lost(self, rows: "IntervalRows") -> FloatArray:
-        """Return the excess of n·(P_a − P_b) half-way over the mean of its values at the ends, for m rows, (m,) [m].
+        """Return, for m rows, the excess of n·(P_a − P_b) half-way over the mean of its values at both ends, (m,) [m].
 
-        The excess is at least 0; it is 0 if the bound on the deviation covers it.
+        The excess is at least 0; it is 0 if ``deviation`` covers it.
         """
         way = self.halfway_off[rows.interval, rows.plus] - self.halfway_off[rows.interval, rows.minus]
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
 
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
-        """Return the convex part of the Hessian of Σ λ g + pull · tip for rows g; None if it is not computed.
+        """Return the convex part of the Hessian of Σ λ g + pull · tip for constraints g; None in space.
 
-        It is not computed in space, where it couples all links to each other.
+        In space it is not computed, since it couples all links to each other.
 
         Args:
             rows: m rows.

@@ -78,7 +78,7 @@ class Objective:
     Attributes:
         curve: map from p unknowns to c coordinates.
         intervals: number K of intervals between keyframes.
-        weights: weights of the parts.
+        weights: weights of the cost terms.
         slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
         scale: factor of each coordinate, shape (c,); None if all count alike.
     """
@@ -231,7 +231,7 @@ class Objective:
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the gradient, (K + 1, c), at configurations (K + 1, c), of the part that depends on them."""
+        """Return the gradient, (K + 1, c), of the cost terms in configurations, at configurations (K + 1, c)."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -294,7 +294,7 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """Return a path (k, p) whose intervals are divided evenly, such that the longest part is as short as possible.
+    """Return a path (k, p) whose intervals are divided evenly so that the longest part is as short as possible.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).

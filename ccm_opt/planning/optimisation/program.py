@@ -33,16 +33,16 @@ _QP_ITERATIONS = 60
 _MANY_ROWS = 2000
 """Number of constraints above which the QP is first solved with the tightest ones alone.
 
-Taste: with as many rows, solving takes as long as building the matrices.
+Taste: with as many constraints, solving takes as long as building the matrices.
 """
 _TIGHTEST = 30
 """Number of constraints per interval, and per keyframe, that enter the QP at a time if there are many.
 
-Measured in pipes: of 10,000 rows 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000 rows take a
-quarter of the time of one QP with all rows.
+Measured in pipes: of 10,000 constraints 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000
+constraints take a quarter of the time of one QP with all of them.
 """
 _VIOLATED = 1e-3
-"""Violation above which a row that was left out enters the QP [nominal links, rad].
+"""Violation above which a constraint that was left out enters the QP [nominal links, rad].
 
 Taste: a hundredth of the usual gap.
 """
@@ -55,7 +55,7 @@ class QuadraticStep:
     Attributes:
         change: change of the unknowns of all K + 1 keyframes, shape (K + 1, p); 0 for the first.
         slack: slack of every part of every interval, in nominal links, shape (parts,).
-        multipliers: multipliers of the interval rows in the QP, at least 0, shape (rows,) [1/m].
+        multipliers: multipliers of the constraints over intervals, at least 0, shape (constraints,) [1/m].
         pull: multipliers of the tip's position at the goal, shape (d,) [1/m]; 0 if the last keyframe is fixed.
     """
 
@@ -77,9 +77,10 @@ class LinearMotion:
         active: those constraints over intervals that the step may reach.
         keyframe_rows: inequalities on single keyframes, without slack.
         equations: equations on single keyframes.
-        end_rows: rows that hold the last keyframe, or the tip at its goal with the position first, shape (r, p).
+        end_rows: derivatives of the equations that hold the last keyframe, or the tip at its goal with the position
+            first, shape (r, p).
         end_fixed: whether the last keyframe is fixed.
-        unit: length of a nominal link, by which rows are scaled [m].
+        unit: length of a nominal link, by which constraints are scaled [m].
     """
 
     sweep: Sweep
@@ -103,7 +104,7 @@ class LinearMotion:
         return value + sum(cost.predicted(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
-        """Return the largest violation of rows, at least 0, in every part of the intervals, shape (parts,) [m]."""
+        """Return the largest violation of a constraint in every part of the intervals, at least 0, (parts,) [m]."""
         # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
         worst = np.zeros(sweep.intervals * sweep.parts)
         np.maximum.at(worst, self.rows.part(sweep), self.rows.values(sweep))
@@ -122,7 +123,7 @@ class KeyframeProgram:
     Attributes:
         motion: linearised motion from which the step starts.
         prices: price of one nominal link of slack in each part of each interval, shape (parts,).
-        curvature: second derivatives of the weighted rows; None if not known.
+        curvature: second derivatives of the constraints, weighted by their multipliers; None if not known.
         damping: weight on the squared rotations of the links in the step.
     """
 
@@ -155,13 +156,13 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
-        """Return the cause that keeps the least clearance of the motion from growing; None if the solver fails.
+        """Return the cause that keeps the least clearance of the motion from growing.
 
-        None, too, if no row lacks clearance.
+        The result is None if the solver fails or no constraint lacks clearance.
 
-        At the solution of the QP the forces λ ∇g of all active rows, and the negative gradient of the cost, add up to
-        zero. The cause is the kind of rows (walls, links, goal, length or other limits) whose forces against that of
-        the row that lacks most clearance have the largest sum.
+        At the solution of the QP the forces λ ∇g of all active constraints g, and the negative gradient of the cost,
+        add up to zero. The cause is the kind of constraints (walls, links, goal, length or other limits) whose forces
+        against that of the constraint that lacks most clearance have the largest sum.
 
         Args:
             improvement: fraction of the missing clearance that a step has to gain for the answer ``"steps"``: the
@@ -200,12 +201,12 @@ class KeyframeProgram:
         return max(against, key=against.__getitem__)
 
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the result of the QP solver PIQP, or None if it fails, and the multipliers of all inequalities, (m,).
+        """Return the result of the QP solver PIQP, and the multipliers of all inequalities, shape (m,).
 
-        Multipliers are positive at upper and negative at lower bounds.
+        The result is None if the solver fails. Multipliers are positive at upper and negative at lower bounds.
 
-        If there are many rows, the tightest enter the QP first, then rows that the solution violates, until no row is
-        violated.
+        If there are many constraints, the tightest enter the QP first, then those that the solution violates, until
+        none is violated.
         """
         matrix, lower, upper = self.inequalities()
         stage = np.concatenate((self.motion.active.interval, *(r.keyframe for r in self.motion.keyframe_rows)))
@@ -255,7 +256,7 @@ class KeyframeProgram:
         return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
 
     def _diagonal(self) -> FloatArray:
-        """Return the diagonal Hessian blocks of damping, rows and further costs, shape (K + 1, p, p)."""
+        """Return the diagonal Hessian blocks of damping, constraints and further costs, shape (K + 1, p, p)."""
         # Levenberg–Marquardt damping in terms of link rotations: it damps motion of the arm, not large unknowns.
         diagonal = self.damping * (
             self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - self.motion.sweep.parts)
@@ -294,10 +295,10 @@ class KeyframeProgram:
         return sp.vstack(parts).tocsc()
 
     def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
-        """Return rows on single keyframes as a sparse matrix over all QP variables, shape (m, K width).
+        """Return constraints on single keyframes as a sparse matrix over all QP variables, shape (m, K width).
 
         Args:
-            keyframe: index of the keyframe of each row, at least 1, shape (m,).
+            keyframe: index of the keyframe of each constraint, at least 1, shape (m,).
             slopes: derivatives with respect to the unknowns of the keyframe, shape (m, p).
         """
         count, p = slopes.shape
@@ -306,7 +307,7 @@ class KeyframeProgram:
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Return matrix, lower and upper bounds of the inequalities: interval rows with slack, then keyframe rows."""
+        """Return matrix, lower and upper bounds of the inequalities: over intervals, with slack, then on keyframes."""
         active = self.motion.active
         data, row, column = self._row_entries()
         m = len(active)
@@ -320,7 +321,7 @@ class KeyframeProgram:
         return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
 
     def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return the nonzero entries of the interval rows as (data, row, column) of a sparse matrix.
+        """Return the nonzero entries of the interval constraints as (data, row, column) of a sparse matrix.
 
         The first keyframe is fixed and has no columns.
         """
@@ -346,7 +347,7 @@ class KeyframeProgram:
 
 
 def _opposing(products: FloatArray) -> float:
-    """Return the sum of the magnitudes of the negative ones among scalar products (m,) of forces with one force."""
+    """Return the sum of the magnitudes of the negative values among scalar products of forces with one force."""
     return -float(np.sum(np.minimum(products, 0.0)))
 
 

@@ -1,8 +1,8 @@
 """Trajectory optimisation over all keyframes by sequential convex programming.
 
-Constraints are linearised anew (as rows) for every step. Every iterate is certified: a step that the certificate
-refuses is shortened, then damped, and slack in intervals with violations becomes more costly. So the motion stays in
-its homotopy class, and every result is a usable motion.
+Constraints are linearised anew for every step; a linearised constraint is called a row. Every iterate is certified: a
+step that the certificate refuses is shortened, then damped, and slack in intervals with violations becomes more costly.
+So the motion stays in its homotopy class, and every result is a usable motion.
 """
 
 from collections.abc import Callable
@@ -50,9 +50,9 @@ _WORTH_AFRESH = 0.1
 """Relative decrease of the objective after which prices and damping are reset if they block all motion. Taste."""
 
 _SEEN_AT_MANY = 0.5
-"""Factor that, for motions with many keyframes, reduces the distance to its bound at which a row enters the QP.
+"""Factor that, for motions with many keyframes, reduces the distance to its bound at which a constraint enters the QP.
 
-Measured: among 300 and 1000 polygons equal motions in three quarters of the time.
+Measured: among 300 and 1000 polygons the same motions in three quarters of the time.
 """
 _WALL_DISTANCE = 0.03
 """Distance beyond the planning margin above which walls cause no cost, as a fraction of the arm's length. Taste.
@@ -102,7 +102,7 @@ class MotionProgram(Generic[SweepType]):
         steps: settings of the steps.
         slowness: relative slowness of the coordinates, for the weight of the duration; None if all are equally fast.
         scale: factor of each coordinate in lengths of paths, shape (c,); None if all count alike.
-        many: number of intervals above which rows enter the QP within half the distance ``row_reach`` only.
+        many: number of intervals above which only rows within half the distance ``row_reach`` enter the QP.
         shortfall: function that returns the clearance that a motion lacks over all its intervals, in nominal links; a
             term of the merit function.
         local_step_reduction: whether keyframes may take a smaller part of a step where the motion would not be
@@ -197,12 +197,12 @@ class MotionProgram(Generic[SweepType]):
         return (WallNearness(nearest, self.weights.clearance, distance, NOMINAL_LINKS / self.arm.links),)
 
     def active_rows(self, rows: IntervalRows, sweep: SweepType, within: float) -> IntervalRows:
-        """Return the rows that a step may reach, thinned to one per interval, time, group of joints and direction.
+        """Return the constraints (rows) that a step may reach, one per interval, time, group of joints and direction.
 
         Args:
-            rows: all rows over the intervals of the motion.
+            rows: all constraints over the intervals of the motion.
             sweep: the motion.
-            within: distance from the bound below which a row may be reached [m].
+            within: distance from its bound up to which a constraint may be reached [m].
         """
         values = rows.values(sweep)
         near = np.flatnonzero(values > -within)
@@ -263,7 +263,7 @@ class _Iterate(Generic[SweepType]):
         motion: motion from which the next step begins.
         prices: price of slack in each of the m parts of the K intervals, shape (K m,).
         damping: weight on the squared rotations of the links in the next step.
-        curvature: second derivatives of the rows weighted by the last multipliers; None before the first step.
+        curvature: second derivatives of the constraints, weighted by the last multipliers; None before the first step.
         gained: decrease of the merit function in the last step.
     """
 
@@ -348,7 +348,7 @@ def _priced(program: MotionProgram[SweepType], sweep: SweepType) -> MotionProgra
 def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
     """Return the state after one accepted step, or None if no step is accepted.
 
-    Rows are linearised once; after a refused step the QP is solved again with more damping and higher prices.
+    Constraints are linearised once; after a refused step the QP is solved again with more damping and higher prices.
     """
     program = iterate.motion.program
     # Rows are linearised once; only the QP is solved again, with more damping and higher prices.
