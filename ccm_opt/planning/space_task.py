@@ -217,7 +217,7 @@ class SpaceTask(SearchTask):
         return distance_shortfall(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for clamped joints, shape (c,)."""
+        """Return 1.0 for each coordinate of a configuration (c,) that may change, 0.0 for clamped joints, (c,)."""
         return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
