@@ -288,7 +288,7 @@ def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, 
         costs: references of this form to costs.
 
     Returns:
-        The arguments ``constraints`` and ``costs``; empty where none are given.
+        The arguments ``constraints`` and ``costs``; empty if none are given.
 
     Raises:
         ProblemError: a reference cannot be loaded; the message names the reference.

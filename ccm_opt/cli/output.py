@@ -47,11 +47,11 @@ class Output:
 
     @property
     def item(self) -> str:
-        """Name of the current item (file or folder), or of the command where there are no items."""
+        """Name of the current item (file or folder); name of the command if it has no items."""
         return str(self.results[-1]["item"]) if self.results else self.command
 
     def note(self, data: Mapping[str, object]) -> None:
-        """Add data to the result of the current item, or of the command where there are no items."""
+        """Add data to the result of the current item, or of the command itself if it has no items."""
         if not self.results:
             self.begin(self.command)
         self.results[-1].update(data)

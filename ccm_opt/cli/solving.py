@@ -168,7 +168,7 @@ def _solve(
         terms: references to the user's constraints and costs.
         pictures: whether to make pictures, film and HTML report.
         figure_format: file format of still pictures.
-        explain: whether to search, in the remaining time, for changes that would help where no plan is found.
+        explain: whether to search, in the remaining time, for changes that would help if no plan is found.
         several: whether to make several plans, from the fastest to that of maximum clearance.
     """
     target = out / problem.name

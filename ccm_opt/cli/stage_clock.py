@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STATUS_REFRESHES = 4.0
 """Refresh rate of the line that shows the current stage [1/s]. Taste."""
 FIRST_LINE_AFTER = 3.0
-"""Wall time after which progress is first printed where stderr is no terminal [s]. Taste."""
+"""Wall time after which progress is first printed if stderr is not a terminal [s]. Taste."""
 LINE_EVERY = 3.0
 """Minimum wall time between two printed lines of progress [s]. Taste."""
 

@@ -76,7 +76,7 @@ def result_units(problem: Problem) -> PageUnits:
 
 
 def print_clearance(console: Console, room: ClearanceRecord | None, units: PageUnits) -> None:
-    """Print the clearance of a motion, one sentence per line; nothing where clearance was not measured."""
+    """Print the clearance of a motion, one sentence per line; nothing if clearance was not measured."""
     if room is not None:
         for sentence in clearance_sentences(room, units):
             console.print(escape(sentence), soft_wrap=True)
@@ -127,7 +127,7 @@ def _plain_table(title: str) -> Table:
 
 
 def report_console() -> Console:
-    """Return a console for tables on stdout, with a fixed large width where stdout is no terminal."""
+    """Return a console for tables on stdout, with a fixed large width if stdout is not a terminal."""
     console = Console(highlight=False, emoji=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=_PIPED_WIDTH)
 

@@ -81,7 +81,7 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
-    """Return the user's constraints and costs compiled for an arm; None where there are none.
+    """Return the user's constraints and costs compiled for an arm; None if there are none.
 
     Raises:
         ProblemError: an argument is not a list, or a constraint or cost is invalid.

@@ -95,7 +95,7 @@ def clearance_over_time(
     Args:
         problem: the problem as posed.
         trajectory: the motion, which passes the verifier.
-        wanted: the preferred clearance beyond the required clearance [m]; 0 where there is none.
+        wanted: the preferred clearance beyond the required clearance [m]; 0 if there is none.
         checks: verifier's checks, which hold the minimum clearances; None to compute them here.
         settings: samples, search distance, and fraction of the preferred clearance that counts as enough.
         verification: settings of the verifier, which give the resolution of minimum clearances.

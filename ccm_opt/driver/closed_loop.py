@@ -82,7 +82,7 @@ class JudgedMotion:
 
     Attributes:
         motion: motion of the simulated arm.
-        seen: first contact and minimum distances; None where nothing was simulated, or they are unknown.
+        seen: first contact and minimum distances; None if nothing was simulated, or they are unknown.
     """
 
     motion: SimulatedMotion

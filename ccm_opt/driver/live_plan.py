@@ -85,7 +85,7 @@ class LiveAnswer:
 
     Attributes:
         current: whether the plan solves the changed problem.
-        reason: reason why the plan does not solve the changed problem; empty where it does.
+        reason: reason why the plan does not solve the changed problem; empty if it does.
         cpu: CPU time of replanning [s].
     """
 
@@ -113,7 +113,7 @@ class LivePlan:
         settings: settings of the stages.
         plan: the last verified plan, without clearance, tolerance and simulation, which ``finished`` adds.
         current: whether the plan solves ``problem``.
-        reason: reason why the plan does not solve ``problem``; empty where it does.
+        reason: reason why the plan does not solve ``problem``; empty if it does.
 
     Raises:
         ProblemError: the problem is not supported: it has intermediate goals, a required joint error, another planner
@@ -176,7 +176,7 @@ class LivePlan:
             Whether a plan to the new goal was found, and if not, the reason.
 
         Raises:
-            ProblemError: the goal gives the pose of the whole arm, or an argument is no valid position or direction.
+            ProblemError: the goal gives the pose of the whole arm, or an argument is not a valid position or direction.
         """
         goal = self.problem.goal.for_tip
         if goal is None:

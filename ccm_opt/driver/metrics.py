@@ -28,7 +28,7 @@ class LeaderDeviation:
     Attributes:
         mean: mean distance over all points and poses [m].
         worst: maximum distance [m].
-        straight_mean: mean distance over the points where the tip path is straight [m]; 0 where there are none.
+        straight_mean: mean distance over the points where the tip path is straight [m]; 0 if there are none.
     """
 
     mean: float

@@ -25,7 +25,7 @@ class ParetoSettings:
         shares: preferred clearances of the plans after the first, as fractions of the range from the clearance that the
             first plan keeps without a preference up to the maximum preferred clearance; the last must be 1.
         most: maximum preferred clearance, as a multiple of the default; an upper bound on the clearance of any motion
-            replaces this value where it is less.
+            replaces this value if it is less.
         least_top: fraction of the default preferred clearance below which such an upper bound is ignored. The bound
             often comes from a start or goal with almost no clearance, between which a motion can keep more.
         enough_of_top: fraction of the maximum preferred clearance that the plan for this value must keep; otherwise the
@@ -63,7 +63,7 @@ def pareto(
     """Return several plans of a problem, from the fastest to the one with maximum clearance.
 
     The first plan has no preferred clearance. The preferred clearances of the others lie between the clearance that the
-    first plan keeps and a maximum: a multiple of the default or, where that is less, an upper bound for any motion.
+    first plan keeps and a maximum: a multiple of the default or, if that is less, an upper bound for any motion.
     Every plan has the problem's full time limit.
 
     Args:

@@ -53,7 +53,7 @@ class PlanningRun:
         retimer: retimer given by the caller; None for the method that the problem names.
         constraints: constraints of the user.
         costs: costs of the user.
-        terms: constraints and costs, compiled; None where there are none.
+        terms: constraints and costs, compiled; None if there are none.
         stages: clock that names and times the stages.
         settings: settings of all stages.
         deadline: time limit of planning, and later of the search for helpful changes.

@@ -49,13 +49,13 @@ class PoseTry:
 
     @property
     def best(self) -> int | None:
-        """Index of the feasible pose of minimum cost; None where no pose is feasible."""
+        """Index of the feasible pose of minimum cost; None if no pose is feasible."""
         feasible = [k for k, pose in enumerate(self.poses) if self.goal_poses.feasible(pose)]
         return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
 
     @property
     def cost(self) -> float:
-        """Cost of the best feasible pose; infinite where no pose is feasible."""
+        """Cost of the best feasible pose; infinite if no pose is feasible."""
         return np.inf if self.best is None else self.poses[self.best].answer.cost
 
     def begun(self, number: int) -> FloatArray:

@@ -39,7 +39,7 @@ _FIGURE_FLOOR = 1e-9
 _OF_PLANNING = ("cost_", "residual_")
 """Prefixes of figures of merit, of costs and constraints, that cannot be recomputed from an output folder."""
 _OF_SIMULATION = ("tracking_error_rad", "tracking_error_m", "saturated_time_s")
-"""Suffixes of figures of merit that are meaningless where nothing was simulated."""
+"""Suffixes of figures of merit that are meaningless if nothing was simulated."""
 _OF_USER = "constraint "
 """Prefix of the names of checks of the user's constraints."""
 

@@ -118,7 +118,8 @@ def _retargeted(
         settings: settings of all stages.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C was pressed; the motion from rest alone is no plan for an arm that still moves.
+        KeyboardInterrupt: Ctrl-C was pressed; the motion from rest alone cannot serve as a plan, since the arm still
+        moves.
     """
     arm = problem.arm
     dynamics = InverseDynamics(arm, problem.simulation.gravity)

@@ -158,7 +158,7 @@ def draft_solution(
         stages: clock with the CPU time of every stage.
         simulated: motion of the simulated arm; None if it was not simulated.
         figures: further figures of merit, of the simulation and the costs.
-        room: clearance of the motion over time; None where it was not measured.
+        room: clearance of the motion over time; None if it was not measured.
         tolerance: errors that the motion tolerates.
     """
     if simulated is None:

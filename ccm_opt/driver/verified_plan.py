@@ -48,7 +48,7 @@ class VerifiedPlan:
         joints: states of all revolute joints over the motion.
         checks: checks of the verifier.
         of_terms: checks of the user's constraints and values of the costs.
-        tries: results of all planning attempts, where several were requested.
+        tries: results of all planning attempts, if several were requested.
     """
 
     path: JointPath

@@ -91,7 +91,7 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
         bends: bend angles of the joints, shape (n links,) [rad].
 
     Returns:
-        The distance; infinite where the arm has no such pair.
+        The distance; infinite if the arm has no such pair.
     """
     points = arm.joint_positions(arm.headings(bends))
     axes = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
@@ -238,7 +238,7 @@ def _body(table: SpaceObstacleTable) -> Body:
 
 
 def build_placement(table: PlacementTable | None) -> RigidPlacement:
-    """Return the position and rotation of a solid from its table ``pose``; the identity where there is none."""
+    """Return the position and rotation of a solid from its table ``pose``; the identity if there is none."""
     if table is None:
         return RigidPlacement()
     position = np.array(table.position)

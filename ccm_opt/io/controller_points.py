@@ -161,7 +161,7 @@ def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatAr
 def controller_points(
     problem: Problem, plan: JointTrajectory, joints: JointStates, checks: Iterable[Check]
 ) -> ControllerPoints:
-    """Return trajectory points for a controller, chosen from a plan's samples; warn where no choice passes the checks.
+    """Return trajectory points for a controller, chosen from a plan's samples; warn if no choice passes the checks.
 
     Args:
         problem: the problem.
@@ -381,7 +381,7 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
     Returns:
         The text of ``trajectory.csv``: ``time`` and a column ``<joint>_<quantity>`` for every joint and quantity; and
         of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``, with
-        accelerations where jerk is limited. A feed axis is the first joint, ``feed``, with the columns
+        accelerations if jerk is limited. A feed axis is the first joint, ``feed``, with the columns
         ``feed_position``, …, ``feed_force`` [m, N].
     """
     motion = points.trajectory

@@ -182,7 +182,7 @@ class ImportedScene:
     Attributes:
         obstacles: obstacles in the order of the drawing, with unique names, in the unit of the problem file.
         drawing: report on the import, with lengths in the unit of the problem file.
-        room: boundary of the workspace, where the largest outline of the drawing gives it; else None.
+        room: boundary of the workspace, if the largest outline of the drawing gives it; else None.
     """
 
     obstacles: tuple[Obstacle, ...]
@@ -351,18 +351,18 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
 def resolve_file(
     name: str, folder: Path | None, path: KeyPath, kind: str, issues: Issues, *, allow_outside: bool
 ) -> Path | None:
-    """Return the path of a file to which a problem file refers, or None where that file may not be read.
+    """Return the path of a file to which a problem file refers, or None if that file may not be read.
 
     Args:
         name: path of the file as given in the problem file.
-        folder: folder of the problem file; None where there is none.
+        folder: folder of the problem file; None if there is none.
         path: key path in the problem file at which the file is named.
         kind: expected kind of file with an example, for messages: "a drawing, for example 'scene.svg'".
         issues: receives the reason why the file may not be read.
         allow_outside: whether the file may lie outside ``folder``.
 
     Returns:
-        The path of the file, which may not exist; None where it may not be read.
+        The path of the file, which may not exist; None if it may not be read.
     """
     if folder is None:
         issues.add(path, "a path relative to the problem file, but this problem was not read from a file")
@@ -395,7 +395,7 @@ def with_scene(
 
     Args:
         data: the parsed problem file.
-        folder: folder to which the drawing's path is relative; None where the data come from no file.
+        folder: folder to which the drawing's path is relative; None if the data come from no file.
         issues: receives the defects of the drawing and of the keys that place the drawing.
         allow_outside: whether the drawing may lie outside ``folder``.
 
@@ -447,7 +447,7 @@ def _set_boundary(workspace: dict[str, object], room: shapely.Polygon, issues: I
 def _imported(
     scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues, *, allow_outside: bool
 ) -> ImportedScene | None:
-    """Return the obstacles of the drawing that a problem file names, or None where the drawing has defects.
+    """Return the obstacles of the drawing that a problem file names, or None if the drawing has defects.
 
     Args:
         scene: validated keys about the drawing.

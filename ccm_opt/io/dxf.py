@@ -171,7 +171,7 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
 
 
 def _unit(drawing: "Drawing") -> str:
-    """Return the unit of length in the header of a DXF drawing, for example ``mm``; empty where none is stated."""
+    """Return the unit of length in the header of a DXF drawing, for example ``mm``; empty if none is stated."""
     from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
 
     return decode(drawing.units) or "" if drawing.units else ""
@@ -223,7 +223,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
 
 
 def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> None:
-    """Raise an error where the DXF parser returned fewer entities than the text of the file contains.
+    """Raise an error if the DXF parser returned fewer entities than the text of the file contains.
 
     Args:
         drawing: the parsed drawing.

@@ -212,7 +212,7 @@ def _polyline(entity: Entity, distance: float) -> Piece:
 def _vertex_width(vertex: Entity, polyline: Entity) -> float:
     """Return the larger of the two line widths of the segment that begins at a POLYLINE vertex.
 
-    The polyline's default width applies where the vertex gives none.
+    The polyline's default width applies if the vertex gives none.
     """
     start = vertex.get("start_width", polyline.dxf.get("default_start_width", 0.0))
     end = vertex.get("end_width", polyline.dxf.get("default_end_width", 0.0))

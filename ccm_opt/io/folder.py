@@ -1,7 +1,7 @@
 """Atomic writing of output folders.
 
 A new folder is assembled in a temporary folder next to its target, called the workshop, and synced to disk. The new
-folder is then exchanged with the old one, atomically where the system supports that, so that readers find either the
+folder is then exchanged with the old one, atomically if the system supports that, so that readers find either the
 old or the new folder, complete. Writers lock the parent folder, one at a time. A workshop that a writer finds is
 therefore left over from a killed run: files of the user or of an earlier run in it are put back, the rest is removed.
 """
@@ -51,7 +51,7 @@ def atomic_replace(
         files: content by file name; names with slashes lie in subfolders.
         ours: names of files and folders that a run may write, which are not carried over from the old folder.
         chosen: function called under the lock with ``wanted``; returns the folder to write, ``wanted`` or a sibling,
-            or raises where no folder may be written.
+            or raises if no folder may be written.
 
     Returns:
         The folder written.
@@ -155,7 +155,7 @@ def _swap(new: Path, target: Path) -> None:
 
 
 def _exchanged(one: Path, other: Path) -> bool:
-    """Return whether the names of two folders were exchanged atomically; False where the system cannot do that.
+    """Return whether the names of two folders were exchanged atomically; False if the system cannot do that.
 
     Raises:
         OSError: the exchange failed for another reason.
@@ -190,7 +190,7 @@ def _clear(workshop: Path, ours: Collection[str]) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Write the directory entries of a folder to disk, where the system can sync folders."""
+    """Write the directory entries of a folder to disk, if the system can sync folders."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -200,7 +200,7 @@ def _sync(folder: Path) -> None:
 
 
 RECORD = "solution.json"
-"""File name of the record of a run, in every output folder; where no plan was found, the record holds the diagnosis."""
+"""File name of the record of a run, in every output folder; if no plan was found, the record holds the diagnosis."""
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
 FIGURES = ("plan", "curves", "steps", "links", "space")

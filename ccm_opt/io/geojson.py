@@ -57,7 +57,7 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
 
 
 def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
-    """Return the shapes of a GeoJSON feature or bare geometry; an empty list where the feature has no geometry.
+    """Return the shapes of a GeoJSON feature or bare geometry; an empty list if the feature has no geometry.
 
     Args:
         data: the parsed JSON of the feature or geometry.
@@ -171,12 +171,12 @@ def _wkt_geometry(text: str) -> shapely.Geometry:
 
 
 def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) -> list[Shape]:
-    """Return the shapes of a shapely geometry, with collections split; a line string is a line even where it is closed.
+    """Return the shapes of a shapely geometry, with collections split; a line string is a line even if it is closed.
 
     Args:
         geometry: a geometry of any kind and nesting.
         name: name given to every shape.
-        left_out: receives a note for each part without extent, and one where z coordinates are ignored.
+        left_out: receives a note for each part without extent, and one if z coordinates are ignored.
 
     Raises:
         ProblemError: a coordinate is not a finite number.

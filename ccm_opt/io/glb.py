@@ -70,7 +70,7 @@ class GlbWriter:
     materials: list[dict[str, object]] = field(default_factory=list)
 
     def add_material(self, name: str, colour: tuple[float, float, float], opacity: float = 1.0) -> int:
-        """Add a matt material of one colour, transparent where its opacity is below 1, and return its index.
+        """Add a matt material of one colour, transparent if its opacity is below 1, and return its index.
 
         Args:
             name: name of the material.
@@ -253,7 +253,7 @@ _CHUNK = struct.Struct("<I4s")
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_mesh_quantization")
 """Prefixes of glTF extensions that do not change the positions of surfaces, or whose effect is checked elsewhere."""
 _SHAPING = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "EXT_meshopt_compression")
-"""Extensions of glTF that contain surfaces or positions, refused even where a file does not declare them required."""
+"""Extensions of glTF that contain surfaces or positions, refused even if a file does not declare them required."""
 _MODES = (
     "a list of points",
     "a list of lines",
@@ -338,7 +338,7 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
 
 
 def _tables(parent: Any, key: str) -> list[dict[str, Any]]:
-    """Return the JSON objects in the list ``parent[key]``, without other entries; empty where there is no such list."""
+    """Return the JSON objects in the list ``parent[key]``, without other entries; empty if there is no such list."""
     found = parent.get(key) if isinstance(parent, dict) else None
     return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
 

@@ -36,7 +36,7 @@ def dotted(path: KeyPath) -> str:
 
 
 def lookup(data: object, path: KeyPath) -> object:
-    """Return the value at a key path in nested data, or None where there is none (TOML has no null value)."""
+    """Return the value at a key path in nested data, or None if there is none (TOML has no null value)."""
     for part in path:
         if isinstance(part, str) and isinstance(data, Mapping):
             data = data.get(part)
@@ -219,7 +219,7 @@ class Issues:
             scale: metres per unit of length of the file.
 
         Returns:
-            The validated table, without unknown keys; None where a value is invalid.
+            The validated table, without unknown keys; None if a value is invalid.
         """
         try:
             return model.model_validate(table, context={"scale": scale})
@@ -263,7 +263,7 @@ class Issues:
 
 
 def closest(word: str, known: Sequence[str]) -> str | None:
-    """Return the valid key that a misspelt word probably means, or None where no key is similar."""
+    """Return the valid key that a misspelt word probably means, or None if no key is similar."""
     matches = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR)
     ending = (key for key in known if key.endswith(f"_{word}"))
     return next(iter(matches), next(ending, None))
@@ -307,7 +307,7 @@ def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
 
 
 def shown(value: object) -> str:
-    """Return the text of a value for a message, truncated where it is long."""
+    """Return the text of a value for a message, truncated if it is long."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 

@@ -42,7 +42,7 @@ def mesh_bodies(
 
     Args:
         listed: index (from 0) and table of each obstacle.
-        folder: folder of the problem file, to which mesh paths are relative; None where there is no file.
+        folder: folder of the problem file, to which mesh paths are relative; None if there is no file.
         metres: metres per unit of length of the problem file.
         issues: receives the defects of meshes, which are then missing from the result.
         allow_outside: whether mesh files may lie outside the folder.

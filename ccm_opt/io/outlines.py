@@ -145,7 +145,7 @@ def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
 
 
 def _simple(ring: FloatArray) -> shapely.Polygon:
-    """Return the polygon of a ring of shape (k, 2); an empty polygon where the ring is invalid or has no area."""
+    """Return the polygon of a ring of shape (k, 2); an empty polygon if the ring is invalid or has no area."""
     polygon = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
     return polygon if polygon.is_valid and polygon.area > 0.0 else shapely.Polygon()
 

@@ -201,7 +201,7 @@ def make_problem(
         planner: planner options, or a table ``[planner]``.
         simulation: simulation options, or a table ``[simulation]``.
         verification: verification options, or a table ``[verification]``.
-        folder: folder to which the paths of mesh files are relative; required where an obstacle refers to a mesh file.
+        folder: folder to which the paths of mesh files are relative; required if an obstacle refers to a mesh file.
 
     Raises:
         ProblemFileError: the problem has defects; the message lists each under its key in a problem file.

@@ -49,7 +49,7 @@ class RawMesh:
     Attributes:
         vertices: positions of the vertices, shape (v, 3).
         faces: indices of the vertices of each triangle, shape (m, 3).
-        metres: metres per unit, where the file states the unit; else None.
+        metres: metres per unit, if the file states the unit; else None.
         passed_over: contents of the file that were ignored because they are not surfaces, in words for the user.
         content: bytes of the file.
         mended: repairs made to the mesh, in words for the user.

@@ -34,7 +34,7 @@ class ChangedText:
     settings: Mapping[KeyPath, str]
 
     def setting_source(self, path: KeyPath) -> str:
-        """Return the override that set a key path, or a table above it; empty where the value comes from the file."""
+        """Return the override that set a key path, or a table above it; empty if the value comes from the file."""
         return next((self.settings[path[:k]] for k in range(len(path), 0, -1) if path[:k] in self.settings), "")
 
 
@@ -80,7 +80,7 @@ def _parts(key: str, setting: str) -> tuple[str, ...]:
 
 
 def _value(text: str) -> object:
-    """Return the TOML value that a text denotes, or the text itself where it is not valid TOML."""
+    """Return the TOML value that a text denotes, or the text itself if it is not valid TOML."""
     try:
         return tomlkit.value(text)
     except (TOMLKitError, ValueError):
@@ -222,7 +222,7 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
         allow_outside: whether ``workspace.file`` and mesh files may lie outside the folder of the file.
 
     Returns:
-        The problem, in SI units and radians; three-dimensional where the file says ``space = 3``.
+        The problem, in SI units and radians; three-dimensional if the file says ``space = 3``.
 
     Raises:
         ProblemFileError: the file has defects; the message lists each with its key path and line.
@@ -256,7 +256,7 @@ def parse_problem(
         allow_outside: whether ``workspace.file`` and mesh files may lie outside ``folder``.
 
     Returns:
-        The problem, in SI units and radians; three-dimensional where the text says ``space = 3``.
+        The problem, in SI units and radians; three-dimensional if the text says ``space = 3``.
 
     Raises:
         ProblemFileError: the text has defects; the message lists each with its key path and line.

@@ -235,7 +235,7 @@ def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> Fl
 
 
 def recorded_nearest(folder: Path) -> NearPlace | None:
-    """Return the place of minimum clearance of a plan; None where the record has none, or nothing is near the arm.
+    """Return the place of minimum clearance of a plan; None if the record has none, or nothing is near the arm.
 
     Args:
         folder: an output folder.
@@ -330,7 +330,7 @@ class SavedMotion:
 
     @property
     def clearance_arrays(self) -> Mapping[str, FloatArray]:
-        """Times and clearances of the motion by array name, each of shape (N,); empty where they were not measured."""
+        """Times and clearances of the motion by array name, each of shape (N,); empty if they were not measured."""
         return {name: self.arrays[name] for name in CLEARANCE_SHAPES if name in self.arrays}
 
 

@@ -102,18 +102,18 @@ def reach_json(found: ReachMap) -> str:
 
 
 FAILED = ".failed"
-"""Suffix of the folder of a failed run, used where the folder without suffix holds an earlier result to be kept."""
+"""Suffix of the folder of a failed run, used if the folder without suffix holds an earlier result to be kept."""
 UNFINISHED = ".unfinished"
 """Suffix of the folder of a verified plan whose simulation or pictures were interrupted, used if the folder without
 suffix holds an earlier result."""
 
 
 def sibling_folder(target: Path, ending: str) -> Path:
-    """Return ``target`` or, where that folder holds an earlier result, a folder next to it with a suffix.
+    """Return ``target`` or, if that folder holds an earlier result, a folder next to it with a suffix.
 
     Args:
         target: path wanted for the output folder.
-        ending: the suffix; a number is appended where the folder of that name holds a result too, or foreign files.
+        ending: the suffix; a number is appended if the folder of that name holds a result too, or foreign files.
 
     Returns:
         A path that may be written: no folder exists there, or it holds only the record of a failed run.
@@ -154,7 +154,7 @@ def write_failure(
         pictures: content of pictures by file name.
 
     Returns:
-        The folder written: ``out / <name of the problem>``, with suffix ``.failed`` where that folder holds a result.
+        The folder written: ``out / <name of the problem>``, with suffix ``.failed`` if that folder holds a result.
 
     Raises:
         ProblemError: the folder cannot be written, or a folder without a record of a run is at this path.
@@ -178,7 +178,7 @@ def write_pose_failure(
         timings: CPU time of each stage that ran, by stage name [s].
 
     Returns:
-        The folder written, with suffix ``.failed`` where the folder without suffix holds an earlier result.
+        The folder written, with suffix ``.failed`` if the folder without suffix holds an earlier result.
 
     Raises:
         ProblemError: the folder cannot be written, or a folder without a pose record is at this path.

@@ -133,7 +133,7 @@ def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
-    """Report missing limits of a feed axis, or keys about the feed where the arm has no feed axis."""
+    """Report missing limits of a feed axis, or keys about the feed if the arm has no feed axis."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
     if lookup(data, ("arm", "feed")) is None:

@@ -33,7 +33,7 @@ def unique_names(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def _unlike(name: str, taken: set[str]) -> str:
-    """Return a name that is not in ``taken``, with a number appended where needed, and add this name to ``taken``."""
+    """Return a name that is not in ``taken``, with a number appended if needed, and add this name to ``taken``."""
     free = name
     number = 1
     while free in taken:
@@ -175,7 +175,7 @@ def _leg(tail: FloatArray, head: FloatArray, half: float) -> FloatArray:
 
 
 def _extruded(corners: FloatArray, half_depth: float) -> Body:
-    """Return a convex planar polygon as a solid: a box where the polygon is a rectangle, else a prism-shaped mesh.
+    """Return a convex planar polygon as a solid: a box if the polygon is a rectangle, else a prism-shaped mesh.
 
     Args:
         corners: corners of the polygon, counter-clockwise, shape (k, 2) [m].

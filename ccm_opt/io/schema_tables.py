@@ -256,7 +256,7 @@ class Table(BaseModel):
         """Return a table filled from an object, whose attributes are named like the keys without the suffix ``_deg``.
 
         Args:
-            part: the object; None where all values come from ``given``.
+            part: the object; None if all values come from ``given``.
             given: values of keys that are not attributes of the object; None omits a key.
         """
         nested = table_models(cls)

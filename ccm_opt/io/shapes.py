@@ -81,7 +81,7 @@ class Shape:
         curved: whether a ring is a flattened curve.
         half_width: distance by which the shape extends beyond its rings: half the line width, or the radius of a
             circle.
-        layer: layer on which the shape is drawn; empty where the drawing has none.
+        layer: layer on which the shape is drawn; empty if the drawing has none.
         stroke_width: width of the stroke with which the drawing shows the shape, for information only, as the shape
             does not extend by it; 0 if it has no stroke.
     """
@@ -113,8 +113,8 @@ class DrawingContent:
     Attributes:
         shapes: shapes in the order of the drawing.
         left_out: elements that gave no shape, each with the reason.
-        unit: unit of length stated in the file, for example ``mm``; empty where it states none.
-        metres: length of one drawing unit according to the physical size that the file states [m]; None where it
+        unit: unit of length stated in the file, for example ``mm``; empty if it states none.
+        metres: length of one drawing unit according to the physical size that the file states [m]; None if it
             states none.
     """
 

@@ -354,7 +354,7 @@ def _too_short(element: _Element) -> ValueError:
 
 
 def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int] | None:
-    """Return the data and end of a PLY element whose rows are all equally long; None where lists differ in length.
+    """Return the data and end of a PLY element whose rows are all equally long; None if lists differ in length.
 
     Arguments are those of ``_element``. All rows are read at once, which is much faster.
     """

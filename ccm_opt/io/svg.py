@@ -197,7 +197,7 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
 
 
 def _outline(view: View, node: ET.Element) -> list[Subpath]:
-    """Return the subpaths of an SVG element in the element's own coordinates; none where the element has zero size."""
+    """Return the subpaths of an SVG element in the element's own coordinates; none if the element has zero size."""
     text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
     if len(text) > _LONGEST_PATH:
         raise ProblemError(

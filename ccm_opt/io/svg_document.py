@@ -246,7 +246,7 @@ def affine(
 
 
 class View(NamedTuple):
-    """Size of an SVG picture in user units, to which lengths in per cent refer; None where the picture has no size."""
+    """Size of an SVG picture in user units, to which lengths in per cent refer; None if the picture has no size."""
 
     width: float | None
     height: float | None
@@ -351,8 +351,8 @@ def fitted_view(box: str, width: float | None, height: float | None, aspect: str
 
     Args:
         box: attribute viewBox of the nested picture.
-        width: width of the nested picture [user units]; None where not given.
-        height: height of the nested picture [user units]; None where not given.
+        width: width of the nested picture [user units]; None if not given.
+        height: height of the nested picture [user units]; None if not given.
         aspect: attribute preserveAspectRatio of the nested picture.
 
     Returns:

@@ -79,7 +79,7 @@ class Place:
         painted: whether the element is filled.
         stroked: whether the outline of the element is drawn.
         stroke_width: width of the drawn outline, in the element's user units.
-        used: name of the outermost named ``use`` that draws the element; empty where there is none.
+        used: name of the outermost named ``use`` that draws the element; empty if there is none.
         single: whether a ``use`` refers to the element itself, rather than to a group that contains the element.
         depth: number of groups and uses around the element.
         size: pairs (key, value) of the width and height that a ``use`` sets.
@@ -110,7 +110,7 @@ class Picture:
         left_out: other elements that a user might miss, in drawing order; unused definitions come last.
         refusals: defects because of which the drawing is refused, in words.
         view: size of the picture in user units.
-        metres: length of a user unit [m]; None where the document states no physical size.
+        metres: length of a user unit [m]; None if the document states no physical size.
     """
 
     def __init__(self, root: ET.Element) -> None:
@@ -228,7 +228,7 @@ class Picture:
         )
 
     def _stroke_width(self, text: str, inherited: float) -> float:
-        """Return the stroke width that a style states [user unit]; the inherited one if the text is no valid length."""
+        """Return the stroke width that a style states [user unit]; the inherited one if the text is not a valid length."""
         try:
             return inherited if text == "inherit" else length_of(text, self.view, across=None)
         except ProblemError:
@@ -248,7 +248,7 @@ class Picture:
         return corner @ fitted_view(given["viewBox"], width, height, given.get("preserveAspectRatio", "xMidYMid"))
 
     def _used(self, place: Place) -> list[Place]:
-        """Return the element to which a ``use`` refers, moved to the position of the use; empty where it is no shape.
+        """Return the element to which a ``use`` refers, at the position of the ``use``; empty if it is not a shape.
 
         Raises:
             ProblemError: the target is missing, in another file, or contains the ``use`` itself. The drawing is
@@ -333,7 +333,7 @@ def _conditional(node: ET.Element) -> bool:
 
 
 def _metres_per_unit(root: ET.Element, view: View) -> float | None:
-    """Return the length of a user unit [m], from the physical width of the picture; None where none is given.
+    """Return the length of a user unit [m], from the physical width of the picture; None if none is given.
 
     A width in pixels, plain numbers or per cent is not a physical size.
     """

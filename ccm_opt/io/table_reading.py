@@ -59,7 +59,7 @@ def check_data(
         data: the parsed TOML.
         issues: receives every defect found.
         source: text of the file, kept in the problem unless part of the problem comes from a drawing.
-        folder: folder to which the paths of drawings and meshes are relative; None where the data come from no file.
+        folder: folder to which the paths of drawings and meshes are relative; None if the data come from no file.
         allow_outside: whether drawings and meshes may lie outside ``folder``.
 
     Returns:
@@ -85,7 +85,7 @@ def check_data(
 
 
 def _length_unit(data: Mapping[str, object]) -> LengthUnit:
-    """Return the unit of lengths that a problem file states; metres where the unit is missing or invalid."""
+    """Return the unit of lengths that a problem file states; metres if the unit is missing or invalid."""
     unit = data.get("units", "m")
     return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
 
@@ -175,7 +175,7 @@ def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
 def _check_drawing_places(
     found: Mapping[str, Any], drawing: ImportedDrawing | None, data: Mapping[str, object], issues: Issues
 ) -> None:
-    """Report a drawing, or meshes, that lie entirely outside the workspace bounds, where bounds are given."""
+    """Report a drawing or meshes that lie entirely outside the workspace bounds, if bounds are given."""
     room = found["workspace"]
     if room is None:
         return

@@ -171,7 +171,7 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 def _point_defect(
     text: str, plan: tuple[Problem, JointTrajectory, JointStates], found: list[ControllerPoints], *, of_table: bool
 ) -> str:
-    """Return the first difference between a trajectory file and the plan, in words; empty where they agree.
+    """Return the first difference between a trajectory file and the plan, in words; empty if they agree.
 
     Args:
         text: text of the file.
@@ -235,7 +235,7 @@ def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray
 
 
 def _model_defect(text: str, folder: Path, problem: Problem, texts: Sequence[str]) -> str:
-    """Return the first difference of a robot model or its meshes from the problem, in words; empty where they agree.
+    """Return the first difference of a robot model or its meshes from the problem, in words; empty if they agree.
 
     Args:
         text: text of the robot model (URDF or MJCF).
@@ -266,7 +266,7 @@ def _elements(text: str) -> list[str]:
 
 
 def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], tolerance: float) -> str:
-    """Return the first difference between a text and the closest of several variants, in words; empty where they agree.
+    """Return the first difference between a text and the closest of several variants, in words; empty if they agree.
 
     The closest variant is the one with the most leading lines in common.
 

@@ -365,7 +365,7 @@ class Problem:
 
     @property
     def wanted_gap(self) -> float:
-        """Preferred clearance beyond the required clearance, kept by plans where the scene allows it [m].
+        """Preferred clearance beyond the required clearance, kept by plans if the scene allows it [m].
 
         0 for the hill-climbing planner of the paper, which ignores this preference.
         """

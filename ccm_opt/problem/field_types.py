@@ -68,7 +68,10 @@ _NOTHING = object()
 
 
 def _part(problem: object, name: str, broken: set[str]) -> object:
-    """Return an attribute of a problem by its dotted name; ``_NOTHING`` where a parent attribute is in ``broken``."""
+    """Return an attribute of a problem by its dotted name.
+
+    The result is ``_NOTHING`` if a parent attribute is in ``broken``, the dotted names found to have wrong types.
+    """
     value: object = problem
     at = ""
     for key in name.split("."):
@@ -101,7 +104,7 @@ class LeftOut:
     """An element of a drawing that was not imported as an obstacle.
 
     Attributes:
-        what: kind of the element, with its name where one exists, for example ``text 'title'``.
+        what: kind of the element, with its name if it has one, for example ``text 'title'``.
         reason: why the element was left out, for example ``text is not an obstacle``.
     """
 
@@ -117,13 +120,13 @@ class ImportedDrawing:
         file: name of the drawing's file.
         obstacles: number of obstacles imported.
         box: bounding box of the obstacles in the workspace: (x low, y low, x high, y high) [m].
-        layers: names of layers, or of outermost named groups, with the number of shapes on each; empty where the
+        layers: names of layers, or of outermost named groups, with the number of shapes on each; empty if the
             drawing has none.
         left_out: elements that were not imported, in the order of the drawing.
         unit: unit of length stated in the drawing, for information only, since the scale in the problem file applies;
-            empty where the drawing states none.
+            empty if the drawing states none.
         metres: length of one unit of the drawing as imported [m].
-        stated_metres: length of one unit according to the physical size stated in the drawing [m]; None where the
+        stated_metres: length of one unit according to the physical size stated in the drawing [m]; None if the
             drawing states none.
     """
 

@@ -59,10 +59,10 @@ class PlannerOptions:
         retiming: method that times the path: "toppra", as fast as the limits allow, or "paul", by Paul's transitions
             between keyframes.
         weights: weights of the costs in the optimisation of goal pose and motion.
-        wanted_gap: preferred clearance of goal pose and motion beyond the required clearance, kept where the scene
+        wanted_gap: preferred clearance of goal pose and motion beyond the required clearance, kept if the scene
             allows it [m]; 0 for no preference, None for ``Problem.default_gap``.
         effort_share: fraction of the drives' limits of velocity, acceleration, jerk and effort that plans may use,
-            above 0 and at most 1; the rest is a reserve for feedback. Raised where gravity alone takes nearly that
+            above 0 and at most 1; the rest is a reserve for feedback. Raised if gravity alone takes nearly that
             fraction.
         follow_within: maximum deviation of an arm on a feed axis from the tip path [m], kept by every plan; None for no
             limit.

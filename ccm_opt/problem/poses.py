@@ -24,7 +24,7 @@ class JointPose:
         bends: bend angles of the joints of n links, shape (n,) [rad]; in space, angles about the local z axis and then
             the new y axis, shape (n, 2).
         feed: position of the base on its feed axis [m]; 0 without one.
-        curve: backbone curve to which the joints were fitted, positioned for a feed of 0; None where the joint angles
+        curve: backbone curve to which the joints were fitted, positioned for a feed of 0; None if the joint angles
             alone define the pose. A motion reaches the pose when the arm follows the curve, by any mapping.
         mapping: name of the method that fits the joints to the curve.
     """
@@ -124,9 +124,9 @@ class TipGoal:
 
     Attributes:
         position: position of the tip, shape (2,) or (3,) [m].
-        direction: unit vector along the last link, shape (2,) or (3,); None where any direction is allowed.
+        direction: unit vector along the last link, shape (2,) or (3,); None if any direction is allowed.
         via: positions that the tip must pass before the goal, in order, each of shape (3,) [m]; empty in the plane.
-        heading: heading of the last link in the plane [rad]; None in space, and where any heading is allowed.
+        heading: heading of the last link in the plane [rad]; None in space, and if any heading is allowed.
     """
 
     position: FloatArray
@@ -168,8 +168,8 @@ class TipGoal:
 
         Args:
             position: position of the tip, (x, y), or (x, y, z) in space, in ``unit``.
-            heading_deg: heading of the last link in the plane [deg]; None where any heading is allowed.
-            direction: direction of the last link in space, a vector of any length; None where any direction is allowed.
+            heading_deg: heading of the last link in the plane [deg]; None if any heading is allowed.
+            direction: direction of the last link in space, a vector of any length; None if any direction is allowed.
             unit: unit of the position: "m", "mm" or "in".
 
         Raises:

@@ -208,7 +208,7 @@ class PlanDrawing:
         curves: backbone curves to which the planner's keyframes were fitted, in order; may be empty.
         nearest: time and bodies of the minimum clearance; None if it was not measured or nothing is near.
         simulated: positions of joints and tip of the simulated arm of a planar plan, shape (T, n + 1, 3) [m]; None
-            where the arm was not simulated.
+            if the arm was not simulated.
     """
 
     problem: Problem

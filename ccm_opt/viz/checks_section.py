@@ -70,9 +70,9 @@ class CheckWords:
         title: name of the checked quantity.
         worst: worst value found, with unit.
         limit: the limit, with unit.
-        used: ratio of the worst value to the limit, at least 0; None where the limit is a minimum clearance or 0.
+        used: ratio of the worst value to the limit, at least 0; None if the limit is a minimum clearance or 0.
         where: link or joint, and obstacle, at which the worst value was found.
-        time: time of the worst value [s]; None where there is none.
+        time: time of the worst value [s]; None if the check has none.
         passed: whether the check passed.
         of_itself: whether the check only concerns the consistency of the plan's own data.
     """
@@ -226,7 +226,7 @@ def _place(check: CheckWords) -> Markup:
 
 
 def used_bar(share: float | None) -> Markup | None:
-    """Return the used fraction of a limit as a bar with its percentage; None where there is no fraction."""
+    """Return the used fraction of a limit as a bar with its percentage; None if there is no fraction."""
     if share is None:
         return None
     width = 100.0 * min(share, 1.0)

@@ -181,7 +181,7 @@ def joined(children: Iterable[Child]) -> Markup:
 def table(
     heads: Iterable[Child], rows: Iterable[Iterable[Child]], *, cls: str = "", numbers: Iterable[int] = ()
 ) -> Markup:
-    """Return an HTML table that scrolls horizontally where the page is too narrow.
+    """Return an HTML table that scrolls horizontally if the page is too narrow.
 
     Args:
         heads: column heads; empty for a table without heads.
@@ -272,7 +272,7 @@ def coded(values: FloatArray, step: float) -> CodedArray:
 def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
     """Return the step for encoding values, the largest power of ten up to ``share`` times their maximum magnitude.
 
-    The step is 1 where all values are zero.
+    The step is 1 if all values are zero.
     """
     extent = float(np.max(np.abs(values), initial=0.0))
     if extent == 0.0:
@@ -350,7 +350,7 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
 
 
 def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
-    """Yield the peak joint torque of a plan, with the torque limit where there is one."""
+    """Yield the peak joint torque of a plan, with the torque limit if there is one."""
     peak = solution.metrics.get("peak_torque_Nm")
     if peak is None:
         return

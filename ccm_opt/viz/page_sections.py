@@ -255,7 +255,7 @@ def making_section(solution: Solution) -> Markup:
 
 
 def tries_table(solution: Solution) -> Markup | None:
-    """Return a table of all planning attempts with their seeds; None where there was only one."""
+    """Return a table of all planning attempts with their seeds; None if there was only one."""
     if not solution.tries:
         return None
     rows = [

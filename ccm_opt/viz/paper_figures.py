@@ -454,7 +454,7 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
 
 
 def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
-    """Draw start pose, final pose and tip path of a plan; nothing where no plan was found."""
+    """Draw start pose, final pose and tip path of a plan; nothing if no plan was found."""
     if solution is None:
         return
     points, radius = solution.joint_positions, solution.problem.arm.radii

@@ -30,7 +30,7 @@ _LEAST_WEDGE = 0.05
 
 
 def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: int, size: float) -> None:
-    """Draw the number of a goal in a disc behind the goal's arrow, or above the goal where there is no arrow.
+    """Draw the number of a goal in a disc behind the goal's arrow, or above the goal if there is no arrow.
 
     Args:
         axes: axes to draw in.
@@ -156,7 +156,7 @@ def draw_goal(
 ) -> None:
     """Draw a goal as a ring, with an arrow along the required tip direction.
 
-    There is no arrow where every direction is allowed. Tolerances large enough to see are drawn: the disc of
+    There is no arrow if every direction is allowed. Tolerances large enough to see are drawn: the disc of
     positions, and in the plane the wedge of headings. Crosses mark the via points.
 
     Args:

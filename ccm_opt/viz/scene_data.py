@@ -175,7 +175,7 @@ def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
         end: positions of joints and tip of n links in the final pose, shape (n + 1, 2) [m].
 
     Returns:
-        ``route``, ``length`` [m] and ``regions``; empty with too many obstacles, or where the final pose lies outside
+        ``route``, ``length`` [m] and ``regions``; empty with too many obstacles, or if the final pose lies outside
         free space.
     """
     if len(problem.workspace.obstacles) > _MOST_OBSTACLES:

@@ -67,7 +67,7 @@ def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tu
     """Return the sample between two others that is farthest from the line through those two.
 
     Returns:
-        Minus the distance, the index of the sample, ``begin`` and ``end``; None where no sample lies between.
+        Minus the distance, the index of the sample, ``begin`` and ``end``; None if no sample lies between.
     """
     if end - begin < 2:
         return None

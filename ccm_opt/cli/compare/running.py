@@ -201,7 +201,7 @@ def _end_kept() -> None:
 
 
 def _resident_memory(process: int) -> int:
-    """Return the resident memory of a process [bytes], given its id; 0 where the system does not report it."""
+    """Return the resident memory of a process [bytes], given its id; 0 if the system does not report it."""
     try:
         pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
     except (OSError, IndexError):

@@ -111,8 +111,8 @@ class Run:
         problem: name of the problem.
         method: name of the method.
         outcome: outcome of the run.
-        reason: reason why the problem was not solved; empty where it was.
-        figures: figures by the keys of ``QUANTITIES``; those of the motion only where the problem was solved.
+        reason: reason why the problem was not solved; empty if it was.
+        figures: figures by the keys of ``QUANTITIES``; those of the motion only if the problem was solved.
         wall: wall time of the run [s].
         tactic: name of the planner's candidate that found the motion.
         code: expected hash of the code.

@@ -57,7 +57,7 @@ class FigurePair:
         effect: median over the problems of the ratio, or difference, between first and second method.
         interval: confidence interval of ``effect``.
         better: fraction of the problems on which the first method is better; ties count half.
-        p_value: p value of Wilcoxon's signed-rank test; NaN where no values differ.
+        p_value: p value of Wilcoxon's signed-rank test; NaN if no values differ.
     """
 
     quantity: Quantity
@@ -145,7 +145,7 @@ def _wilson(solved: int, count: int) -> tuple[float, float]:
 def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
     """Return the correlation φ of the success of two methods, corrected for continuity if positive.
 
-    The result is 0 where the correlation is undefined.
+    The result is 0 if the correlation is undefined.
     """
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:

@@ -21,11 +21,11 @@ class ToleratedError:
         unit: "rad", "m", "kg" or "N m s/rad".
         where: what limits the error, in words: the link, the obstacle or second link, and the time of a contact, or the
             outcome of a simulation.
-        time: time of the limiting contact [s]; None where no contact limits the error.
-        link: number of the link in contact, from 1; None where no contact limits the error.
+        time: time of the limiting contact [s]; None if no contact limits the error.
+        link: number of the link in contact, from 1; None if no contact limits the error.
         worst: sign of the error of every joint angle, in the combination that leads to contact at the smallest
             magnitude. An arm of n links has n entries, in space 2 n; an entry is 0 where the sign has no effect.
-        place: point on the axis of the link in contact, 2 or 3 coordinates [m]; empty where no contact limits the
+        place: point on the axis of the link in contact, 2 or 3 coordinates [m]; empty if no contact limits the
             error.
         limited: whether a contact or a simulation limits the error; if False, ``size`` is the largest error that was
             checked, so a lower bound.
@@ -48,9 +48,9 @@ class TryRecord:
 
     Attributes:
         seed: seed of the attempt.
-        duration: duration of the motion found [s]; None where no motion was found.
-        gap: minimum clearance of the motion beyond the required clearance [m]; None where no motion was found.
-        reason: reason why no motion was found; empty where one was found.
+        duration: duration of the motion found [s]; None if no motion was found.
+        gap: minimum clearance of the motion beyond the required clearance [m]; None if no motion was found.
+        reason: reason why no motion was found; empty if one was found.
         taken: whether the motion of this attempt became the plan.
     """
 
@@ -108,7 +108,7 @@ class GoalPoseRecord:
 
     Attributes:
         reached: whether the motion ends in this pose.
-        reason: reason why the motion does not end in this pose; empty where it does.
+        reason: reason why the motion does not end in this pose; empty if it does.
         configuration: bend angles of all joints, then any feed, shape (c,) [rad, m].
         curve: backbone curve that the links follow.
         gap: minimum clearance beyond the required clearance, capped at ``wanted_gap`` [m].
@@ -168,14 +168,14 @@ class NearPlace:
     """The clearance between one link and the nearest obstacle or link, at one time.
 
     Attributes:
-        gap: distance between the surfaces, for an obstacle minus the required clearance [m]; the search distance where
+        gap: distance between the surfaces, for an obstacle minus the required clearance [m]; the search distance if
             nothing is nearer.
         wanted: preferred clearance of this pair [m]; less than the plan's preferred clearance for two links that are
             few joints apart.
         time: time of this clearance [s].
-        link: number of the link, from 1; 0 where nothing is within the search distance.
-        obstacle: name of the obstacle; empty where the other body is a link.
-        second_link: number of the other link, from 1; 0 where the other body is an obstacle.
+        link: number of the link, from 1; 0 if nothing is within the search distance.
+        obstacle: name of the obstacle; empty if the other body is a link.
+        second_link: number of the other link, from 1; 0 if the other body is an obstacle.
     """
 
     gap: float
@@ -219,7 +219,7 @@ class PossibleGap:
         value: the bound [m].
         by: cause of the bound.
         walls: names of the two obstacles that determine the bound, which then holds for motions between them; empty
-            where the bound holds for all motions.
+            if the bound holds for all motions.
     """
 
     value: float
@@ -233,7 +233,7 @@ class ClearanceRecord:
 
     Attributes:
         time: times of the samples, including both ends and all stops of the motion, shape (N,) [s].
-        wanted: preferred clearance beyond the required clearance [m]; 0 where none was requested.
+        wanted: preferred clearance beyond the required clearance [m]; 0 if none was requested.
         clearance: required distance between arm and obstacles, which is subtracted from distances to obstacles [m].
         wall_gaps: minimum clearance to obstacles, beyond the required clearance, shape (N,) [m].
         self_gaps: minimum distance between two links, shape (N,) [m].
@@ -241,10 +241,10 @@ class ClearanceRecord:
         nearest: minimum clearance of the whole motion, including times between samples.
         ends: minimum clearance at the start, at every stop and at the goal, in order.
         short: time intervals with less than the preferred clearance, in order.
-        possible: upper bound on the clearance of any motion; None where unknown.
-        price: additional duration compared with a plan without preferred clearance [s]; None where unknown.
+        possible: upper bound on the clearance of any motion; None if unknown.
+        price: additional duration compared with a plan without preferred clearance [s]; None if unknown.
         limited_by: for each leg with less than the preferred clearance between its ends, what kept the clearance from
-            growing; empty where unknown.
+            growing; empty if unknown.
     """
 
     time: FloatArray

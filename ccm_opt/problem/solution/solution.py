@@ -59,7 +59,7 @@ class GoalErrors:
 
     Attributes:
         position: distance of the tip from the goal position [m]; None for a goal of joint angles.
-        direction: angle between the last link and the required direction [rad]; None where any direction is allowed.
+        direction: angle between the last link and the required direction [rad]; None if any direction is allowed.
         roll: rotation of the last link about its axis [rad], measured from the base frame after the smallest rotation
             that aligns the frame's x axis with the link; it follows from the joint angles and is not controlled.
     """
@@ -85,9 +85,9 @@ class Solution:
         metrics: figures of merit, by names that end in their unit.
         timings: CPU time of each stage, by stage name [s].
         versions: versions of Python and of the packages used, by name.
-        room: clearance of the motion over time; None where not requested.
-        tolerance: errors that the motion tolerates; empty where not requested.
-        tries: outcome of every planning attempt, where several were requested.
+        room: clearance of the motion over time; None if not requested.
+        tolerance: errors that the motion tolerates; empty if not requested.
+        tries: outcome of every planning attempt, if several were requested; else empty.
         not_checked: properties that a reader might expect to be checked but that were not, in words; usually empty.
     """
 
@@ -223,10 +223,10 @@ class PoseOutcome:
 
     Attributes:
         start: the initial guess, in words.
-        cost: cost of the pose found; None where none was found.
+        cost: cost of the pose found; None if none was found.
         gap: minimum clearance of the pose beyond the required clearance, capped at the preferred clearance [m]; None
-            where no pose was found.
-        reason: reason why no pose was found; empty where one was found.
+            if no pose was found.
+        reason: reason why no pose was found; empty if one was found.
     """
 
     start: str
@@ -370,12 +370,12 @@ class ParetoPlan:
 
     Attributes:
         wanted_gap: preferred clearance beyond the required clearance [m].
-        solution: verified plan, with its clearance over time and the price of this clearance; None where no plan was
+        solution: verified plan, with its clearance over time and the price of this clearance; None if no plan was
             found.
-        reason: reason why no plan was found; empty where one was found.
+        reason: reason why no plan was found; empty if one was found.
         cpu: CPU time of planning, timing and verification [s].
         dominated_by: number, from 1, of a plan that is no worse in duration and minimum clearance, and better in one of
-            them; 0 where there is no such plan.
+            them; 0 if there is no such plan.
     """
 
     wanted_gap: float
@@ -386,12 +386,12 @@ class ParetoPlan:
 
     @property
     def duration(self) -> float:
-        """Duration of the motion [s]; inf where no plan was found."""
+        """Duration of the motion [s]; inf if no plan was found."""
         return np.inf if self.solution is None else self.solution.trajectory.duration
 
     @property
     def gap(self) -> float:
-        """Minimum clearance of the motion beyond the required clearance [m]; -inf where no plan was found."""
+        """Minimum clearance of the motion beyond the required clearance [m]; -inf if no plan was found."""
         if self.solution is None or self.solution.room is None:
             return -np.inf
         return self.solution.room.nearest.gap
@@ -409,7 +409,7 @@ class ParetoPlan:
 
     @property
     def peak_torque(self) -> float:
-        """Maximum torque of any joint over the motion [N m]; inf where no plan was found."""
+        """Maximum torque of any joint over the motion [N m]; inf if no plan was found."""
         return np.inf if self.solution is None else float(np.max(np.abs(self.solution.joints.torques), initial=0.0))
 
 

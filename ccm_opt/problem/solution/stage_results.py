@@ -33,11 +33,11 @@ class JointPath:
         candidate: name of the planner's candidate (one way of moving along one route) that led to this path.
         spare: certified lower bound on the clearance along the whole path, beyond contact [m]; timing may deviate from
             the path by this much.
-        goal_pose: solution of the nonlinear program for the final pose; None where none was solved or the solver
+        goal_pose: solution of the nonlinear program for the final pose; None if none was solved or the solver
             failed.
-        parts: the paths that were joined into this path, where there are several; between successive parts the spline
+        parts: the paths that were joined into this path, if there are several; between successive parts the spline
             has a corner, at which the arm must rest.
-        clearance_limit: what keeps the clearance between start and goal from growing; None where the preferred
+        clearance_limit: what keeps the clearance between start and goal from growing; None if the preferred
             clearance is kept, or the cause is unknown.
     """
 
@@ -81,7 +81,7 @@ class JointTrajectory:
         coordinates: layout of the columns; by default one bend angle per column.
         stops: indices of the samples at which the arm rests at intermediate goals, in order.
         timed_by: method that timed each part of the motion from rest to rest: ``"toppra"``, ``"sweeps"`` with the
-            reason, ``"paul"``, or ``"rest"`` where nothing moves; empty where unknown, as for a motion from a file.
+            reason, ``"paul"``, or ``"rest"`` where nothing moves; empty if unknown, as for a motion from a file.
     """
 
     time: FloatArray
