@@ -228,7 +228,7 @@ class Picture:
         )
 
     def _stroke_width(self, text: str, inherited: float) -> float:
-        """Return the stroke width that a style states [user unit]; the inherited one if the text is not a valid length."""
+        """Return the stroke width that a style states [user unit]; ``inherited`` if that is not a valid length."""
         try:
             return inherited if text == "inherit" else length_of(text, self.view, across=None)
         except ProblemError:
