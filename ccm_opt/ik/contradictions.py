@@ -205,7 +205,9 @@ class GoalRegion:
 
 
 def contradictions(terms: UserTerms, goal: GoalRegion) -> tuple[Contradiction, ...]:
-    """Return the user's hard constraints that provably cannot hold at a goal; an empty result proves nothing.
+    """Return the user's hard constraints that provably cannot hold at a goal.
+
+    An empty result does not prove that they can.
 
     Args:
         terms: the user's constraints, for an arm with a fixed base.

@@ -228,7 +228,7 @@ def _check(item: CompiledConstraint, poses: MotionStates) -> Check:
 
 
 def _worst(item: CompiledConstraint, poses: MotionStates) -> tuple[float, str]:
-    """Return the greatest signed violation of a constraint along a motion, and the u and time at which it occurs.
+    """Return the greatest signed violation of a constraint along a motion, and a text that says at which u and time.
 
     The violation is negative if the bounds hold everywhere, with the least margin as its magnitude, and NaN if any
     value is not finite. Only states to which the constraint applies count; without any the result is 0.

@@ -241,7 +241,7 @@ class Arm:
 
     @cached_property
     def places_from_tip(self) -> FloatArray:
-        """Arc lengths of the joints and the tip back from the tip, shape (links + 1,) [m]."""
+        """Arc lengths of the joints and the tip, measured back from the tip, shape (links + 1,) [m]."""
         return _fixed(self.link_length * (self.place_shares[-1] - self.place_shares))
 
     @cached_property

@@ -390,7 +390,10 @@ class PointSpeed(MotionLimit):
 
 
 def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return pairs of vectors, each (N, 2) or (N, 3), in coordinates of the planes that they span, each (N, 2)."""
+    """Return N pairs of vectors in coordinates of the plane that each pair spans, as two arrays of shape (N, 2).
+
+    The vectors are given in the plane, shape (N, 2), or in space, shape (N, 3).
+    """
     if first.shape[1] == 2:
         return first, second
     length = np.linalg.norm(first, axis=1)
@@ -408,7 +411,7 @@ def _length(vectors: FloatArray) -> FloatArray:
 
 
 def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.profile) -> tuple[MotionLimit, ...]:
-    """Return all limits that motions along a path must keep.
+    """Return all limits that motions along a path must respect.
 
     Raises:
         ProblemError: points are limited, but no arm is given on which to locate them.
