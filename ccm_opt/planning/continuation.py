@@ -61,7 +61,7 @@ def follow(
     into: GoalPose | None = None,
     steps: int | None = None,
 ) -> list[Pose]:
-    """Return the poses of a motion that follows a guide from a given pose, inclusive, to the end of the guide.
+    """Return the poses of a motion, beginning with a given pose, that follows a guide to the end of the guide.
 
     Args:
         stepper: solver of QP steps.

@@ -143,7 +143,7 @@ class GoalPose:
     def rows(self, pose: Pose, unit: float) -> FloatArray:
         """Return the derivatives of a pose's tip position and direction with respect to the unknowns, shape (k, p).
 
-        The position is in multiples of ``unit`` [m]; the direction has rows only if the goal prescribes one.
+        The position, in multiples of ``unit`` [m], comes first; a direction follows if the goal prescribes one.
         """
         place = pose.moving[-1] / unit
         return place if self.direction is None else np.concatenate((place, pose.tip_turning))
@@ -151,7 +151,7 @@ class GoalPose:
     def equations(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives (k, p) and required changes (k,) of a pose's tip for Newton's method onto the goal.
 
-        A position, in multiples of ``unit`` [m], or direction that is already within the tolerance has no rows.
+        A position, in multiples of ``unit`` [m], or direction that is already within the tolerance gives no equation.
         """
         offset = self.offset(pose) / unit
         turn = self.turn(pose)

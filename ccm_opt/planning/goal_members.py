@@ -164,7 +164,7 @@ def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: 
 def _headings(goal: GoalPose) -> FloatArray:
     """Return evenly spaced headings within the tolerance, including the goal's own, shape (h,) [rad].
 
-    A single zero if any heading is acceptable.
+    The result is a single zero if any heading is acceptable.
     """
     if goal.heading is None:
         return np.zeros(1)

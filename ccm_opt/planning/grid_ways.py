@@ -175,7 +175,7 @@ class TipGrid:
     def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
         """Return the indices of the free cells nearest to two points (3,) [m], if these cells are connected.
 
-        None if one of them has no free cell nearby, or the cells are not connected.
+        The result is None if one of them has no free cell nearby, or the cells are not connected.
         """
         first = self.free_near(start)
         last = self.free_near(goal)
@@ -221,7 +221,7 @@ class TipGrid:
     ) -> FloatArray | None:
         """Return the vertices of the cheapest path between two points, shape (m, 3) [m].
 
-        None if no path exists, or the deadline has passed.
+        The result is None if no path exists, or the deadline has passed.
 
         Args:
             start: first point of the path, shape (3,) [m].

@@ -122,7 +122,7 @@ class FoldTrack(TipTrack):
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
     """Return the exact mean of a polyline's heading over windows of its arc length.
 
-    Beyond both ends the polyline continues straight.
+    Beyond both ends the polyline is extrapolated along its first and last leg.
 
     Args:
         samples: centres of the windows, shape (m,) [m].
@@ -232,7 +232,7 @@ class Hairpin:
         return np.where(middle < self.fold_at, before_fold, 0.0)
 
     def _middles(self) -> FloatArray:
-        """Return the arc lengths of the middles of the links from the base, shape (links,) [m]."""
+        """Return the arc lengths of the links' midpoints from the base, shape (links,) [m]."""
         arm = self.space.arm
         return arm.link_middles
 

@@ -76,7 +76,7 @@ class LeaderPath:
         return CubicHermiteSpline(self.arc, self.points, tangents)
 
     def positions(self, arc: FloatArray) -> FloatArray:
-        """Return the points (..., 2) of the path at arc lengths (...) [m]; beyond its ends the path is straight."""
+        """Return the points (..., 2) of the path at arc lengths (...) [m]; beyond its ends, it is extrapolated."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
         first, last = unit_vector(self.headings[[0, -1]])
@@ -139,7 +139,7 @@ class LeaderPath:
             joints: arc lengths of joints and tip, shape (..., links + 1) [m].
 
         Returns:
-            Shape (..., links), each wound nearest to the path's own heading.
+            Headings, shape (..., links), to which full turns are added so that they are nearest to the path's own heading.
         """
         steps = np.diff(self.positions(joints), axis=-2)
         chords = vector_headings(steps)

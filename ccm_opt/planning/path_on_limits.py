@@ -1,4 +1,6 @@
-"""Smooth paths through knots that are moved onto user limits that have equations or depend on the path parameter.
+"""Smooth paths through knots that are projected onto the user's constraints.
+
+They are for constraints that are equations or depend on the path parameter (user limits).
 
 A cubic spline through points of a smooth curve deviates from it by O(h⁴) (de Boor, *A Practical Guide to Splines*,
 chapter V), so halving the spans in which equations are violated quickly reduces the violation.
@@ -26,7 +28,7 @@ _MOST_SPANS = 1200
 _ROUNDS = 10
 """Maximum number of rounds, in each of which a path is computed and spans that violate limits are halved. Taste."""
 _NEWTON_STEPS = 12
-"""Maximum number of steps of Newton's method that move a knot onto the limits. Taste."""
+"""Maximum number of steps of Newton's method that project a knot onto the limits. Taste."""
 _MET = 1e-10
 """Largest violation of the limits at a knot, in the limits' units. Derived: four orders of magnitude below what the
 verifier permits."""
@@ -46,7 +48,7 @@ Free: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatArray, free: Free) -> BSpline | None:
-    """Return a spline through points of a path moved onto limits, refined until it respects the limits, or None.
+    """Return a spline through points of a path projected onto limits; refined until it respects the limits, or None.
 
     Args:
         base: a smooth path near a certified motion, over the path parameter in [0, 1], values (c,).

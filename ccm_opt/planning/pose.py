@@ -157,7 +157,7 @@ class CurveUnknowns(ABC):
         """Derivatives of drive positions with respect to the unknowns, shape (c, p); valid only for an affine map."""
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return the drive positions for configurations, both of shape (..., c); in this class they are equal."""
+        """Return the drive positions for configurations, both of shape (..., c); in this class they are the same."""
         return q
 
     # ------------------------------------------------------------ bends
@@ -189,7 +189,7 @@ class CurveUnknowns(ABC):
     def knot_bends(self) -> FloatArray:
         """Derivatives with respect to the unknowns of curvature times nominal link length at the knots, (m, p) [rad].
 
-        The product is the bend of a nominal link, so that weights on these rows suit arms of any size.
+        The product is the bend of a nominal link, so that its weights suit arms of any size.
         """
         return self.nominal_length * self.curvature_rows
 
@@ -255,12 +255,12 @@ def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: Flo
 
 @dataclass(frozen=True)
 class Term:
-    """Least-squares term of the objective of a QP step δ, ``½ Σ weight (rows δ − target)²`` over k rows.
+    """Least-squares term of the objective of a QP step δ, ``½ Σ weight (rows δ − target)²`` over k equations.
 
     Attributes:
-        rows: matrix of the rows, shape (k, p).
-        target: target of each row, shape (k,).
-        weight: weight of each row, shape (k,), or of all rows.
+        rows: matrix of the equations, shape (k, p).
+        target: target of each equation, shape (k,).
+        weight: weight of each equation, shape (k,), or of all.
     """
 
     rows: FloatArray

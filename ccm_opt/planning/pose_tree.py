@@ -252,7 +252,7 @@ class ExtensionSampler:
         return self.stepper.pose(self.stepper.space.nearest(q))
 
     def _middles(self) -> FloatArray:
-        """Return the middles of the links, as fractions of the arm's length, shape (links,)."""
+        """Return the arc lengths of the links' midpoints, as fractions of the arm's length, shape (links,)."""
         links = self.stepper.space.arm.links
         return (np.arange(links) + 0.5) / links
 

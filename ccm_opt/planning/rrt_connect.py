@@ -1,7 +1,7 @@
-"""RRT-Connect: two trees of straight motions that grow towards each other (J. Kuffner and S. LaValle, 2000).
+"""RRT-Connect: two trees that grow towards each other (J. Kuffner and S. LaValle, 2000).
 
-The edges are checked only at samples. When the trees meet, the motion from start to goal is certified, and nodes beyond
-an edge that cannot be certified are removed.
+Their edges are straight lines in the space of the search, and are checked only at samples. When the trees meet, the
+motion from start to goal is certified, and nodes beyond an edge that cannot be certified are removed.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -40,7 +40,7 @@ certified."""
 
 @dataclass
 class PointTree:
-    """Tree, or forest, of points connected by straight motions.
+    """Tree, or forest, of points connected by straight lines in the space of the search.
 
     Attributes:
         points: the nodes, followed by unused rows, shape (capacity, n).

@@ -429,7 +429,7 @@ def swung(
 ) -> list[Pose] | None:
     """Return the poses of a motion that straightens the arm, turns it at its base, and bends it to one of the goals.
 
-    None if the search finds no motion between the straightened poses.
+    The result is None if the search finds no motion between the straightened poses.
 
     Args:
         stepper: solver of QP steps of an arm on a fixed base.

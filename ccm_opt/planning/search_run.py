@@ -49,7 +49,7 @@ _FEW_CORNERS = 2
 def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
     """Return the arc length along the arm at which it enters a passage too narrow for a fold, nearest to the base [m].
 
-    None if the arm lies in no such passage along the tip path.
+    The result is None if the arm lies in no such passage along the tip path.
 
     Args:
         stepper: solver of QP steps; gives arm and walls.
@@ -447,8 +447,8 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
         """Return the poses of a motion through narrow gates, with further poses inserted where it is not certified.
 
-        The inserted poses lie on the centre lines of the gates. None if the motion cannot be certified, or if the task
-        has no gates.
+        The inserted poses lie on the centre lines of the gates. The result is None if the motion cannot be certified,
+        or if the task has no gates.
         """
         if self.task.gates is None:
             return None

@@ -1,8 +1,8 @@
 """Settings of the planning stages: step, guides, search, samplers, optimisation and planners.
 
 Lengths are in nominal links (1/24 of the arm), which do not depend on the number of links of the real arm: weights and
-advances tuned on one arm then suit another arm of equal shape. A weight "per nominal link" is divided among the links
-in one nominal link.
+advances tuned on one arm then suit another arm of the same shape. A weight "per nominal link" is divided among the
+links in one nominal link.
 """
 
 from dataclasses import dataclass, field, replace
@@ -72,10 +72,10 @@ class AnyStepSettings:
     """Settings of a single QP step, in the plane or in space.
 
     Attributes:
-        largest_turn: largest turn of a link in one step [rad], so that the linearised rows are valid. Taste.
-        limit_share: fraction of a joint limit that planning uses, since the rows ignore that the shape of a fed arm
-            changes with its feed. Taste.
-        firm_share: fraction of a gap's shortfall from the planning margin that rows enforce, if such a step exists; 0
+        largest_turn: largest turn of a link in one step [rad], so that the linearised constraints are valid. Taste.
+        limit_share: fraction of a joint limit that planning uses, since linearised constraints ignore that the shape
+            of a fed arm changes with its feed. Taste.
+        firm_share: fraction of a gap's shortfall from the margin that constraints enforce, if such a step exists; 0
             by default. Taste.
         restoration_share: fraction of a gap's shortfall from the margin that the step aims to restore. Taste.
         push_weight: weight on restoring such a shortfall, relative to the distance of a nominal link. Taste.
@@ -115,7 +115,7 @@ class StepSettings(AnyStepSettings):
         limit_share: fraction of a joint limit that planning uses; the overshoot of accepted poses and splines stays
             below the limit. Taste.
         full_limit_share: fraction of a joint limit used if the ends need more, or if joint limits stop the arm short of
-            its goal. Derived: rows and Newton corrections err by a hundredth of a degree at most.
+            its goal. Derived: linearised constraints and Newton corrections err by a hundredth of a degree at most.
         narrow_firm_share: ``firm_share`` for narrow margins. Taste.
         ridge: as in ``AnyStepSettings``.
         narrow_ridge: ridge for narrow margins. Measured: with the large weights for narrow margins, the solver does not

@@ -226,5 +226,5 @@ def span_legs(control: FloatArray, spans: IntArray) -> IntArray:
 
 
 def halved(control: FloatArray, legs: IntArray) -> FloatArray:
-    """Return a control polygon (m, p) with the middles of given legs inserted as control points."""
+    """Return a control polygon (m, p) with the midpoints of given legs inserted as control points."""
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

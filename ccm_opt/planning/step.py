@@ -79,12 +79,12 @@ class StepperOf(Generic[AnyUnknowns]):
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
         """Return the pose after a step that is halved until the exact checks of all limits hold.
 
-        The linearised rows guarantee the limits for small steps only.
+        The linearised constraints guarantee the limits for small steps only.
 
         Args:
             pose: pose from which the step starts, returned if no step is accepted.
             delta: change of the unknowns, shape (p,).
-            parts: linearised rows of all limits, with their checks.
+            parts: linearised constraints of all limits, with their checks.
             turn: largest turn of a link in restoring the limits [rad].
         """
         for k in range(_BACKTRACKS):

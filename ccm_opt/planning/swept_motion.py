@@ -1,4 +1,4 @@
-"""Planar motions between keyframes, with the chord deviation of joints and second derivatives of contact rows."""
+"""Planar motions between keyframes, with joints' chord deviation and second derivatives of contact constraints."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,7 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvatu
 
 @dataclass(frozen=True, eq=False)
 class PlanarSweep(Sweep):
-    """Planar motion whose coordinates are linear over K intervals, with the quantities that its contact rows need.
+    """Planar motion whose coordinates are linear over K intervals, with what its contact constraints (rows) need.
 
     The arm has n links, the curve p coordinates.
 
@@ -52,7 +52,7 @@ class PlanarSweep(Sweep):
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
-        """Derivatives of ``chord_deviation`` by the coordinates' change over an interval, shape (K, n + 1, p)."""
+        """Derivatives of ``chord_deviation`` with respect to the coordinates' change in an interval, (K, n + 1, p)."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         steps = (0.25 * self.space.arm.lengths * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
@@ -61,7 +61,7 @@ class PlanarSweep(Sweep):
 
     # ------------------------------------------------------------ what rows need
     def deviation(self, rows: IntervalRows) -> FloatArray:
-        """Return upper bounds on how far the contact points of m rows leave their chords over an interval, (m,) [m]."""
+        """Return upper bounds on how far the points that m rows constrain deviate from their chords, (m,) [m]."""
         return np.asarray(
             self.chord_deviation[rows.interval, rows.high] - self.chord_deviation[rows.interval, rows.low]
         )
@@ -71,7 +71,7 @@ class PlanarSweep(Sweep):
         return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
 
     def lost(self, rows: IntervalRows) -> FloatArray:
-        """Return the clearance of m rows lost within intervals beyond ``deviation``: always 0, shape (m,) [m]."""
+        """Return the clearance that m rows lose within intervals beyond ``deviation``: always 0, shape (m,) [m]."""
         return np.zeros(len(rows))
 
     def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:

@@ -1,4 +1,4 @@
-"""Motions under user terms that depend on the path parameter u.
+"""Motions under the user's constraints and costs (terms) that depend on the path parameter u.
 
 u advances in small increments. At each of them, steps move the arm towards the reference motion, which was found
 without these terms, with the limits at u as constraints; u advances when the limits are met.
@@ -138,7 +138,7 @@ def follow_reference(
 def _ended(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, pose: Pose, deadline: Deadline
 ) -> list[Pose]:
-    """Return the poses from the last tracked one to the end of the reference or, where that fails, onto the goal.
+    """Return the poses from the last tracked one to the end of the reference or, if that fails, onto the goal.
 
     Args:
         stepper: solver of QP steps with the limits.
@@ -223,9 +223,9 @@ def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
 
 
 def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> FloatArray:
-    """Return path parameters for the configurations of a motion, increasing from 0 to 1, shape (K,).
+    """Return path parameters for the K configurations of a motion, increasing from 0 to 1, shape (K,).
 
-    Dynamic time warping chooses the parameters with the least constraint violations (see the module).
+    Dynamic time warping chooses the parameters with the smallest constraint violations (see the module's docstring).
 
     Args:
         motion: motion without path parameters.

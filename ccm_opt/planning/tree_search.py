@@ -200,7 +200,7 @@ class TreeSearch:
     def _settle(self, node: int) -> None:
         """Try to complete the motion: lead the tip of a node of the start tree onto the goal if it is near the goal.
 
-        Does nothing for a goal of the whole arm.
+        For a goal of the whole arm, this method does nothing.
         """
         run = self.runs[-1]
         if self.goal.coordinates is not None:

@@ -64,9 +64,10 @@ def _in_order(away: FloatArray) -> IntArray:
 
 
 def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
-    """Return the index of the first via point that a tip path does not pass in order, and its distance; None if none.
+    """Return the index of the first via point that a tip path does not pass in order, and its distance [m].
 
-    The distance [m] is the least from this via point to the samples after the previous one was passed.
+    The distance is the least from this via point to the samples after the previous one was passed. The result is None
+    if all are passed.
 
     Args:
         tips: samples of the tip path, shape (N, 3) [m].
