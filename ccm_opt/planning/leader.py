@@ -139,7 +139,7 @@ class LeaderPath:
             joints: arc lengths of joints and tip, shape (..., links + 1) [m].
 
         Returns:
-            Headings, shape (..., links), to which full turns are added so that they are nearest to the path's own heading.
+            Headings, shape (..., links), with full turns added so that they are nearest to the path's own heading.
         """
         steps = np.diff(self.positions(joints), axis=-2)
         chords = vector_headings(steps)
