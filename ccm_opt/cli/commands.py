@@ -119,7 +119,10 @@ def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., 
 
 
 def listed_or_given(places: list[Path] | None) -> list[Path] | None:
-    """Return file paths in which names listed by ``ccm-opt problems`` are replaced by the files of those problems."""
+    """Return file paths after replacing names listed by ``ccm-opt problems`` by the files of these problems.
+
+    A path that exists is kept, and so is an unknown name. The result is None for None.
+    """
     if places is None or all(place.suffix or os.path.exists(place) or str(place) == "-" for place in places):  # noqa: PTH110 - see below
         return places
     from ccm_opt.cli.starting import listed_problems  # noqa: PLC0415 - loads numpy

@@ -33,7 +33,7 @@ def expect_arguments(
         progress: argument that must be a function.
         planner: argument that must be an object with the method ``plan``.
         retimer: argument that must be an object with the method ``retime``.
-        settings: settings of all stages.
+        settings: settings of all stages of planning.
         flags: arguments, by name, that must be booleans.
 
     Raises:

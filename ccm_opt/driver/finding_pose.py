@@ -59,7 +59,7 @@ def find_pose(
         constraints: constraints of the user; those that apply at the goal become constraints of the NLP.
         costs: costs of the user; those that apply at the goal become terms of the objective.
         progress: function called when a stage starts, and when the search turns to another candidate.
-        settings: settings of the stages; None for the defaults.
+        settings: settings of all stages of planning; None for the defaults.
 
     Returns:
         The collision-free pose of minimum cost, within the joint limits, with the tip at the goal.

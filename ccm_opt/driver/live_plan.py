@@ -110,7 +110,7 @@ class LivePlan:
         problem: the problem with all changes so far.
         constraints: constraints of the user, as for ``solve``.
         costs: costs of the user, as for ``solve``.
-        settings: settings of the stages.
+        settings: settings of all stages of planning.
         plan: the last verified plan, without clearance, tolerance and simulation, which ``finished`` adds.
         current: whether the plan solves ``problem``.
         reason: reason why the plan does not solve ``problem``; empty if it does.

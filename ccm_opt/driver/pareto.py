@@ -72,7 +72,7 @@ def pareto(
         constraints: constraints of the user, as for ``solve``.
         costs: costs of the user, as for ``solve``.
         explain: whether to find the cause of a failure of the first plan, and helpful changes.
-        settings: settings of the stages; None for the defaults.
+        settings: settings of all stages of planning; None for the defaults.
         trade_off: preferred clearances, and criteria for the recommended plan.
 
     Returns:
@@ -142,7 +142,7 @@ def _largest_gap_try(
     Args:
         fastest: plan without preferred clearance.
         tried: function that makes a plan, given the preferred clearance [m] and the plan's number.
-        settings: settings of all stages.
+        settings: settings of all stages of planning.
         trade_off: settings of the trade-off.
     """
     problem = fastest.problem

@@ -297,7 +297,7 @@ def solve(
         constraints: constraints of the user; not passed to ``planner``, but checked on its plan.
         costs: costs of the user; not passed to ``planner``.
         explain: whether to use the time left after a failure to find its cause and helpful changes.
-        settings: settings of the stages; None for the defaults.
+        settings: settings of all stages of planning; None for the defaults.
 
     Returns:
         A verified solution; unverified ones are never returned.

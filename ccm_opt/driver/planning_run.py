@@ -54,8 +54,8 @@ class PlanningRun:
         constraints: constraints of the user.
         costs: costs of the user.
         terms: constraints and costs, compiled; None if there are none.
-        stages: clock that names and times the stages.
-        settings: settings of all stages.
+        stages: clock that names and times the stages of planning.
+        settings: settings of all stages of planning.
         deadline: time limit of planning, and later of the search for helpful changes.
         recorded: paths of the last plan with their problems, reused when changes of the problem are tried.
     """
@@ -179,7 +179,7 @@ class BuiltInPlanner:
         constraints: constraints of the user, which paths satisfy. ``solve`` does not pass its constraints to a planner,
             so they must be given here too.
         costs: costs of the user, which must be given here too.
-        settings: settings of the stages.
+        settings: settings of all stages of planning.
     """
 
     constraints: Sequence[Constraint] = ()
@@ -209,7 +209,7 @@ class BuiltInRetimer:
     """The built-in retimer, which ``solve`` uses by default, as an object: the method ``problem.planner.retiming``.
 
     Attributes:
-        settings: settings of the stages.
+        settings: settings of all stages of planning.
     """
 
     settings: Settings = DEFAULT_SETTINGS

@@ -144,7 +144,7 @@ def with_constraint_first(
         failure: the error.
         problem: the problem as posed.
         terms: the user's constraints and costs.
-        settings: settings of all stages.
+        settings: settings of all stages of planning.
     """
     constrained = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
     if not constrained or isinstance(failure, UnreachableGoal) or problem.goal.whole(problem.arm) is not None:

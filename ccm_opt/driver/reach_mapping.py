@@ -66,7 +66,7 @@ def reach_map(
             map is the same for any choice.
         progress: function called after every task, with the number of cells reached and that of cells not proved
             unreachable.
-        settings: settings of the stages; None for the defaults.
+        settings: settings of all stages of planning; None for the defaults.
 
     Raises:
         ProblemError: a planar arm has a feed axis, the grid is invalid, or the start in space is in contact.
@@ -184,7 +184,9 @@ def _middles(low: FloatArray, high: FloatArray, width: float) -> list[FloatArray
 
 
 def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[FloatArray, ...]:
-    """Return the centres of grid cells along every axis, over the part of the workspace within reach [m].
+    """Return the coordinates of grid-cell centres along each axis, one array per axis [m].
+
+    The grid covers the part of the workspace within the arm's reach.
 
     Raises:
         ProblemError: no position is within reach, or there are too many cells.
@@ -229,7 +231,7 @@ def _directions(problem: Problem, requested: int | None, settings: ReachSettings
 
 @on_one_thread()
 def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray]) -> tuple[TipLooker, BoolArray]:
-    """Return the object that searches grid cells, and a mask of the cells that are proved unreachable.
+    """Return the object that searches grid cells, and a mask of the cells proved unreachable, in the shape of the grid.
 
     Raises:
         ProblemError: the start in space is in contact.
@@ -254,7 +256,7 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
 
 
 def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
-    """Return a mask of the grid cells whose centres the tip is proved not to reach.
+    """Return a mask, in the shape of the grid, of the cells whose centres the tip is proved not to reach.
 
     Such a centre is farther from the base than the arm's length, inside an obstacle, outside the workspace, closer to a
     surface than radius plus required clearance, or out of reach within the joint limits.
@@ -280,12 +282,14 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
 
 
 def _parts(numbers: IntArray) -> Iterator[IntArray]:
-    """Yield indices of cells in batches of about a thousand, so that intermediate arrays stay small."""
+    """Yield the given indices of cells in batches of about a thousand, so that intermediate arrays stay small."""
     yield from np.array_split(numbers, max(len(numbers) // 1000, 1))
 
 
 def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArray) -> BoolArray:
-    """Return a mask of undecided cells to which every path through free space is proved too narrow or too long.
+    """Return a mask, in the shape of the grid, of undecided cells that are proved unreachable.
+
+    Every path through free space to such a cell is too narrow for the arm or too long.
 
     Args:
         problem: the problem.
@@ -300,5 +304,5 @@ def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArr
 
 
 def _at(problem: Problem, place: FloatArray) -> Problem:
-    """Return the problem with a goal for the tip at a given position, without tolerance."""
+    """Return the problem with a goal for the tip at a given position, with zero tolerance and no intermediate goals."""
     return replace(problem, goal=TipGoal(place), tolerances=_EXACTLY, stops=())

@@ -55,7 +55,7 @@ def retarget(
             which it was solved, so they must be given again.
         costs: costs of the user for the motion from rest, which must be given again too.
         progress: function called when a stage starts, and when the search turns to another candidate.
-        settings: settings of the stages; None for the defaults.
+        settings: settings of all stages of planning; None for the defaults.
 
     Returns:
         The whole verified motion, as planned up to ``time``, then braked to rest along the planned path as soon as
@@ -114,8 +114,8 @@ def _retargeted(
         problem: the problem of the plan with the new goal.
         reached: function that plans the motion from rest to the new goal.
         terms: the user's constraints and costs for the motion from rest.
-        stages: clock that names and times the stages.
-        settings: settings of all stages.
+        stages: clock that names and times the stages of planning.
+        settings: settings of all stages of planning.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; the motion from rest alone cannot serve as a plan, since the arm still

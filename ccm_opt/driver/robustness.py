@@ -42,7 +42,7 @@ def tolerance_of(
     Args:
         solution: the plan.
         simulated: whether to compute maximum payload and friction too, by a few dozen simulations.
-        settings: settings of the stages; None for the defaults.
+        settings: settings of all stages of planning; None for the defaults.
 
     Returns:
         Tolerated errors of joints, link lengths, base heading, base position and walls, all certified; then payload and
@@ -71,7 +71,7 @@ def motion_tolerance(
         trajectory: the motion.
         joints: states of all revolute joints over the motion.
         simulated: whether to compute maximum payload and friction too, by simulation.
-        settings: settings of the stages.
+        settings: settings of all stages of planning.
     """
     errors = tolerated_errors(problem, trajectory, settings.tolerance)
     if not simulated:
@@ -155,7 +155,7 @@ def _tolerated_load(
 
 
 def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
-    """Return words about where and when a plan fails under a load that is not tolerated.
+    """Return a description of where and when the simulated arm fails under a load that is not tolerated.
 
     Args:
         verdict: outcome of the simulation with that load.

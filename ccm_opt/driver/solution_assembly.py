@@ -99,7 +99,7 @@ def clearance_record(
         path: path of the motion, which says what limits its clearance.
         trajectory: the motion.
         checks: verifier's checks, which hold the minimum clearances.
-        settings: settings of all stages.
+        settings: settings of all stages of planning.
     """
     room = clearance_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
@@ -194,7 +194,7 @@ def described(
         problem: the problem.
         plan: the verified plan.
         stages: clock that names and times the stages, including earlier ones.
-        settings: settings of all stages.
+        settings: settings of all stages of planning.
         figures: further figures of merit, by name.
 
     Raises:

@@ -136,10 +136,10 @@ def timed_and_verified(
     Args:
         problem: the problem that the legs solve.
         legs: one leg to each goal.
-        stages: clock that names and times the stages.
+        stages: clock that names and times the stages of planning.
         retimer: method of timing a leg; None for the method that the problem names.
         terms: the user's constraints and costs, which apply to every leg separately; None for none.
-        settings: settings of all stages.
+        settings: settings of all stages of planning.
 
     Raises:
         NoPlanFound: a path cannot be timed within the limits, or the motion violates a constraint.

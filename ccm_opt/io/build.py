@@ -284,7 +284,10 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
 
 
 def _each_link(table: ArmTable | SpaceArmTable) -> tuple[FloatArray, FloatArray, Proportions | None]:
-    """Return length and radius of each link, both of shape (links,) [m], and the proportions of unequal links."""
+    """Return length and radius of each link, both of shape (links,) [m], and the links' proportions if they are unequal.
+
+    The proportions are None if all links are equal.
+    """
     if table.sections is None:
         return np.full(table.links, table.link_length), np.full(table.links, table.radius), None
     lengths = np.concatenate([np.full(each.links, each.link_length) for each in table.sections])

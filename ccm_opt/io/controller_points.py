@@ -2,7 +2,7 @@
 
 A controller interpolates points that have positions and velocities by cubics, whose accelerations may exceed those of
 the plan where the plan's accelerations jump. Points are therefore chosen one after the other, each as far from the
-previous one as possible while the cubic between the two keeps all limits and stays near the plan. Where not even
+previous one as possible while the cubic between the two respects all limits and stays near the plan. Where not even
 neighbouring samples allow this, the motion is slowed down slightly. A plan of limited jerk has continuous
 accelerations, so its points also have accelerations and are interpolated by quintics.
 """
@@ -34,7 +34,8 @@ from ccm_opt.verification.wall_clearance import check_walls
 logger = logging.getLogger(__name__)
 
 _USED = 0.999
-"""Fraction of the limits that interpolating polynomials may use at samples; the rest is a reserve between. Taste."""
+"""Fraction of the limits that interpolating polynomials may use at samples; the rest is a reserve for the times between
+samples. Taste."""
 _DEVIATION = 1e-5
 """Approximate maximum deviation from the plan, as a fraction of the arm's length. Taste: below the repeatability of
 drives."""
@@ -277,14 +278,14 @@ class _Choice:
 
     @cached_property
     def _corners(self) -> IntArray:
-        """Indices of samples that must be points, namely ends, stops, and samples where the arm halts or sets off."""
+        """Indices of the samples that must be points: start, goal, stops, and where the arm halts or sets off, increasing."""
         still = np.all(self._rests, axis=1)
         changes = 1 + np.flatnonzero(still[1:] != still[:-1])
         return np.unique(np.concatenate(([0, len(self.plan.time) - 1], self.plan.stops, changes))).astype(np.intp)
 
     @cached_property
     def _rests(self) -> FloatArray:
-        """Whether each of the c coordinates rests between neighbouring samples, shape (T − 1, c)."""
+        """Mask of coordinates that rest from a sample to the next, for each of c coordinates, shape (T − 1, c)."""
         return np.asarray(np.abs(np.diff(self.plan.positions, axis=0)) <= 1e-3 * _STILL)
 
     @cached_property

@@ -146,7 +146,7 @@ def _link_or_copy(source: str, place: str) -> str:
 
 
 def _swap(new: Path, target: Path) -> None:
-    """Move a new folder to its target path, and any old folder at that path next to the new folder's former place."""
+    """Move a new folder to its target path; any old folder at that path is moved to the new folder's former parent."""
     if not target.exists():
         new.rename(target)
     elif not _exchanged(new, target):

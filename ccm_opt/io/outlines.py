@@ -175,7 +175,10 @@ def _without_duplicates(polygons: np.ndarray) -> list[int]:
 
 
 def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of polygons of which the second lies inside the first without contact, as two arrays of indices.
+    """Return all pairs of polygons of which the second lies inside the first without contact.
+
+    Returns:
+        Indices of the outer and of the inner polygon of each pair, both of shape (pairs,).
 
     Raises:
         ProblemError: there are too many pairs.

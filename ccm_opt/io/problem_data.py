@@ -172,7 +172,12 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
 
 
 def _sections(arm: Arm, shares: FloatArray) -> list[SectionTable]:
-    """Return runs of equal links as the tables ``[[arm.sections]]``; ``shares`` are those of limits, shape (links,)."""
+    """Return runs of successive equal links as the tables ``[[arm.sections]]`` of a problem file.
+
+    Args:
+        arm: the arm.
+        shares: joint limit of each link as a fraction of the arm's, 0 for a locked joint, shape (links,).
+    """
     each = np.stack((arm.lengths, arm.radii, arm.joint_limit * shares), axis=1)
     starts = np.flatnonzero(np.append(True, np.any(each[1:] != each[:-1], axis=1)))
     return [

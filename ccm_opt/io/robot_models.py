@@ -95,7 +95,7 @@ def visual_radius(arm: Arm, k: int) -> float:
 
 
 def checked_share(arm: Arm, k: int) -> float:
-    """Return the fraction of link ``k`` (from 0) inside the mount, the first part of the arm, which may touch walls."""
+    """Return the fraction of link ``k`` (from 0) inside the mount, whose contacts with obstacles are not checked."""
     return float(arm.free_shares[k])
 
 

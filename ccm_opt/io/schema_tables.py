@@ -229,7 +229,7 @@ class Rules(NamedTuple):
         exactly_one: keys of which exactly one must be given; empty for no such rule.
         otherwise: another way to satisfy ``exactly_one``, in words, appended to the error message.
         at_most_one: two keys of which at most one may be given.
-        needs: for each key with companions, the keys of which at least one must be given too.
+        needs: for each key that requires others, the keys of which at least one must be given too.
     """
 
     exactly_one: tuple[str, ...] = ()

@@ -237,7 +237,12 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Data of a PLY element of n rows: values of each property, lists concatenated, and list lengths, shape (n,)."""
+    """Data of a PLY element of n rows.
+
+    Attributes:
+        values: values of each property, by name; lists of all rows are concatenated.
+        lengths: length of the list in each row, by name of the property, shape (n,).
+    """
 
     values: dict[str, npt.NDArray[Any]]
     lengths: dict[str, IntArray]

@@ -79,7 +79,12 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
-    """Return the models and relationship files of a 3MF archive, by path, within the limit on unpacked bytes."""
+    """Return the models and relationship files of a 3MF archive, unpacked, by path.
+
+    Raises:
+        ProblemError: they exceed the limit on unpacked bytes.
+        ValueError: two parts of the archive have the same name.
+    """
     found: dict[str, bytes] = {}
     left = settings.most_unpacked
     with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -129,7 +129,7 @@ def _figures(run: Run) -> dict[str, float]:
 
 
 def _without_dust(key: str, value: float) -> float:
-    """Return a figure rounded to the difference that counts as a tie, so that charts do not show rounding errors."""
+    """Return a figure rounded to a multiple of its ``Quantity.tie``, so that charts do not show rounding errors."""
     tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
     return tie * round(value / tie) if tie > 0.0 else value
 
@@ -171,7 +171,7 @@ def _pair_section(pair: Pair, number: int) -> Markup:
 
 
 def _row(item: FigurePair) -> tuple[str, ...]:
-    """Return a table row with the comparison of two methods in one figure."""
+    """Return a table row, one text per column, with the comparison of two methods in one figure."""
     quantity = item.quantity
     return (
         format_title(quantity),

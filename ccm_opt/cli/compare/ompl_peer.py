@@ -173,7 +173,8 @@ class SampledJoints:
 
     The guide tube of a feed axis holds joints straight, but a sampler never samples an angle of exactly zero. Every
     joint angle is therefore scaled by a factor that grows from 0 inside the tube to 1 one link length beyond. Without a
-    feed axis, sampler coordinates are the joint angles. The unit of the feed is a twenty-fourth of the arm's length.
+    feed axis, sampler coordinates are the joint angles. The feed is measured in units of a twenty-fourth of the arm's
+    length.
 
     Attributes:
         arm: the arm.

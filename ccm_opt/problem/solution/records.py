@@ -99,7 +99,7 @@ class SimulationVerdict:
 
 
 FOLLOWED = SimulationVerdict("followed", 0.0)
-"""Default outcome of a simulation that was not judged."""
+"""Outcome of a simulation in which the arm followed the plan; also the default of a motion that was not assessed."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

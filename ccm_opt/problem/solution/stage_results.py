@@ -18,7 +18,7 @@ _ALL_BENDS = joint_coordinates(0)
 
 
 def _left_out() -> FloatArray:
-    """Return an empty array, the placeholder for omitted data of the feed axis."""
+    """Return an empty array of shape (0, 0), the placeholder for omitted data of the feed axis."""
     return np.zeros((0, 0))
 
 
