@@ -192,7 +192,8 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
     """Yield the name and the surface mesh of each obstacle, without the workspace bounds.
 
-    A mesh consists of vertices, shape (v, 3) [m], and vertex indices of triangles, shape (m, 3)."""
+    A mesh consists of vertices, shape (v, 3) [m], and vertex indices of triangles, shape (m, 3).
+    """
     scene = solid_scene(problem.workspace, problem.arm)
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
