@@ -284,7 +284,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
 
 
 def _each_link(table: ArmTable | SpaceArmTable) -> tuple[FloatArray, FloatArray, Proportions | None]:
-    """Return length and radius of each link, both of shape (links,) [m], and the links' proportions if they are unequal.
+    """Return length and radius of each link, both of shape (links,) [m], and the proportions of unequal links.
 
     The proportions are None if all links are equal.
     """

@@ -278,7 +278,7 @@ class _Choice:
 
     @cached_property
     def _corners(self) -> IntArray:
-        """Indices of the samples that must be points: start, goal, stops, and where the arm halts or sets off, increasing."""
+        """Indices of the samples that must be points: start, goal, stops, and where the arm halts or sets off."""
         still = np.all(self._rests, axis=1)
         changes = 1 + np.flatnonzero(still[1:] != still[:-1])
         return np.unique(np.concatenate(([0, len(self.plan.time) - 1], self.plan.stops, changes))).astype(np.intp)
