@@ -71,7 +71,7 @@ class AxisPaths(ABC):
         place: the goal.
         until: deadline of the search.
         shortest_is_proved: whether ``shortest`` is proved to be the shortest path that is wide enough.
-        fed_from: text for where the paths of a fed arm begin.
+        fed_from: text that says where the paths of a fed arm begin.
     """
 
     shortest_is_proved: ClassVar[bool]
@@ -82,7 +82,7 @@ class AxisPaths(ABC):
 
     @property
     def begin(self) -> str:
-        """Text for where the axis paths begin; empty if at the base."""
+        """Text that says where the axis paths begin; empty if at the base."""
         return "" if self.problem.arm.feed is None else f" from {self.fed_from}"
 
     @property
@@ -129,7 +129,7 @@ class AxisPaths(ABC):
 
     @abstractmethod
     def widest(self, most: float) -> WidestPath:
-        """Return the axis path farthest from obstacles, where distances beyond `most` [m] count as equal."""
+        """Return the axis path farthest from obstacles; distances beyond `most` [m] count as equal."""
 
     @abstractmethod
     def bound(self, known: float) -> float:
@@ -151,7 +151,7 @@ class AxisPaths(ABC):
         """
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return the position where an axis path would lead through an obstacle that closes all paths, shape (d,) [m].
+        """Return a position in an obstacle that closes all axis paths, at which a path could lead through, (d,) [m].
 
         Args:
             name: name of the obstacle.
@@ -162,7 +162,7 @@ class AxisPaths(ABC):
 
     @abstractmethod
     def length_remedies(self) -> dict[str, float]:
-        """Return, by key, the parameter values with which a too short arm would be long enough [SI units]."""
+        """Return, by key in the problem file, the values with which a too short arm would be long enough [SI units]."""
 
 
 def axis_paths(problem: Problem, until: Deadline) -> Iterator[AxisPaths]:

@@ -158,7 +158,7 @@ class WallGaps:
 
 
 def _lines(segments: FloatArray) -> Any:
-    """Convert segments (k, 2, 2) to line geometries, or to points where the length is zero, shape (k,)."""
+    """Convert segments (k, 2, 2) to line geometries, or to points if their length is zero, shape (k,)."""
     stand = np.all(segments[:, 0] == segments[:, 1], axis=1)
     lines: Any = shapely.linestrings(segments)
     points: Any = shapely.points(segments[:, 0])

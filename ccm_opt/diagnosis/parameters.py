@@ -44,7 +44,7 @@ class Parameter:
         scale: returns the factor from a value to the unit of ``words``.
         fits: returns whether the parameter can be changed in a problem.
         unit: returns the factor from a value to SI units; 1 except for values that are fractions.
-        whole: reference for the relative size of a change; the given value if None.
+        whole: value by which a change is divided to give its relative size; the given value if None.
         bound: value that must at least be reached, as far as is known; None if findings provide the bound.
         tried: values to be tried in turn, the least change first; None for steps beyond the bound.
         paths_stay: whether a path found for one value also connects start and goal for other values.

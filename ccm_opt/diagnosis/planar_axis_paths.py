@@ -308,7 +308,7 @@ class PlanarAxisPaths(AxisPaths):
         return max(self._largest(self.required_distance, lambda inflation: self.at(inflation).connected), known)
 
     def widest(self, most: float) -> WidestPath:
-        """Return the axis path farthest from walls, where distances beyond `most` [m] count as equal."""
+        """Return the axis path farthest from walls; distances beyond `most` [m] count as equal."""
         of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
         within = self._largest(of_any, self._short_enough) if of_any else 0.0
         place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
@@ -363,7 +363,7 @@ class PlanarAxisPaths(AxisPaths):
         )
 
     def length_remedies(self) -> dict[str, float]:
-        """Return, by key, the parameter values with which a too short arm would be long enough [m]."""
+        """Return, by key in the problem file, the values with which a too short arm would be long enough [m]."""
         asked = self.problem.arm
         lacking = self.least - self.arm.length
         bounds = {"arm.link_length": (asked.length + lacking) / asked.links}

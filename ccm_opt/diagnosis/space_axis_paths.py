@@ -159,7 +159,7 @@ class SpaceAxisPaths(AxisPaths):
         return self.widest_between(known, self.required_distance, 0.5 * (known + self.required_distance)).most
 
     def widest(self, most: float) -> WidestPath:
-        """Return the axis path farthest from surfaces, where distances beyond `most` [m] count as equal."""
+        """Return the axis path farthest from surfaces; distances beyond `most` [m] count as equal."""
         length = self.arm.length
         if most > self.required_distance and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)

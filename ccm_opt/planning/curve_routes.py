@@ -46,7 +46,7 @@ _GATE_WIDTH = 4e-3
 """Width of free space, as a fraction of the arm's length, below which the tip is led straight through a gate. Taste: a
 link with more clearance can pass askew."""
 _GATE_RUN = 0.6
-"""Straight piece before and behind a narrow gate, in links, or nominal links where these are longer. Measured: with 0.3
+"""Straight piece before and behind a narrow gate, in links, or in nominal links if these are longer. Measured: with 0.3
 one of three scenes of doors and none of three gates is solved, and one takes six times as long; with 0.6 and 1.0 all
 six are solved, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
 _LONGEST_ROUTE = 0.985
@@ -119,7 +119,7 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
         room: free space.
 
     Returns:
-        The routes. Empty when the arm is too short for every route found, which does not prove that no route exists.
+        The routes; none if the arm is too short for every route found, which does not prove that no route exists.
     """
     members = goal_members(problem.arm, ends.goal, room)
     count = problem.planner.routes

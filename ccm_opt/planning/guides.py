@@ -33,7 +33,7 @@ _LEASH = 1.5
 """Distance of the tip from its target beyond which the target waits, in nominal links. Taste."""
 _TRACK_LEASH = 1.0
 """Distance of the tip from its target beyond which the target waits if all joints are pulled onto the track, in nominal
-links. Measured: with 1.5 an arm of 16 links among ribs does not get through in a minute, with 1 in 3 s."""
+links. Measured: with 1.5 an arm of 16 links among ribs finds no motion in a minute, with 1 it finds one in 3 s."""
 _ADVANCE = 0.4
 """Advance of the tip's target in one step, in nominal links. Taste."""
 _FOLLOWING_WEIGHT = 0.1

@@ -18,7 +18,7 @@ WIDTH_SAMPLES = 96
 """Number of points along a path at which the width of its passage is measured. Taste."""
 
 _LEAST_MARGIN = 0.001
-"""Minimum planning margin where none of the usual ones fits, in nominal links. Taste."""
+"""Minimum planning margin if none of the usual ones fits, in nominal links. Taste."""
 
 _NARROW = 2.5
 """Width of a passage below which nominal links are shortened, in nominal links. Taste: the height of a fold is about a

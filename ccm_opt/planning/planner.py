@@ -4,7 +4,7 @@ In the plane the stages are routes through free space (section 4.1 of the paper)
 curve by the NLP, tip paths, the certified motion of the links and a smooth path through joint space. In space they are
 the search, the goal configuration by the NLP, the optimisation and the smooth path.
 
-To replan in the plane, a known motion is deformed to reach the new goal or, where that would touch a wall, tracked by
+To replan in the plane, a known motion is deformed to reach the new goal or, if that would touch a wall, tracked by
 steps that avoid the walls; it is then optimised like any other. This needs no search, so replanning takes about as long
 as one optimisation.
 
@@ -379,7 +379,8 @@ class MotionPlanner:
     def _refined(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """Return the motion in space of an arm with many links, planned with few links and then refined, or None.
 
-        None if the task is to be planned with its own links (see ``nominal_task``), or if planning or refinement fails.
+        The result is None if the task is to be planned with its own links (see ``nominal_task``), or if planning or
+        refinement fails.
         """
         few = nominal_task(task)
         if few is None:

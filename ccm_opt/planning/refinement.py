@@ -41,7 +41,7 @@ _REPAIRS = 6
 """Maximum number of rounds that repair keyframes of intervals that fail the certificate. Taste; if these do not
 suffice, planning is repeated with the task's own links."""
 _DESIGN_LINKS = 24
-"""Number of links with which arms of more links are planned; more where narrow passages require it. Measured: of 38
+"""Number of links with which arms of more links are planned; more if narrow passages require it. Measured: of 38
 motions found in clutter with this many links, 34 were certified unchanged for arms with more links."""
 _MANY_LINKS = 1.5
 """Multiple of the coarse arm's number of links above which planning with the coarse arm pays. Taste."""
@@ -208,8 +208,8 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 def coarse_task(task: MotionTask) -> MotionTask | None:
     """Return a planar task for an arm of equal length with as few links as the passages permit, or None.
 
-    None if planning with fewer links does not pay or is not possible: with user limits, a clamped base, a feed axis,
-    links of different lengths, or gates.
+    The result is None if planning with fewer links does not pay or is not possible: with user limits, a clamped base, a
+    feed axis, links of different lengths, or gates.
     """
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))

@@ -241,7 +241,7 @@ def fold_width(stepper: Stepper) -> float:
 
 
 def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
-    """Return passage widths at points spaced evenly along a tip path, inf where the arm is not near, (samples,) [m].
+    """Return passage widths at points spaced evenly along a tip path, (samples,) [m]; inf at points far from the arm.
 
     Args:
         stepper: solver of QP steps; gives arm and walls.

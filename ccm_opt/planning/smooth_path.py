@@ -200,7 +200,7 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
 
 
 def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline | None:
-    """Return a certified path with configurations as control points, refined where needed; None if that fails.
+    """Return a certified path with configurations as control points, refined if needed; None if that fails.
 
     Args:
         keyframes: configurations of a certified motion, shape (K, c) [rad, m].
@@ -254,7 +254,7 @@ def _halfway_onto(keyframes: FloatArray) -> FloatArray:
 def _failing_places(
     task: SearchTask, room: _Room | None, spline: BSpline, refinement: int, *, tube: bool
 ) -> FloatArray:
-    """Return the parameters at which a path violates a limit, or the middles of spans that are not certified, (m,).
+    """Return the parameters at which a path violates a limit, or the midpoints of spans that are not certified, (m,).
 
     Args:
         task: task with the limits that the path has to keep.

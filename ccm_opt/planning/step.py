@@ -17,7 +17,7 @@ from ccm_opt.planning.settings import EngineSettings, MotionSettings
 from ccm_opt.scene.contact_finder import WallFinder
 
 _ITERATIONS_A_ROW = 8
-"""Maximum number of QP iterations per constraint: it stops the solver for a jammed arm, where it would iterate in vain,
+"""Maximum number of QP iterations per constraint: it stops the solver when the arm cannot move,
 and grows with the problem, as 192 links need more than 24 iterations. Taste."""
 _BACKTRACKS = 6
 """Maximum number of times that a step is halved. Taste."""

@@ -81,7 +81,7 @@ def goes_straight_to_pose(task: MotionTask) -> bool:
 def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
     """Return a motion found by interpolation from the start to a goal of the whole arm, or back from it, or None.
 
-    QP steps make the motion deviate from the interpolation where limits require that.
+    QP steps make the motion deviate from the interpolation if limits require that.
 
     Args:
         task: search task with a goal for the whole arm.
@@ -250,7 +250,7 @@ def needs_dense_sampling(task: MotionTask) -> bool:
 def candidate_motions(
     task: MotionTask, margin: float, failures: list[Failure], *, sampled: bool = False
 ) -> Iterator[Motion | None]:
-    """Yield the motion of each pass over the candidates of a task with one planning margin, None where all fail.
+    """Yield the motion of each pass over the candidates of a task with one planning margin, or None if all fail.
 
     The passes plan from the start, then backwards from every goal pose, then from the start with the other candidates.
     Planning backwards comes first if the tip path leads into narrow gates between obstacles, since an arm slides out of

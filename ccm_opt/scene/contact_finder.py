@@ -103,7 +103,7 @@ class ContactFinder(ABC):
 
     @abstractmethod
     def find(self, points: FloatArray) -> Contacts:
-        """Return the contacts with a gap below the reach in a pose.
+        """Return the contacts in a pose with a gap below the search distance ``reach``.
 
         Args:
             points: joint and tip positions, shape (links + 1, d) [m].
@@ -181,7 +181,7 @@ class WallFinder(ContactFinder):
         self._grow_capacity(64)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Return the contacts with a gap below the reach in a pose; points have shape (links + 1, 2) [m]."""
+        """Return the contacts in a pose with a gap below ``reach``; points have shape (links + 1, 2) [m]."""
         # By identity, not by value: a step and its check ask about the same array twice. Callers must not change arrays
         # of points in place.
         if self._latest is not None and self._latest[0] is points:
@@ -235,7 +235,7 @@ class SurfaceFinder(ContactFinder):
         self._grow_capacity(256)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Return the contacts with a gap below the reach in a pose; points have shape (links + 1, 3) [m].
+        """Return the contacts in a pose with a gap below ``reach``; points have shape (links + 1, 3) [m].
 
         Each contact with a surface comes from a half-space that contains the link and is free of surfaces.
         """
@@ -258,7 +258,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(*(np.concatenate(parts) for parts in joined))
 
     def near_links(self, points: FloatArray, reach: float) -> Contacts:
-        """Return the contacts between links far apart along the arm with a gap below a reach [m].
+        """Return the contacts between links far enough apart along the arm to collide, with a gap below ``reach`` [m].
 
         ``points`` are the positions of the joints and the tip, shape (links + 1, 3) [m].
         """

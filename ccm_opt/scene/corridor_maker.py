@@ -323,7 +323,7 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
 
 
 def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
-    """Return indices of walls, sorted by a lower bound on their distance from the middle of a cell."""
+    """Return indices of walls, sorted by a lower bound on their distance from the centre of a cell."""
     middles = walls.mean(axis=1)
     halves = 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
     return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
@@ -415,7 +415,7 @@ class CorridorMaker:
 
     Attributes:
         triangulation: triangulation of free space.
-        slack: distance by which the taut string may leave the regions where it cuts a corner [m]; must be less than the
+        slack: distance by which the taut string may leave the regions at cut corners [m]; must be less than the
             inflation of the obstacles, so that no obstacle fits in between.
         settings: settings for the choice of regions.
     """

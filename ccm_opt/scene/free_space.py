@@ -445,11 +445,11 @@ class FreeSpace:
         return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
 
     def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
-        """Return whether two polylines (m, 2) and (k, 2) [m] with equal ends are homotopic in free space."""
+        """Return whether two polylines (m, 2) and (k, 2) [m] with the same ends are homotopic in free space."""
         return self.sleeve_of(one) == self.sleeve_of(other)
 
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
-        """Return the shortest path homotopic to a polyline, with equal ends.
+        """Return the shortest path homotopic to a polyline, with the same ends.
 
         The path runs straight through narrow gates if ``gate_runs`` is set.
 

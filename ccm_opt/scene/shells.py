@@ -280,10 +280,10 @@ def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _pair_half_edges(edges: _HalfEdges, numbers: IntArray, counts: IntArray, others: IntArray) -> IntArray:
-    """Return the half-edges of edges with more than two triangles, partners side by side, any odd one last at its edge.
+    """Return the half-edges of edges with more than two triangles, sorted so that partners follow each other.
 
-    Half-edges of one patch, whose triangles are connected over edges with two triangles, belong to one body and are
-    paired first.
+    If the number at an edge is odd, the half-edge without a partner comes last. Half-edges of one patch, whose
+    triangles are connected over edges with two triangles, belong to one body and are paired first.
 
     Args:
         edges: all half-edges.

@@ -142,7 +142,7 @@ class TimeIntervals:
 
     @property
     def middle(self) -> FloatArray:
-        """Midpoints in sample numbers, rounded down where a time interval has several steps, shape (S,)."""
+        """Midpoints in sample numbers, shape (S,); rounded down if a time interval has several steps."""
         middle = 0.5 * (self.low + self.high)
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
@@ -255,7 +255,7 @@ class ChainMotion:
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
     def travels(self, intervals: TimeIntervals) -> FloatArray:
-        """Return bounds on the distances of joints and tip from their positions in the middle of time intervals.
+        """Return upper bounds on the distances of joints and tip from their positions at mid-interval.
 
         The shape is (S, links + 1) [m]. Each bound holds throughout its interval.
         """

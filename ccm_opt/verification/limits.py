@@ -29,7 +29,7 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 UNIT = "of the limit"
 _Source = tuple[FloatArray, FloatArray]
-"""Sampled values, and the times to which they belong."""
+"""Sampled values (T, n) from one origin, reported or computed, and the times (T,) to which they belong."""
 
 
 def check_limits(
@@ -171,7 +171,16 @@ def check_sources(
     settings: VerificationSettings,
     names: Sequence[str] = (),
 ) -> Check:
-    """Check values from several sources against one limit per drive, or against a common limit."""
+    """Check sampled values from all sources together against one limit per drive, or against a common limit.
+
+    Args:
+        name: name of the check.
+        unit: unit of the values.
+        limit: limit of the magnitude for each drive, shape (n,), or for all.
+        sources: values of the same n drives, of shape (T, n), and their times, from one or more origins.
+        settings: the tolerance of limits.
+        names: names of the drives, for the location of the worst value.
+    """
     values, times = (np.concatenate(parts) for parts in zip(*sources, strict=True))
     return check_worst(name, unit, values, limit, sample_words(times, names), settings.limit_tolerance)
 
@@ -281,7 +290,7 @@ class _PointMotion:
 
     @cached_property
     def _levers(self) -> FloatArray:
-        """Part of each link's length that lies between the base and the point, shape (links,) [m]."""
+        """Length of the part of each link that lies between the base and the point, shape (links,) [m]."""
         arm = self.arm
         at = arm.length if self.limit.at is None else self.limit.at
         return np.clip(at - arm.joint_places[:-1], 0.0, arm.lengths)

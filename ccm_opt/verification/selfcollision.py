@@ -159,7 +159,7 @@ class LinkProof:
 
         Args:
             intervals: S time intervals.
-            poses: positions of joints and tip in the middle of the intervals, shape (S, links + 1, d) [m].
+            poses: positions of joints and tip at mid-interval, shape (S, links + 1, d) [m].
             pairs: the pairs of links, each with its time interval.
             cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
@@ -188,7 +188,7 @@ class LinkProof:
 
 
 def relative_travels(motion: ChainMotion, intervals: TimeIntervals, travels: FloatArray, pairs: Pairs) -> FloatArray:
-    """Return bounds on the decrease of link distances from their value in the middle of time intervals, shape (P,) [m].
+    """Return upper bounds on how much the distances of P link pairs fall below those at mid-interval, shape (P,) [m].
 
     Within a step, motion common to both links does not count. In the frame of the first link, which preserves
     distances, each joint k between the links only adds its own rotation ψ_k, times the length of the arm from there to

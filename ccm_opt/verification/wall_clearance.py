@@ -33,7 +33,7 @@ _PROBES = 8
 _FAN = 8
 """Number of children of a box in the bounding-box tree."""
 _ALONG = 0.01
-"""Sideways fraction of a link's travel up to which the link counts as sliding along its own axis. Taste."""
+"""Largest fraction of a link's travel that is sideways while the link still counts as sliding along its axis. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +322,7 @@ class WallProof:
 
         Args:
             intervals: S time intervals.
-            poses: positions of joints and tip in the middle of the intervals, shape (S, links + 1, d) [m].
+            poses: positions of joints and tip at mid-interval, shape (S, links + 1, d) [m].
             pairs: the pairs of a link and a box, each with its time interval.
             cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
