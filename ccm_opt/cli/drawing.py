@@ -94,7 +94,7 @@ def draw_folders(
         out: parent folder for the pictures; None for the folder of each plan.
 
     Returns:
-        The exit code.
+        The exit code, see ``outcome``.
     """
 
     def draw(folder: Path) -> int:
@@ -157,7 +157,7 @@ def view_item(item: Path, port: int, *, browser: bool) -> int:
         browser: whether to open the page in a browser.
 
     Returns:
-        The exit code.
+        The exit code, see ``outcome``.
     """
     return run_all([item], lambda each: _view(each, port, browser=browser))
 

@@ -42,7 +42,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
         changes: overrides of keys of the problem files, each ``key.path=value``.
 
     Returns:
-        The exit code.
+        The exit code, see ``outcome``.
     """
 
     def describe(file: Path) -> int:
@@ -237,7 +237,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
 
 
 def _describe_gains(problem: Problem) -> tuple[str, str, str]:
-    """Return table cells about the gains of the PD controller: value, empty limit, and origin."""
+    """Return table cells for the gains of the PD controller: value, empty limit, and whether given or tuned."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
     options = problem.simulation

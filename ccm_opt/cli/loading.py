@@ -157,7 +157,7 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
-    """Return words about whether a mesh is closed, and which region counts as its interior."""
+    """Return a description of whether a mesh is closed, and of which region counts as its interior."""
     if not body.solid:
         return "surface only (solid = false)"
     if body.closed:

@@ -222,7 +222,8 @@ def _listen(
 
     Args:
         command: process id of the command.
-        hears: receiving end of the pipe of reports; each is a diagnosis, once known, or None.
+        hears: receiving end of the pipe of progress reports. A report is the diagnosis if the reason why no plan exists
+            is known, else None.
         silence: maximum wall time without a report [s].
         name: name of the problem.
         record: function that writes the record of a failure; None for no record.

@@ -33,7 +33,7 @@ def write_new(file: Path, *, space: bool = False) -> int:
         space: whether the arm moves in three dimensions.
 
     Returns:
-        The exit code.
+        The exit code, see ``outcome``.
     """
     template = SPACE_TEMPLATE if space else TEMPLATE
     return run_all([file], lambda place: _write_new(place, template))
@@ -61,7 +61,7 @@ def show_problems(names: Sequence[str], out: Path) -> int:
         out: folder for the copies.
 
     Returns:
-        The exit code.
+        The exit code, see ``outcome``.
     """
     known = listed_problems()
     if not names:

@@ -152,7 +152,7 @@ def export_folder(folder: Path, kind: ExportFormat, out: Path | None = None, **c
         choices: options of ``exported_files``.
 
     Returns:
-        The exit code.
+        The exit code, see ``outcome``.
     """
 
     def export(item: Path) -> int:

@@ -201,8 +201,8 @@ def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
         goal: the next goal.
 
     Returns:
-        The joined path to the latest start of a leg in that pose; None if the goal is not a pose of an arm in space in
-        which a leg began.
+        The legs traversed backwards and joined, as far as the latest leg that began in the goal pose; None if no leg
+        began there, if the goal does not give the pose of the whole arm, or if the arm is planar.
     """
     back: list[JointPath] = []
     for leg in reversed(legs):

@@ -177,7 +177,7 @@ def _refuse_planners_without_gaps(problem: Problem) -> None:
 
 
 def _planning_time(solution: Solution) -> float:
-    """Return the CPU time of a plan without that of the simulation [s]."""
+    """Return the CPU time of all stages that made a plan, except the simulation [s]."""
     return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
 
 

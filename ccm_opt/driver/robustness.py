@@ -29,7 +29,7 @@ _SMALL_LOAD = 0.1
 Taste."""
 
 FAILED = frozenset(("touched", "diverged", "not simulated"))
-"""Outcomes of a simulation that mean an untolerated load; a drive at its limit is tolerated."""
+"""Outcomes of a simulation under a load that count as failure to tolerate the load; saturation of a drive does not."""
 NOT_SIMULATED = "not simulated"
 """Outcome of a simulation whose step is too long for the load; it says nothing about how the arm would move."""
 

@@ -25,7 +25,7 @@ _SAME = 1e-6
 """Distance between two outlines, relative to the drawing's extent, up to which they count as repetitions."""
 
 _ROUND = 1e-7
-"""Minimum chord deviation of a circle, relative to its radius, which gives 7000 corners."""
+"""Minimum chord deviation of the polygon of a circle, relative to its radius; the polygon then has 7000 corners."""
 
 
 def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
@@ -244,13 +244,13 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
 def _filled_inwards(
     solids: Sequence[shapely.MultiPolygon], around: IntArray, inside: BoolArray, order: Sequence[int]
 ) -> shapely.Geometry:
-    """Return the area enclosed by nested rings: filled and cleared level by level, from the outermost ring inwards.
+    """Return the area enclosed by nested rings: filled or cleared one nesting level after the other, outermost first.
 
     Args:
         solids: area enclosed by each of the n rings alone.
         around: number of rings that contain each ring, itself included, shape (n,).
         inside: whether the area just inside each ring is filled, shape (n,).
-        order: indices of the rings, outermost first, filled and cleared levels separated.
+        order: indices of the rings, sorted by ``around`` and then by ``inside``.
     """
     parts: list[shapely.Geometry] = []
     for (_, fills), members in groupby(order, key=lambda k: (around[k], bool(inside[k]))):

@@ -30,8 +30,8 @@ digits."""
 _PATH_TEXT = re.compile(r"[MmZzLlHhVvCcSsQqTtAa0-9eE+\-.,\s]*")
 _COMMAND = re.compile(r"([MmZzLlHhVvCcSsQqTtAa])([^MmZzLlHhVvCcSsQqTtAa]*)")
 _SMOOTH = {"S": ("CS", "c0 0 0 0 0 0"), "T": ("QT", "q0 0 0 0")}
-"""For each smooth curve command of SVG, the commands after which it mirrors a control point, and the text of a curve of
-equal degree and zero length."""
+"""For each smooth curve command of SVG: the commands after which it mirrors their last control point, and the text of a
+curve of the same degree and zero length."""
 _CLOSED = 1e-9
 """Distance between the two ends of a path, relative to its extent, up to which the path counts as closed."""
 

@@ -105,7 +105,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
-    """Return the position of the base within the range of the feed axis that is nearest to a point [m]."""
+    """Return the base position nearest to a point that the feed axis allows [m]; for a fixed base its position."""
     arm = problem.arm
     low, high = arm.base_range
     along = float(np.clip((np.array(place) - arm.base) @ arm.direction, low, high)) if arm.feed else 0.0
@@ -136,7 +136,10 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield marks for joint limits that are too small: the circle that the tip cannot enter, or the most bent arm."""
+    """Yield marks for joint limits that are too small.
+
+    These are the circle that the tip cannot enter, or the arm bent as far as possible to both sides.
+    """
     arm = problem.arm
     if finding.unit == "m" and finding.allowed is not None:
         base = _listed(arm.base)

@@ -107,7 +107,9 @@ class Film:
 def _arm(
     axes: Axes, points: FloatArray, radii: FloatArray, colours: tuple[str, str], opacity: float
 ) -> list[tuple[Line2D, slice]]:
-    """Draw an arm's body, a union of capsules, and its axis, and return the lines with the joints of each.
+    """Draw an arm's body, a union of capsules, and its axis, and return each line with the joints on it.
+
+    The joints are a slice of joints and tip.
 
     Args:
         axes: axes to draw in.

@@ -79,7 +79,8 @@ def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tu
 
 
 _STILL = 1e-9
-"""Peak of a revolute joint, relative to the largest, up to which its values are rounding errors and get no curve."""
+"""Peak value of a revolute joint, as a fraction of the largest of all joints, up to which it gets no curve, since its
+values are rounding errors."""
 
 
 _LEAST_TRACKING = 0.01

@@ -36,7 +36,8 @@ SPACE_DOTS_PER_INCH = 110
 _LEAST_TRIANGLES = 200
 """Minimum number of triangles allowed to each obstacle, however many obstacles there are."""
 _FEWEST_SIDES = 12
-"""Number of sides of spheres, cylinders and capsules if many obstacles must share the triangles."""
+"""Number of sides with which spheres, cylinders and capsules are drawn if there are many obstacles, which share the
+maximum number of triangles."""
 _GLASS_PIXELS = 700
 """Resolution at which obstacles are rendered: pixels of the longer side of a view."""
 

@@ -104,7 +104,7 @@ def comparison_page(comparison: Comparison) -> str:
 def _data(comparison: Comparison) -> dict[str, object]:
     """Return the data that the report's scripts read.
 
-    Lengths have linear axes, since clearances may be 0.
+    Charts of lengths have linear instead of logarithmic axes, since clearances may be 0.
     """
     intervals = {name: comparison.solved(name)[1] for name in comparison.methods}
     return {
