@@ -136,7 +136,7 @@ def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
 
 
 def _turn_words(end: FloatArray) -> str:
-    """Return a curve segment's angle and azimuth of turn as text, given its end direction in its start frame."""
+    """Return a curve segment's angle and azimuth of turn as text, given its end direction in its start frame (3,)."""
     turn = np.rad2deg(np.arctan2(np.hypot(end[1], end[2]), end[0]))
     azimuth = np.rad2deg(np.arctan2(end[2], end[1]))
     return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"

@@ -50,7 +50,8 @@ _ORDER = (
 _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
 )
-"""Pattern of the names of checks that concern only a plan's own data, or the reserve that limits leave to control."""
+"""Pattern of the names of checks that concern only the consistency of a plan's data, or the fraction of the limits that
+plans may use."""
 _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
 """Pattern of the path parameter at which a constraint comes nearest to its bounds; used only if no time is given."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")

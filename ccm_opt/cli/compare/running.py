@@ -309,7 +309,7 @@ def compare(
         progress: function called with every finished run.
 
     Raises:
-        ProblemError: a method is unknown, the journal cannot be written, or the cluster is gone.
+        ProblemError: a method is unknown, the journal cannot be written, or the connection to the cluster is lost.
     """
     rows = [[Task(case, method, time_limit, code_of(method)) for method in methods] for case in cases]
     # A comparison that was interrupted goes on where it stopped.
