@@ -124,7 +124,7 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
 
 
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
-    """Return the point on each segment (..., 2, 2) nearest to a point (..., 2) each, broadcast to (..., 2) [m]."""
+    """Return, per pair, the point on a segment (..., 2, 2) nearest to a point (..., 2), broadcast to (..., 2) [m]."""
     tail = segments[..., 0, :]
     along = segments[..., 1, :] - tail
     fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)

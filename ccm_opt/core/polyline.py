@@ -102,7 +102,7 @@ def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) 
 
 
 def leg_indices(arcs: FloatArray, places: FloatArray) -> IntArray:
-    """Return the index of the leg of a polyline that contains each of several arc lengths, of the shape of ``places``.
+    """Return the indices of a polyline's legs that contain given arc lengths, in the shape of ``places``.
 
     At a vertex this is the later leg, beyond the ends the first or last leg.
 

@@ -202,7 +202,7 @@ def _closed_off_goals(problem: Problem, until: Deadline) -> Iterator[AxisPaths]:
 
 
 def _is_detour(paths: AxisPaths) -> bool:
-    """Return whether the shortest axis path is known and not straight, so that more than reach alone is lacking."""
+    """Return whether it is proved that the shortest axis path is notably longer than the straight line."""
     straight = float(np.linalg.norm(paths.place.goal.position - paths.arm.base)) - paths.place.tolerances.position
     return paths.shortest_is_proved and paths.least > (1.0 + _DETOUR) * straight
 

@@ -71,7 +71,7 @@ def gaps_of(workspace: Workspace) -> Gaps:
 
 
 def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
-    """Return the names of the obstacles nearest to a position, and of others hardly farther away, the nearest first.
+    """Return the names of the nearest obstacle to a position and of others at a similar distance, the nearest first.
 
     Args:
         gaps: distances from the obstacles of the workspace.

@@ -53,7 +53,7 @@ _ROUNDS = 60
 _ROUNDS_A_PIECE = 3
 """Number of relaxation rounds after which the chords, which begin shorter than links, become longer by a piece."""
 _DIVIDED = (8, 20, 35)
-"""Indices of the rounds before which the path is divided anew, as it has become longer or shorter."""
+"""Indices of the rounds before which the path is divided into pieces anew, since its length has changed."""
 _GIVEN = 1e9
 """Stiffness of given points, which keeps them from moving."""
 _STILL = 0.005

@@ -265,7 +265,7 @@ class FedSpace(LinkSpace):
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return M⁻¹ Rᵀ, shape (p, k), for derivatives R (k, p), restricted to joints outside the guide tube at a pose.
+        """Return M⁻¹ Rᵀ, shape (p, k), for derivatives R of k quantities, shape (k, p), at a pose.
 
         M is the metric of squared link turns. Entries of the base and of joints in the tube are 0; these do not move.
         """

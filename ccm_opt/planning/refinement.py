@@ -75,7 +75,7 @@ _RAISED_RIDGE = 1e-2
 """Value to which a smaller damping of the fit is raised, before it is multiplied by ``_RIDGE_RISE``, after a step that
 does not reduce the error."""
 _RIDGE_RISE = 10.0
-"""Factor by which the damping of the fit rises after a step that does not reduce the error, and falls after others."""
+"""Factor by which the fit's damping rises after a step that does not reduce the error, and falls otherwise."""
 
 
 def refine_motion(motion: Motion, task: MotionTask) -> Motion | None:
@@ -206,7 +206,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 
 
 def coarse_task(task: MotionTask) -> MotionTask | None:
-    """Return a planar task for an arm of equal length with as few links as the passages permit, or None.
+    """Return a planar task for an arm of the same length with as few links as the passages permit, or None.
 
     The result is None if planning with fewer links does not pay or is not possible: with user limits, a clamped base, a
     feed axis, links of different lengths, or gates.

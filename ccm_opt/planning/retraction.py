@@ -27,8 +27,8 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
 _LONGEST_ERROR = 1.0
-"""Largest position error of a joint that a step is required to correct; longer ones are shortened to it, in nominal
-links. Taste."""
+"""Largest position error of a joint that a step is required to correct, in nominal links; larger ones are corrected
+in part. Taste."""
 _STRAND_WEIGHT = 1.0
 """Weight of the position errors of the joints that slide back along the old shape, per nominal link. Taste."""
 _HEADING_WEIGHT = 0.3
@@ -221,7 +221,7 @@ def withdrawals(
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
-    """Return whether the arm lies in a passage too narrow for twice the arm, or long in passages too narrow for a fold.
+    """Return whether the arm lies in a passage too narrow for a second strand, or far in ones too narrow for a fold.
 
     Args:
         stepper: solver of QP steps.

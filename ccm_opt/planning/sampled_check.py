@@ -24,7 +24,7 @@ POSE_SPACING = 0.75
 """Distance that the tip moves between two checked poses, as a multiple of the distance that the arm's centre line has
 to keep from walls. Taste: the certificate finds contacts between them."""
 LEAST_SPACING = 0.005
-"""Minimum of the spacings of poses and of points on links, as a fraction of the arm's length. Taste: for thin arms."""
+"""Least spacing of poses and of points on links, as a fraction of the arm's length. Taste: for thin arms."""
 
 _CELLS = 2000
 """Number of cells of the raster along each side of the square within reach. Taste: 4 million cells are filled in some

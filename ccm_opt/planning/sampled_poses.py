@@ -63,8 +63,8 @@ _CHAIN_BENDS = 0.98
 _ALIKE = 0.03
 """Largest distance between joints of two poses up to which the poses count as one, in arm lengths. Taste."""
 _CONTROLS = (3, 9)
-"""Range (first included, last excluded) of the number of control values between which a smooth shape's curvature is
-linear."""
+"""Least number of control values of a smooth shape's curvature, which is linear in between, and one more than the
+greatest."""
 _BENT = 0.7
 """Maximum standard deviation of the curvature at a control, as a fraction of the largest one that the joints permit.
 Measured in two confined scenes: with half as much, trees take twice as long to meet."""

@@ -83,7 +83,7 @@ _WITHDRAWN_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SpaceRun(SearchRun[SpaceTask, CurveMap]):
-    """Search for a motion in space, in the unknowns of one curve map."""
+    """Search for a motion in space, all of whose poses are given by the unknowns of one ``CurveMap``."""
 
     stepper: SpaceStepper
 
@@ -366,7 +366,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ led to poses of the whole arm, and drawn
     def to_poses(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion to a pose at the goal, or None: linear in the unknowns, or via poses with smaller bends.
+        """Return a motion to a pose at the goal, or None if none is found.
+
+        Straight lines in the unknowns to a few poses are tried first, then, on a fixed base, straightening the arm,
+        turning it and bending it again.
 
         Goals of the tip are first replaced by a few poses of the whole arm with the tip at the goal.
         """
@@ -457,7 +460,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return SampledMotions(task.arm, task.tree, task.clearance, task.scene)
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
-        """Return an iterator over the goal pose of the whole arm, or over poses sampled at the goal of the tip."""
+        """Return an iterator over poses at the goal: that of the whole arm, or poses sampled at the tip's goal."""
         if self.goal.coordinates is None:
             return goal_poses(self.task, self.stepper, rng)
         return iter([self.stepper.pose(self.goal.coordinates)])

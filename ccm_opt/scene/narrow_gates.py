@@ -30,15 +30,15 @@ Membership = Callable[[FloatArray], BoolArray]
 
 @dataclass(frozen=True)
 class GateRuns:
-    """Definition of narrow gates, and length for which paths run straight before and after such gates.
+    """Definition of narrow gates, and of the straight runs of paths before and after such gates.
 
     Attributes:
         narrow: width of free space below which a passage is a narrow gate [m].
-        run: length of the straight runs, where these are free [m].
+        run: greatest length of a straight run, which is shortened until it is free [m].
         base: base of the arm, around which no gate counts as narrow, shape (2,) [m].
         about_base: distance from the base within which no gate counts as narrow [m].
         samples: number of points of a run that are checked to be free.
-        shortenings: fractions of the run that are tried, in order.
+        shortenings: fractions of the straight run that are tried, in order.
     """
 
     narrow: float
@@ -214,7 +214,7 @@ class EdgeMetric:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Sample points on the edges of each of T triangles, equal from either side, shape (T, 3, m, 2) [m]."""
+        """Sample points on the edges of each of T triangles, the same from either side, (T, 3, m, 2) [m]."""
         mesh = self.triangulation
         forward = mesh.triangles < np.roll(mesh.triangles, -1, axis=1)
         tails = mesh.corners

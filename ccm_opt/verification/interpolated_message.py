@@ -33,7 +33,7 @@ LONGEST_STEP = 1e-3
 MOST_STEPS = 50_000
 """Largest number of steps, unless the message has more points; longer steps only loosen the bounds. Taste."""
 MOST_PIECES = 32
-"""Number of parts into which a step of the verified motion is divided to bound the deviation. Taste."""
+"""Number of equal parts into which a step of the verified motion is divided to bound the deviation. Taste."""
 _SAMPLE_PIECES = 3
 """Number of parts into which a step is divided to bound the deviation if every sample is a point of the message.
 

@@ -31,7 +31,7 @@ TOUCHING = 1e-4
 _PROBES = 8
 """Number of sample times at which the nearest surface is searched for first. Taste."""
 _FAN = 8
-"""Number of children of a box in the bounding-box tree."""
+"""Largest number of children of a box in the bounding-box tree."""
 _ALONG = 0.01
 """Largest fraction of a link's travel that is sideways while the link still counts as sliding along its axis. Taste."""
 

@@ -136,6 +136,6 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:
-    """Return the norms of m rows of derivatives with respect to link headings, (m, c), at least a tiny number, (m,)."""
+    """Return the norms of m gradients with respect to link headings, (m, c), as an array (m,) of positive numbers."""
     norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms

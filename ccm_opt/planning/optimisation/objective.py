@@ -156,7 +156,7 @@ class Objective:
         return np.asarray(self._share * (way + time) * (1.0 if self.scale is None else self.scale**2))
 
     def _turns(self, weights: FloatArray) -> FloatArray:
-        """Return the weight matrix of the unknowns, (p, p), for weights of the squared coordinates, (c,) or ()."""
+        """Return the weight matrix of the unknowns, (p, p), that weights (c,) or () of squared coordinates imply."""
         rows = self.curve.drive_rows
         return np.asarray(rows.T @ (np.broadcast_to(weights, len(rows))[:, None] * rows))
 
