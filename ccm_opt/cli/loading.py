@@ -27,8 +27,8 @@ _MOST_LEFT_OUT = 10
 """Maximum number of layers of a drawing, and of elements left out, that are listed without --verbose."""
 
 _SAME_SIZE = 1e-3
-"""Maximum relative difference between stated and imported size of a drawing that is not reported. Taste: sizes of pages
-are rounded."""
+"""Maximum relative difference between stated and imported size of a drawing that is not reported. Heuristic: sizes of
+pages are rounded."""
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 
@@ -185,11 +185,11 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
 
 FASTEST = {"/s": 10.0, "/s²": 200.0}
 """Speed in arm lengths per second, and acceleration in arm lengths per second², above which a limit probably has a
-wrong unit. Taste: linear motors of one
+wrong unit. Heuristic: linear motors of one
 metre reach about 5 m/s and 100 m/s²."""
 SLOWEST = 5e-4
 """Speed in arm lengths per second, or acceleration in arm lengths per second², below which a limit probably has a wrong
-unit; at this speed, one arm length takes half an hour. Taste."""
+unit; at this speed, one arm length takes half an hour. Heuristic."""
 STRONGEST_GRAVITY = 50.0
 """Gravity above which the unit is probably wrong: twice that of Jupiter; that of Earth is 9810 in mm/s² [m/s²]."""
 

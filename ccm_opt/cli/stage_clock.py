@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 STATUS_REFRESHES = 4.0
-"""Refresh rate of the line that shows the current stage [1/s]. Taste."""
+"""Refresh rate of the line that shows the current stage [1/s]. Heuristic."""
 FIRST_LINE_AFTER = 3.0
-"""Wall time after which progress is first printed if stderr is not a terminal [s]. Taste."""
+"""Wall time after which progress is first printed if stderr is not a terminal [s]. Heuristic."""
 LINE_EVERY = 3.0
-"""Minimum wall time between two printed lines of progress [s]. Taste."""
+"""Minimum wall time between two printed lines of progress [s]. Heuristic."""
 
 
 def _moment() -> tuple[float, float]:
@@ -142,9 +142,9 @@ SILENT_LIMITS = 3.0
 """Wall time without a progress report after which planning is ended from outside, as a multiple of the time limit;
 ``GRACE`` is added. Derived: planning should end by itself after three times the time limit in wall time."""
 GRACE = 60.0
-"""Wall time added to ``SILENT_LIMITS`` time limits [s]. Taste: far longer than stages without a time limit take."""
+"""Wall time added to ``SILENT_LIMITS`` time limits [s]. Heuristic: far longer than stages without a time limit take."""
 PATIENCE = 2.0
-"""Time to wait for a process to end before it is killed [s]. Taste."""
+"""Time to wait for a process to end before it is killed [s]. Heuristic."""
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 WALL_GUARD = 3.0
 """Wall time allowed per second of CPU time before a search is stopped regardless.
 
-Taste: on a machine with three times as many busy processes as cores, every search still gets its full CPU time.
+Heuristic: on a machine with three times as many busy processes as cores, every search still gets its full CPU time.
 """
 
 

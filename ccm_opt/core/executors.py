@@ -27,15 +27,15 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.threads import in_background
 
 _TASKS_PER_PROCESS = 2
-"""Number of tasks in flight per worker process of this machine. Taste."""
+"""Number of tasks in flight per worker process of this machine. Heuristic."""
 _TASKS_PER_THREAD = 4
-"""Number of tasks in flight per worker thread of a cluster. Taste."""
+"""Number of tasks in flight per worker thread of a cluster. Heuristic."""
 _LEAST_ON_CLUSTER = 64
-"""Least number of tasks in flight on a cluster, so that short tasks do not wait for the network. Taste."""
+"""Least number of tasks in flight on a cluster, so that short tasks do not wait for the network. Heuristic."""
 _LOOK_EVERY = 0.5
-"""Interval at which the connection to a cluster is checked while no result arrives [s]. Taste."""
+"""Interval at which the connection to a cluster is checked while no result arrives [s]. Heuristic."""
 _FAREWELL = 2.0
-"""Time allowed for closing the connection to a cluster [s]. Taste."""
+"""Time allowed for closing the connection to a cluster [s]. Heuristic."""
 MESSAGES_KEPT = "distributed.admin.low-level-log-length"
 """Key in the configuration of Dask for the number of recent messages that Dask retains for debugging."""
 RESULT = TypeVar("RESULT")

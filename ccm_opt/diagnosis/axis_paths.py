@@ -26,17 +26,17 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DETOUR = 1e-3
-"""Relative excess of the shortest path over the straight line below which only the arm's reach is blamed. Taste."""
+"""Relative excess of the shortest path over the straight line below which only the arm's reach is blamed. Heuristic."""
 _NARROW = 1.5
-"""Passages narrower than this number of diameters are reported as tight, though not proved too narrow. Taste."""
+"""Passages narrower than this number of diameters are reported as tight, though not proved too narrow. Heuristic."""
 _SHORT = 1.08
-"""Arms shorter than this multiple of the shortest axis path are reported as barely long enough. Taste."""
+"""Arms shorter than this multiple of the shortest axis path are reported as barely long enough. Heuristic."""
 _STIFF = 1.25
-"""Turns that admit an arc of less than this multiple of the tightest radius are reported as tight. Taste."""
+"""Turns that admit an arc of less than this multiple of the tightest radius are reported as tight. Heuristic."""
 _LEAST_TURN = 0.3490658503988659
-"""Turns of an axis path below this angle are not reported [rad]. Taste: 20°."""
+"""Turns of an axis path below this angle are not reported [rad]. Heuristic: 20°."""
 _SPANNED = 0.99
-"""Ratio of two widths below which the narrower axis path is reported in addition to the wider. Taste."""
+"""Ratio of two widths below which the narrower axis path is reported in addition to the wider. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 
 _RASTER_CELLS = 200
-"""Cells per link along a side of the raster of blocked positions. Taste: a hundredth of a link."""
+"""Cells per link along a side of the raster of blocked positions. Heuristic: a hundredth of a link."""
 
 _SHARES = (0.1, 0.1, 0.3)
 """Size of cells for one, two and three links: how far a point of the arm may move within half a cell.
@@ -42,13 +42,13 @@ The value is a fraction of the distance that the axis must keep from walls.
 Measured with 8 unreachable whole-arm goals among 30 polygons: two links prove 5 in 5 ms, three links 2 more in 0.2 s.
 """
 _MOST_CELLS = 4_000_000
-"""Number of cells above which the turning check is skipped. Taste: one second, for joints that turn by 90°."""
+"""Number of cells above which the turning check is skipped. Heuristic: one second, for joints that turn by 90°."""
 _PLACES = 5
-"""Number of points tested for contact along a link. Taste: more hardly prove more."""
+"""Number of points tested for contact along a link. Heuristic: more hardly prove more."""
 _MOST_REMOVED = 4
-"""Largest number of obstacles whose removal is tried one at a time, nearest to the base first. Taste."""
+"""Largest number of obstacles whose removal is tried one at a time, nearest to the base first. Heuristic."""
 _BISECTIONS = 5
-"""Number of bisections for the arm radius with which the first links could turn. Taste: 3 %."""
+"""Number of bisections for the arm radius with which the first links could turn. Heuristic: 3 %."""
 _ROUNDING = 1e-9
 """Tolerance of bends [rad] and relative tolerance of lengths. Derived: exceeds all rounding errors together."""
 

@@ -9,11 +9,11 @@ class TrialSettings:
     """Time limits of trials, in which changed problems are solved to see whether a change helps.
 
     Attributes:
-        longest_try: CPU time limit of one trial [s]. Taste.
-        longest_further_try: CPU time limit of one trial once a helpful change is known [s]. Taste.
-        longest_search: CPU time limit of causes and trials together, counted from when a cause is known [s]. Taste:
+        longest_try: CPU time limit of one trial [s]. Heuristic.
+        longest_further_try: CPU time limit of one trial once a helpful change is known [s]. Heuristic.
+        longest_search: CPU time limit of causes and trials together, counted from when a cause is known [s]. Heuristic:
             users who wait for changes already have the cause.
-        patience: CPU time after which no new trial starts once a helpful change is known [s]. Taste.
+        patience: CPU time after which no new trial starts once a helpful change is known [s]. Heuristic.
     """
 
     longest_try: float = 2.5

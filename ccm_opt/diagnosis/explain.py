@@ -32,7 +32,7 @@ from ccm_opt.scene.narrow_gates import nearest_walls
 _THOUSAND = (100.0, 10000.0)
 """Range of the ratio of two lengths that suggests metres mixed with millimetres, as least and greatest value.
 
-Taste: in a common unit, such lengths mostly differ by at most a factor of ten.
+Heuristic: in a common unit, such lengths mostly differ by at most a factor of ten.
 """
 _THICK = (1.0, 1000.0)
 """Range of the ratio of a radius or clearance to the arm's length that suggests metres mixed with millimetres.
@@ -40,13 +40,13 @@ _THICK = (1.0, 1000.0)
 Derived: arms are about ten to a thousand times as long as either.
 """
 _SMALL_WORKSPACE = 0.01
-"""Size of the room, as a fraction of the arm's length, below which its unit looks wrong. Taste."""
+"""Size of the room, as a fraction of the arm's length, below which its unit looks wrong. Heuristic."""
 _GUESSED = ("too stiff",)
 """Kinds of findings that, unless proved, rest on a single axis path that was found, not on a bound for all paths."""
 _MOST_FAILED = 4
-"""Largest number of reported changes that did not help. Taste."""
+"""Largest number of reported changes that did not help. Heuristic."""
 _HARDLY_BENDS = 1.5707963267948966
-"""Sum of all joint limits below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
+"""Sum of all joint limits below which a limit of a few degrees looks like radians [rad]. Heuristic: a right angle."""
 
 
 def suspected_causes(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
@@ -129,7 +129,7 @@ def _hints(problem: Problem) -> Iterator[str]:
 _ADVISED_STEPS = (0.0, 0.25, 0.6, 1.0)
 """Steps beyond a bound, as fractions of the bound, at which changes are tested by the necessary checks alone.
 
-Such tests replace trial solves if every trial solve failed. Taste.
+Such tests replace trial solves if every trial solve failed. Heuristic.
 """
 
 

@@ -20,14 +20,14 @@ _SAMPLES = np.linspace(0.0, 1.0, 9)
 _STEP = 2e-3
 """Spacing of the points of the arm's axis at which its depth in a polygon is measured [m]."""
 _BESIDE = 1.3
-"""Multiple of the nearest obstacle's distance up to which obstacles count as near a position. Taste."""
+"""Multiple of the nearest obstacle's distance up to which obstacles count as near a position. Heuristic."""
 _FAR = 1e9
 """Length that exceeds any distance in a scene [m]."""
 _MOST_BESIDE = 3
-"""Largest number of obstacles that are reported as near a position. Taste."""
+"""Largest number of obstacles that are reported as near a position. Heuristic."""
 
 _FIRST_STEP = 0.1
-"""First displacement from a position, as a fraction of the distance that must be kept. Taste."""
+"""First displacement from a position, as a fraction of the distance that must be kept. Heuristic."""
 
 WORKSPACE_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
 """Names of the boundaries of the workspace, which cannot be removed like obstacles."""

@@ -25,33 +25,33 @@ from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
 
 _NEAR = 4.0
-"""Half the side of the cube searched around the goal in space, as a multiple of radius plus clearance. Taste."""
+"""Half the side of the cube searched around the goal in space, as a multiple of radius plus clearance. Heuristic."""
 _STRETCH = 0.99
-"""Fraction of its length that an arm can be expected to reach. Taste."""
+"""Fraction of its length that an arm can be expected to reach. Heuristic."""
 _TURN_STEP = 0.03490658503988659
-"""Angular step between tested directions [rad]. Taste: 2°."""
+"""Angular step between tested directions [rad]. Heuristic: 2°."""
 _STEPS = (0.045, 0.3, 1.0)
 """Displacements of the goal beyond the nearest admissible position or direction, as fractions.
 
 For positions they are fractions of the displacement or of the arm's length, whichever is less; for directions, of the
-rotation. Taste: a pose that is free for the last link may not be for the preceding links.
+rotation. Heuristic: a pose that is free for the last link may not be for the preceding links.
 """
 _CELL = 0.02
-"""Spacing of the grid of positions tried in the plane, as a fraction of the arm's length. Taste."""
+"""Spacing of the grid of positions tried in the plane, as a fraction of the arm's length. Heuristic."""
 _MOST_LOOKED_AT = 200
-"""Largest number of positions that are tested. Taste: about 5 ms each."""
+"""Largest number of positions that are tested. Heuristic: about 5 ms each."""
 _MOST_PLACES = 60
-"""Largest number of tested positions of a planar grid, spread over the grid. Taste: about 10 ms each."""
+"""Largest number of tested positions of a planar grid, spread over the grid. Heuristic: about 10 ms each."""
 _LINK_SAMPLES = 5
-"""Number of points along the last link, with its ends, that must be free. Taste."""
+"""Number of points along the last link, with its ends, that must be free. Heuristic."""
 _CELLS = 20_000
-"""Number of cells of each of two grids in space: around the goal, and over the arm's reach. Taste."""
+"""Number of cells of each of two grids in space: around the goal, and over the arm's reach. Heuristic."""
 _APART = 0.2
-"""Least spacing of tested positions in space, as a fraction of their distance from the goal. Taste."""
+"""Least spacing of tested positions in space, as a fraction of their distance from the goal. Heuristic."""
 _AROUND = 6
-"""Number of directions, evenly around a direction in space, towards which that direction is turned. Taste."""
+"""Number of directions, evenly around a direction in space, towards which that direction is turned. Heuristic."""
 _LONGEST_LOOK = 3.0
-"""CPU time limit of the search for a position, and of that for a direction [s]. Taste."""
+"""CPU time limit of the search for a position, and of that for a direction [s]. Heuristic."""
 _DECIMALS = 4
 """Decimals of the components of a reported direction, which is then off by at most a hundredth of a degree."""
 

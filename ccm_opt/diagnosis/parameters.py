@@ -21,9 +21,10 @@ Write = Callable[[Any, float], Any]
 
 
 _FIGURES = 4
-"""Significant digits of a reported value, which is rounded to the easier side before the problem is solved. Taste."""
+"""Significant digits of a reported value, which is rounded to the easier side before the problem is solved.
+Heuristic."""
 _BOUNDS_MARGIN = 0.02
-"""Margin beyond radius and clearance when bounds are widened, as a fraction of the arm's length. Taste."""
+"""Margin beyond radius and clearance when bounds are widened, as a fraction of the arm's length. Heuristic."""
 _FAR = 0.05
 """Relative distance from its bound above which a value is reported together with the bound.
 

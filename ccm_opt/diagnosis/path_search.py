@@ -24,17 +24,17 @@ from ccm_opt.scene.workspace import Workspace
 FINEST = 0.04
 """Least size of split cubes, as a fraction of the required distance.
 
-Taste: the distance from surfaces is then known to a twentieth.
+Heuristic: the distance from surfaces is then known to a twentieth.
 """
 _MOST_CELLS = 300_000
-"""Number of cubes at which a search is given up. Taste: 0.1 GB and several seconds."""
+"""Number of cubes at which a search is given up. Heuristic: 0.1 GB and several seconds."""
 _SPREAD = 1
-"""Number of undecided cubes, beyond those of the chain with the fewest, up to which a chain is split. Taste."""
+"""Number of undecided cubes, beyond those of the chain with the fewest, up to which a chain is split. Heuristic."""
 
 _MOST_ROUNDS = 60
-"""Number of rounds of splitting at which a search is given up. Taste."""
+"""Number of rounds of splitting at which a search is given up. Heuristic."""
 _MOST_INSIDES = 100
-"""Largest number of connected groups of cubes per round that are tested for being inside bodies. Taste."""
+"""Largest number of connected groups of cubes per round that are tested for being inside bodies. Heuristic."""
 
 Answer: TypeAlias = Literal["closed", "open", "not known"]
 

@@ -26,18 +26,18 @@ from ccm_opt.scene.narrow_gates import nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 
 _FINENESS = 1e-3
-"""Relative accuracy of the largest inflation of obstacles that leaves an axis path open. Taste."""
+"""Relative accuracy of the largest inflation of obstacles that leaves an axis path open. Heuristic."""
 _ARC_SIDES = 12
-"""Number of polygon sides per quarter circle; inscribed arcs lose 0.2 % of their radius. Taste."""
+"""Number of polygon sides per quarter circle; inscribed arcs lose 0.2 % of their radius. Heuristic."""
 _MOST_REMOVED = 16
-"""Largest number of obstacles whose removal is tried, nearest to the narrow passage first. Taste."""
+"""Largest number of obstacles whose removal is tried, nearest to the narrow passage first. Heuristic."""
 _BEYOND = 1.01
 """Inflation of obstacles that closes the narrowest passage, as a multiple of the largest inflation that leaves it open.
 
-Taste: ten times the relative accuracy of that inflation.
+Heuristic: ten times the relative accuracy of that inflation.
 """
 _MOST_CORNERS = 2000
-"""Largest number of corners of free space for which the shortest axis path is proved. Taste."""
+"""Largest number of corners of free space for which the shortest axis path is proved. Heuristic."""
 
 
 def shortest_path_length(

@@ -8,7 +8,7 @@ from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.problem import Problem
 
 _FINDINGS = 5
-"""Largest number of reported findings. Taste."""
+"""Largest number of reported findings. Heuristic."""
 
 KINDS = (
     "constraint",

@@ -16,11 +16,11 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DIRECTIONS = 1000
-"""Number of directions over the sphere along which the arm's shortfall is evaluated. Taste: 6° apart."""
+"""Number of directions over the sphere along which the arm's shortfall is evaluated. Heuristic: 6° apart."""
 _REFINEMENTS = 8
-"""Number of refinements around the direction of greatest shortfall, each at half the spacing. Taste: to 0.1°."""
+"""Number of refinements around the direction of greatest shortfall, each at half the spacing. Heuristic: to 0.1°."""
 _DIRECTIONS_NEAR = 50
-"""Number of directions evaluated per refinement. Taste."""
+"""Number of directions evaluated per refinement. Heuristic."""
 
 
 def within_reach(problem: Problem) -> Iterator[Finding]:

@@ -25,25 +25,25 @@ from ccm_opt.diagnosis.parameters import (
 from ccm_opt.problem import Problem
 
 _STEPS = (0.045, 0.1, 0.2, 0.4)
-"""Steps beyond its bound at which a parameter is tried, as fractions of the bound, until one succeeds. Taste."""
+"""Steps beyond its bound at which a parameter is tried, as fractions of the bound, until one succeeds. Heuristic."""
 _CLOSE = 0.048
 """Relative width of the bracket between failed and successful values at which bisection ends.
 
 Derived: slightly more than the first step relative to the value there, so a success at the first step is accepted.
 """
 _LEAST_TIME = 0.05
-"""Least remaining time for which a trial is started [s]. Taste."""
+"""Least remaining time for which a trial is started [s]. Heuristic."""
 _ENOUGH = 4
-"""Number of successful changes after which the search ends. Taste."""
+"""Number of successful changes after which the search ends. Heuristic."""
 
 _GUESSED_STEPS = (0.1, 0.25, 0.5)
-"""Steps from the given value at which a parameter without a known bound is tried, as fractions. Taste."""
+"""Steps from the given value at which a parameter without a known bound is tried, as fractions. Heuristic."""
 _TRY_SHARE = 0.5
-"""Fraction of the remaining time that one trial may use. Taste."""
+"""Fraction of the remaining time that one trial may use. Heuristic."""
 _MOST_DROPPED = 3
-"""Largest number of user-defined constraints and costs that are dropped, each in its own trial. Taste."""
+"""Largest number of user-defined constraints and costs that are dropped, each in its own trial. Heuristic."""
 _MOST_OMITTED = 2
-"""Largest number of obstacles that are removed, each in its own trial. Taste."""
+"""Largest number of obstacles that are removed, each in its own trial. Heuristic."""
 
 Solve: TypeAlias = Callable[..., object]
 """Function that plans, times and verifies a problem, optionally without a user-defined term of a given name.

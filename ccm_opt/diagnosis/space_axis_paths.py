@@ -26,34 +26,34 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Workspace
 
 _SECONDS = 8.0
-"""CPU time limit of the search for one goal [s]. Taste: half of the time for causes and changes together."""
+"""CPU time limit of the search for one goal [s]. Heuristic: half of the time for causes and changes together."""
 _CELLS = 20_000
-"""Initial number of cubes. Taste: thirty along a side of the room."""
+"""Initial number of cubes. Heuristic: thirty along a side of the room."""
 _FINENESS = 0.03
-"""Relative accuracy of the distance from obstacles of the widest axis path. Taste."""
+"""Relative accuracy of the distance from obstacles of the widest axis path. Heuristic."""
 _LEAST = 0.3
-"""Fraction of the required distance below which axis paths are reported as closed altogether. Taste."""
+"""Fraction of the required distance below which axis paths are reported as closed altogether. Heuristic."""
 _DETOUR = 1.5
-"""Multiple of the arm's length up to which axis paths are searched for. Taste."""
+"""Multiple of the arm's length up to which axis paths are searched for. Heuristic."""
 _HALVINGS = 3
-"""Number of bisections for the link length that would suffice. Taste."""
+"""Number of bisections for the link length that would suffice. Heuristic."""
 _REACH = 8.0
-"""Multiple of the required distance at which distances from surfaces are capped. Taste."""
+"""Multiple of the required distance at which distances from surfaces are capped. Heuristic."""
 _MOST_REMOVED = 8
-"""Largest number of obstacles whose removal is tried, nearest to the straight line to the goal first. Taste."""
+"""Largest number of obstacles whose removal is tried, nearest to the straight line to the goal first. Heuristic."""
 _PULLS = 6
 """Number of shortening passes over an axis path. Measured: six come within 2 % of the shortest around one edge."""
 _PLACES = 9
-"""Number of points tested along each straight part of an axis path. Taste."""
+"""Number of points tested along each straight part of an axis path. Heuristic."""
 
 _MORE_CELLS = 40_000
-"""Number of cubes added at each width when the widest axis path is searched for. Taste."""
+"""Number of cubes added at each width when the widest axis path is searched for. Heuristic."""
 _FLOOR_CELLS = 150_000
-"""Number of cubes added to decide whether there is an axis path of any useful width. Taste."""
+"""Number of cubes added to decide whether there is an axis path of any useful width. Heuristic."""
 _DETOUR_CELLS = 15_000
-"""Number of cubes added to find an axis path longer than the arm. Taste: wide paths are found at once."""
+"""Number of cubes added to find an axis path longer than the arm. Heuristic: wide paths are found at once."""
 _PULL_STEPS = 5
-"""Number of halvings of a corner's displacement when an axis path is shortened. Taste."""
+"""Number of halvings of a corner's displacement when an axis path is shortened. Heuristic."""
 
 
 def space_axis_paths(problem: Problem, until: Deadline) -> Iterator["SpaceAxisPaths"]:

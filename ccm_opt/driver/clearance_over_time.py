@@ -29,13 +29,13 @@ class ClearanceSettings:
 
     Attributes:
         samples: maximum number of samples at which clearance is recorded, besides start, goal and stops of the motion.
-            The minimum clearance of the motion does not depend on this number. Taste: more than a chart shows.
-        enough: fraction of the preferred clearance below which a shortfall is recorded. Taste: planning keeps the
+            The minimum clearance of the motion does not depend on this number. Heuristic: more than a chart shows.
+        enough: fraction of the preferred clearance below which a shortfall is recorded. Heuristic: planning keeps the
             preferred clearance by soft constraints, which may be violated a little.
-        reach: search distance, at which recorded clearances are capped, as a fraction of the arm's length. Taste:
+        reach: search distance, at which recorded clearances are capped, as a fraction of the arm's length. Heuristic:
             several times the default preferred clearance.
         reach_wanted: alternative search distance, as a multiple of the preferred clearance; the larger of the two
-            search distances applies. Taste.
+            search distances applies. Heuristic.
     """
 
     samples: int = 240

@@ -15,16 +15,16 @@ from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 
 _FIRST_LOOKS = 40
 """Number of samples at which clearances of the simulated arm are measured first, to determine the search distance for
-all samples. Taste: for 9500 samples of an example problem in space, this first pass takes a hundredth of the time of
-searching all samples up to one link length."""
+all samples. Heuristic: for 9500 samples of an example problem in space, this first pass takes a hundredth of the time
+of searching all samples up to one link length."""
 _LEAST_REACH = 1.0 / 16.0
-"""Minimum search distance for clearances at all samples, in link lengths. Taste."""
+"""Minimum search distance for clearances at all samples, in link lengths. Heuristic."""
 _STEP_HALVINGS = 4
-"""Maximum number of times that the integration step is halved before the arm is reported not to follow the plan. Taste:
-a sixteenth of the step takes sixteen times as long."""
+"""Maximum number of times that the integration step is halved before the arm is reported not to follow the plan.
+Heuristic: a sixteenth of the step takes sixteen times as long."""
 _SAME_ERROR = 0.1
 """Maximum relative change of the tracking error, when the step is halved, for which the step size is not blamed for a
-failure to follow the plan; no smaller step is tried then. Taste."""
+failure to follow the plan; no smaller step is tried then. Heuristic."""
 
 WALLS = "simulated_least_wall_clearance_m"
 """Name of the figure of merit for the minimum distance to obstacles."""

@@ -32,7 +32,7 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEANING = 1e-4
 """Maximum difference, as a fraction of the arm's length, between a joint's distance to a side of its region and the
-clearance of the pose for which this side counts as active. Taste."""
+clearance of the pose for which this side counts as active. Heuristic."""
 
 _ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
 """Pattern of the names of NLP constraints that keep one end of a link inside its convex region."""

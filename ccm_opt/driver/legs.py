@@ -13,11 +13,11 @@ from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
-"""CPU time granted to every leg even if earlier legs used up the limit, since a late leg may be easy [s]. Taste."""
+"""CPU time granted to every leg even if earlier legs used up the limit, since a late leg may be easy [s]. Heuristic."""
 
 _DIRECT_SHARE = 0.5
 """Fraction of the remaining time spent on planning a leg in space from the previous goal. If that fails, the leg is
-planned from the first start. Taste."""
+planned from the first start. Heuristic."""
 
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations, since numbers in files are rounded [rad, m]."""

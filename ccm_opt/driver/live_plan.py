@@ -30,16 +30,16 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6
-"""CPU time limit for replanning a planar motion after a change [s]. Taste: a tolerable delay while dragging."""
+"""CPU time limit for replanning a planar motion after a change [s]. Heuristic: a tolerable delay while dragging."""
 _PATIENCE_IN_SPACE = 1.25
-"""CPU time limit for replanning a motion in space after a change, without timing and verification [s]. Taste: three
+"""CPU time limit for replanning a motion in space after a change, without timing and verification [s]. Heuristic: three
 times as long as an example problem takes."""
 _FREE_ROUNDS = 4
 """Maximum number of optimisation steps before the final pose is fixed. Measured (``bench_live``): with four and three
 steps, durations after 25 drags agree to 1 % with those of the nine and five steps of ``solve``, in four fifths of the
 time."""
 _END_ROUNDS = 3
-"""Maximum number of optimisation steps with fixed final pose. Taste: the next change continues from the result."""
+"""Maximum number of optimisation steps with fixed final pose. Heuristic: the next change continues from the result."""
 
 
 def _dragging_settings(curve: CurvePlannerSettings) -> CurvePlannerSettings:

@@ -15,10 +15,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 _POSES = 400
-"""Maximum number of poses of a motion that are evaluated, including the first and the last. Taste."""
+"""Maximum number of poses of a motion that are evaluated, including the first and the last. Heuristic."""
 _STRAIGHT_TURN = 0.008726646259971648
-"""Maximum turn of a tip path within a link length to each side, for the path to count as straight [rad]. Taste: half a
-degree."""
+"""Maximum turn of a tip path within a link length to each side, for the path to count as straight [rad]. Heuristic:
+half a degree."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 
 @dataclass(frozen=True)
 class ParetoSettings:
-    """Settings of the trade-off between duration and clearance; all values are a matter of taste.
+    """Settings of the trade-off between duration and clearance; all values are chosen by hand.
 
     Attributes:
         shares: preferred clearances of the plans after the first, as fractions of the range from the clearance that the

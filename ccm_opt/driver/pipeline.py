@@ -46,14 +46,14 @@ from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 
 _CLEARANCE_SHARE = 0.9
 """Fraction of the best attempt's clearance that an attempt must keep to be chosen; clearances are capped at the
-preferred clearance. Taste, like ``ClearanceSettings.enough``."""
+preferred clearance. Heuristic, like ``ClearanceSettings.enough``."""
 
 _GAP_ROUNDS = 4
-"""Maximum number of times that a motion is planned again with a larger preferred clearance. Taste."""
+"""Maximum number of times that a motion is planned again with a larger preferred clearance. Heuristic."""
 _GAP_GROWTH = (1.2, 4.0)
-"""Minimum and maximum factor by which the preferred clearance grows in one round. Taste."""
+"""Minimum and maximum factor by which the preferred clearance grows in one round. Heuristic."""
 _GAP_BEYOND = 1.1
-"""Safety factor on the next preferred clearance, which is scaled in proportion to the joint error. Taste."""
+"""Safety factor on the next preferred clearance, which is scaled in proportion to the joint error. Heuristic."""
 
 STAGE = "tolerance"
 """Name of the stage in the diagnosis of a motion that does not tolerate the required joint error."""

@@ -30,7 +30,8 @@ squared violation of a user's constraint, converted to radians by the constraint
 angles. Measured: the solver fails if it starts with the last weight, with which violations are exact to a
 thousandth."""
 _ELASTIC_SHARE = 0.02
-"""Fraction of a pose's worst violation, all converted to radians, below which other violations are ignored. Taste."""
+"""Fraction of a pose's worst violation, all converted to radians, below which other violations are ignored.
+Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,8 @@ from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _MOTION_TIME = 5.0
-"""CPU time limit of the search for a motion to the goal, whose poses are initial poses of a map in space [s]. Taste."""
+"""CPU time limit of the search for a motion to the goal, whose poses are initial poses of a map in space [s].
+Heuristic."""
 _EXACTLY = Tolerances(0.0, 0.0)
 
 

@@ -25,15 +25,16 @@ from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _SIMULATED_ANGLE = 1e-6
-"""Difference of positions between a recorded simulation and a rerun that counts as rounding [rad, m]. Taste: machines
-and back ends were found to differ by 1e-13."""
+"""Difference of positions between a recorded simulation and a rerun that counts as rounding [rad, m]. Heuristic:
+machines and back ends were found to differ by 1e-13."""
 _SIMULATED_TORQUE = 1e-6
 """Difference of torques between a recorded simulation and a rerun that counts as rounding, as a fraction of the peak
 torque."""
 _FIGURE_SHARE = 1e-6
-"""Allowed relative difference between a recorded figure of merit and the recomputed one. Taste: far above rounding."""
+"""Allowed relative difference between a recorded figure of merit and the recomputed one. Heuristic: far above
+rounding."""
 _FIGURE_FLOOR = 1e-9
-"""Allowed absolute difference between figures of merit, so that mere rounding errors count as equal. Taste."""
+"""Allowed absolute difference between figures of merit, so that mere rounding errors count as equal. Heuristic."""
 
 
 _OF_PLANNING = ("cost_", "residual_")

@@ -19,14 +19,14 @@ _MOST_AT_ONCE = 15_000
 """Number of samples times number of links up to which ``solve`` always computes the tolerated joint error. Measured on
 the example problems: about 0.1 s."""
 _DOUBLINGS = 6
-"""Maximum number of times that a load is doubled in search of one that is not tolerated. Taste."""
+"""Maximum number of times that a load is doubled in search of one that is not tolerated. Heuristic."""
 _LOAD_STEPS = 12
-"""Maximum number of bisection steps between a tolerated and an untolerated load. Taste."""
+"""Maximum number of bisection steps between a tolerated and an untolerated load. Heuristic."""
 _LOAD_PRECISION = 0.05
-"""Relative width of the load interval at which the bisection stops. Taste."""
+"""Relative width of the load interval at which the bisection stops. Heuristic."""
 _SMALL_LOAD = 0.1
 """Fraction of the smallest untolerated load that is tried next while 0 is the only load known to be tolerated.
-Taste."""
+Heuristic."""
 
 FAILED = frozenset(("touched", "diverged", "not simulated"))
 """Outcomes of a simulation under a load that count as failure to tolerate the load; saturation of a drive does not."""

@@ -9,7 +9,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.corridor import Corridor
 
 END_TOLERANCE = 1e-6
-"""Distance from its region up to which a base or goal counts as inside [m], for an arm of about a metre. Taste."""
+"""Distance from its region up to which a base or goal counts as inside [m], for an arm of about a metre. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

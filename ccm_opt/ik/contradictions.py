@@ -20,7 +20,7 @@ from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.robot.arm import Arm
 
 _BISECTIONS = 12
-"""Number of bisections of the tip headings in the proof that a constraint contradicts the goal. Taste: 12 separate
+"""Number of bisections of the tip headings in the proof that a constraint contradicts the goal. Heuristic: 12 separate
 headings to less than a degree."""
 
 

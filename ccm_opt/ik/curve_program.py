@@ -20,15 +20,15 @@ from ccm_opt.ik.row_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
 _KNOT_WEIGHT = 4.0
-"""Weight of uneven knots. Taste; leaves no direction of the variables without curvature of the objective."""
+"""Weight of uneven knots. Heuristic; leaves no direction of the variables without curvature of the objective."""
 _BOUND_WEIGHT = 0.1
-"""Weight of the squared bounds on ``|κ|``. Taste; gives the objective curvature and keeps the bounds tight."""
+"""Weight of the squared bounds on ``|κ|``. Heuristic; gives the objective curvature and keeps the bounds tight."""
 _SLOPE_WEIGHT = 1e-3
-"""Weight of the differences of curvature between knots. Taste."""
+"""Weight of the differences of curvature between knots. Heuristic."""
 _NEARNESS_WEIGHT = 10.0
-"""Weight of closeness to walls, before the user's weight. Taste."""
+"""Weight of closeness to walls, before the user's weight. Heuristic."""
 _NEARNESS_DISTANCE = 0.03
-"""Distance from walls beyond which points of the curve cost nothing [arm lengths]. Taste."""
+"""Distance from walls beyond which points of the curve cost nothing [arm lengths]. Heuristic."""
 
 STATES = 5
 """Size of the state X."""

@@ -43,10 +43,10 @@ from ccm_opt.robot.segment import EVEN_KNOTS, PIECES, SegmentType, curvature_spl
 from ccm_opt.scene.corridor import ConvexRegion
 
 _POLISH_STEPS = 8
-"""Maximum number of Newton steps that bring the tip onto the goal. Taste; three are usual."""
+"""Maximum number of Newton steps that bring the tip onto the goal. Heuristic; three are usual."""
 
 _PATH_SAMPLES = 401
-"""Number of samples of the shortest path for which the region that contains them is determined. Taste."""
+"""Number of samples of the shortest path for which the region that contains them is determined. Heuristic."""
 
 
 @dataclass(frozen=True)
@@ -131,20 +131,20 @@ def _taut_points(task: ConfigurationTask) -> FloatArray:
 
 
 _SEGMENT_TOTALS = (4, 6, 8)
-"""Total numbers of segments in the attempts after the first. Taste."""
+"""Total numbers of segments in the attempts after the first. Heuristic."""
 _WINDINGS = 3
-"""Number of combinations of whole turns at base and tip that are tried, the least total turn first. Taste."""
+"""Number of combinations of whole turns at base and tip that are tried, the least total turn first. Heuristic."""
 _GUESS_SAMPLES = 401
-"""Number of samples of the guessed heading. Taste."""
+"""Number of samples of the guessed heading. Heuristic."""
 _CORNER_ROUNDING = 0.06
-"""Width over which corners of the guessed heading are rounded [arm lengths]. Taste."""
+"""Width over which corners of the guessed heading are rounded [arm lengths]. Heuristic."""
 _END_BLEND = 0.12
 """Arc length over which the guess turns from the base heading to that of the path, and from the path to the tip heading
-[arm lengths]. Taste."""
+[arm lengths]. Heuristic."""
 _LEAST_REGION_SHARE = 0.05
-"""Minimum length of the guess in each region [arm lengths]. Taste."""
+"""Minimum length of the guess in each region [arm lengths]. Heuristic."""
 _GUESS_CURVATURE = 0.9
-"""Fraction of the curvature limit that the guess may use, so that the NLP starts inside its bounds. Taste."""
+"""Fraction of the curvature limit that the guess may use, so that the NLP starts inside its bounds. Heuristic."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 """Gauss-Legendre nodes and weights of one spline piece."""

@@ -17,16 +17,16 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES
 
 _CONTAINMENT_TOLERANCE = 1e-6
-"""Distance outside its region at which a point of the curve passes the check [arm lengths]. Taste."""
+"""Distance outside its region at which a point of the curve passes the check [arm lengths]. Heuristic."""
 
 _ROWS_REPORTED = 3
-"""Maximum number of violated NLP constraints that a message names. Taste."""
+"""Maximum number of violated NLP constraints that a message names. Heuristic."""
 _TIP_TOLERANCE = 1e-5
-"""Distance of the tip from the goal that passes the check [m]. Taste."""
+"""Distance of the tip from the goal that passes the check [m]. Heuristic."""
 _TIP_HEADING_TOLERANCE = 1e-6
-"""Difference between tip heading and goal heading that passes the check [rad]. Taste."""
+"""Difference between tip heading and goal heading that passes the check [rad]. Heuristic."""
 _CHECK_SAMPLES = 201
-"""Number of points per curvature segment that are checked. Taste."""
+"""Number of points per curvature segment that are checked. Heuristic."""
 
 
 @dataclass(frozen=True)

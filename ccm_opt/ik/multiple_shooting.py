@@ -23,17 +23,17 @@ from ccm_opt.ik.row_program import (
 from ccm_opt.scene.corridor import ConvexRegion
 
 _LEAST_PIECE = 4e-3
-"""Least arc length between knots [arm lengths]. Taste."""
+"""Least arc length between knots [arm lengths]. Heuristic."""
 _LEAST_SPACING = 0.08
-"""Least length of a spline piece, as a fraction of the length of its segment. Taste."""
+"""Least length of a spline piece, as a fraction of the length of its segment. Heuristic."""
 
 _REGION_SHRINKAGE = 1e-5
 """Distance by which regions are shrunk, so that quadrature errors and the final Newton correction stay inside the real
 regions [arm lengths]. Derived: ten times the tolerance of the check of containment on an arm of a metre."""
 _CURVATURE_RESERVE = 1e-3
-"""Fraction of the curvature limit that is reserved for the final Newton correction. Taste."""
+"""Fraction of the curvature limit that is reserved for the final Newton correction. Heuristic."""
 _HALF_PLANE_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""Numbers of half-planes per region for which solvers are built, so that tasks share solvers. Taste."""
+"""Numbers of half-planes per region for which solvers are built, so that tasks share solvers. Heuristic."""
 
 STAGE = STATES + CONTROLS
 """Number of NLP variables of one segment: the state at its start and its control."""
@@ -218,13 +218,13 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
 
 
 _MOST_ITERATIONS = 80
-"""Maximum number of iterations of IPOPT. Taste."""
+"""Maximum number of iterations of IPOPT. Heuristic."""
 _OPTIMALITY = 1e-4
-"""Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse, since a Newton
+"""Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Heuristic: coarse, since a Newton
 correction follows."""
 _FEASIBILITY = 1e-6
-"""Violation up to which a constraint counts as satisfied, in the NLP's units. Taste; the Newton correction reduces it
-further."""
+"""Violation up to which a constraint counts as satisfied, in the NLP's units. Heuristic; the Newton correction reduces
+it further."""
 _OPTIONS = {
     **IPOPT_SWITCHES,
     "ipopt.tol": _OPTIMALITY,

@@ -11,7 +11,8 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _PAIR_REACH = 0.1
-"""Distance of the axes of two links beyond which no side separates them, as a fraction of the arm's length (taste)."""
+"""Distance of the axes of two links beyond which no side separates them, as a fraction of the arm's length
+(heuristic)."""
 
 
 @dataclass(frozen=True, eq=False)

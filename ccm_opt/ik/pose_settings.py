@@ -11,19 +11,19 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TORQUE_SHARE = 0.9
-"""Fraction of a torque limit that holding the pose may take, leaving the rest for motion and feedback (taste)."""
+"""Fraction of a torque limit that holding the pose may take, leaving the rest for motion and feedback (heuristic)."""
 _CLEARANCE_WEIGHT = 10.0
-"""Cost of having none of the preferred clearance, much higher than that of bending (taste)."""
+"""Cost of having none of the preferred clearance, much higher than that of bending (heuristic)."""
 _KNOT_WEIGHT = 4.0
 """Weight of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP; measured:
 with 0.05 scenes of clutter take 28 iterations in the median, with 4 they take 12, and the cost terms that describe
 the pose grow by 0.1 %)."""
 _BOW_WEIGHT = 1e-3
-"""Weight of the deviation of the curvature from its chords between knots; for the same reason (taste)."""
+"""Weight of the deviation of the curvature from its chords between knots; for the same reason (heuristic)."""
 _TORQUE_WEIGHT = 0.1
-"""Weight of the mean square torque, as a fraction of the limits (taste)."""
+"""Weight of the mean square torque, as a fraction of the limits (heuristic)."""
 _STRAY_WEIGHT = 1.0
-"""Weight of the squared angles between links in space and the curve [1/rad²] (taste)."""
+"""Weight of the squared angles between links in space and the curve [1/rad²] (heuristic)."""
 
 
 @dataclass(frozen=True)
@@ -43,25 +43,26 @@ class PoseSettings:
             motion would end without a preferred pose [1/rad²] (measured: with 2 eleven motions take 0.8 % longer in
             the median, 14 % at most, than without any preferred clearance, with 0.5 it is 2.4 % and 30 %; with the
             start of the motion as the reference several took 40 % longer, since the start says nothing about the
-            route). Halved in space, where a change of shape takes one of both bends (taste).
-        tolerance: relative tolerance of the solver (taste).
+            route). Halved in space, where a change of shape takes one of both bends (heuristic).
+        tolerance: relative tolerance of the solver (heuristic).
         iterations: maximum number of iterations of one solution (measured: clutter takes 8 to 25; of arms in space on
             fixed bases, whose ends a search leaves far from smooth, one in four takes 30 to 80 among 40 and 80 bodies).
         rounds: maximum number of solutions, with new regions around the links in between (measured by
             ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
         worthwhile: fraction by which a round must lower the cost for another round to follow; where the preferred
-            clearance is not reached, a gain of that fraction of the clearance suffices too (taste).
-        reach: distance from a link beyond which walls do not bound its region (taste).
+            clearance is not reached, a gain of that fraction of the clearance suffices too (heuristic).
+        reach: distance from a link beyond which walls do not bound its region (heuristic).
         widened: maximum number of sides, and ``reach``, of each repetition with larger regions. One follows if a link
             moved farther than ``reach`` and met a wall, or has less clearance than its constraints imply because a side
             was left out (derived: no link moves farther than twice the arm's length, and seldom half of it).
         feasible: violation up to which a constraint counts as satisfied; one millionth of the arm (derived: below the
             certificate's own margin).
-        binding: multiplier above which a constraint counts as shaping the pose; the objective is of order one (taste).
+        binding: multiplier above which a constraint counts as shaping the pose; the objective is of order one
+            (heuristic).
         behind: distance by which a surface in space may protrude through the side of a region that stands for it.
         most_sides: maximum number of sides of a link's region, the nearest ones (measured: in narrow passages half of
             the links need four, but others need 16 to 128, which would cost time at every link in every iteration).
-        enough: fraction of the preferred clearance at which no further round is worth its time (taste).
+        enough: fraction of the preferred clearance at which no further round is worth its time (heuristic).
     """
 
     segments: int = 5

@@ -70,7 +70,7 @@ _FROM_KEPT_ROWS: dict[str, Any] = {
 }
 _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
 """IPOPT options for a start that violates constraints slightly: a small initial barrier parameter, because a pose of
-the arm is known (taste; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
+the arm is known (heuristic; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -13,17 +13,17 @@ from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
 
 _RATE = 1000.0
-"""Rate at which a motion is checked between its stored samples [Hz]. Taste: documented to users."""
+"""Rate at which a motion is checked between its stored samples [Hz]. Heuristic: documented to users."""
 
 _PLACES_PER_KNOT = 16
-"""Number of samples of a joint path per knot among which the one nearest to a pose is sought. Taste: Newton's method
-refines its path parameter."""
+"""Number of samples of a joint path per knot among which the one nearest to a pose is sought. Heuristic: Newton's
+method refines its path parameter."""
 _WINDOW = 40 * _PLACES_PER_KNOT
 """Number of samples of a joint path that are searched, starting from the match of the previous pose. Derived: 40 knots,
 more than a motion passes between two poses."""
 _NEWTON_STEPS = 3
-"""Number of Newton steps from the nearest sample of a joint path. Taste: three steps reduce an error of 1/16 knot to
-below rounding."""
+"""Number of Newton steps from the nearest sample of a joint path. Heuristic: three steps reduce an error of 1/16 knot
+to below rounding."""
 
 
 def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:

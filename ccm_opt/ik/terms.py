@@ -219,11 +219,11 @@ def _check(term: Constraint | Cost, kind: str) -> None:
 
 
 TERM_TOLERANCE = 1e-6
-"""Allowed violation of a hard constraint, in the unit of its expression. Taste: documented to users, and far above the
-violations that planning leaves."""
+"""Allowed violation of a hard constraint, in the unit of its expression. Heuristic: documented to users, and far above
+the violations that planning leaves."""
 COST_SHARES = (1.0, 0.1, 0.0)
 """Factors on the weights of users' costs with which a plan is sought, one after the other; the last drops the costs
-altogether. Taste."""
+altogether. Heuristic."""
 
 
 TIME_TO_LOAD = 60.0

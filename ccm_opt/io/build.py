@@ -44,7 +44,8 @@ from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshB
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _FOLDED_SHARE = 0.95
-"""Fraction of the joint limit that a folded arm uses, so that its joints can still move in both directions. Taste."""
+"""Fraction of the joint limit that a folded arm uses, so that its joints can still move in both directions.
+Heuristic."""
 _GAP_IN_DIAMETERS = 1.1
 """Minimum distance between the axes of links of a folded arm that are checked for self-collision, in link diameters."""
 _LEAST_GAP_IN_LINKS = 0.1

@@ -35,21 +35,21 @@ logger = logging.getLogger(__name__)
 
 _USED = 0.999
 """Fraction of the limits that interpolating polynomials may use at samples; the rest is a reserve for the times between
-samples. Taste."""
+samples. Heuristic."""
 _DEVIATION = 1e-5
-"""Approximate maximum deviation from the plan, as a fraction of the arm's length. Taste: below the repeatability of
+"""Approximate maximum deviation from the plan, as a fraction of the arm's length. Heuristic: below the repeatability of
 drives."""
 _FARTHEST = 50
-"""Maximum number of samples from one point to the next. Taste: files are small, and choosing takes as long as
+"""Maximum number of samples from one point to the next. Heuristic: files are small, and choosing takes as long as
 verifying."""
 _STILL = 1e-9
 """Allowed deviation of a coordinate that rests in the plan, as in a guide tube or during a pause [rad, m]."""
 _SLOWER = 1.002
-"""Safety factor on the factor by which the motion is slowed down so that its samples respect all limits. Taste."""
+"""Safety factor on the factor by which the motion is slowed down so that its samples respect all limits. Heuristic."""
 _FACTOR_STEPS = 1e4
 """Reciprocal of the step to which time factors are rounded up, so that a reader of the file recovers them exactly."""
 _ATTEMPTS = 12
-"""Maximum number of attempts to choose points, each closer to the plan or slower, until the checks pass. Taste."""
+"""Maximum number of attempts to choose points, each closer to the plan or slower, until the checks pass. Heuristic."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ezdxf.math import BSpline
 
 _MOST_MEETING = 100
-"""Maximum mean number of line ends within joining distance of a line end, which counts too. Taste: usually two."""
+"""Maximum mean number of line ends within joining distance of a line end, which counts too. Heuristic: usually two."""
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,10 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 
 _PATIENCE = 60.0
-"""Maximum time to wait for another writer in the same parent folder [s]. Taste: writing takes milliseconds, on a slow
-disk a second or two."""
+"""Maximum time to wait for another writer in the same parent folder [s]. Heuristic: writing takes milliseconds, on a
+slow disk a second or two."""
 _LOOK = 0.005
-"""Interval between attempts to lock the parent folder [s]. Taste."""
+"""Interval between attempts to lock the parent folder [s]. Heuristic."""
 WORKSHOP = ".ccm-opt-writing"
 """Suffix of the name of a temporary folder; the name begins with a dot and the name of the target folder."""
 _HERE = -100

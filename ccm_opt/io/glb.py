@@ -31,9 +31,9 @@ _FILM_RATE = 30.0
 """Number of animation keyframes per second of the motion; players interpolate between them [1/s]."""
 
 _ROUND_SIDES = 16
-"""Number of flat sides that approximate cylinders and half spheres. Taste."""
+"""Number of flat sides that approximate cylinders and half spheres. Heuristic."""
 _GLASS = 0.35
-"""Opacity of obstacles in space, which would otherwise hide the arm. Taste."""
+"""Opacity of obstacles in space, which would otherwise hide the arm. Heuristic."""
 
 _FLOATS = 5126
 _WHOLE_NUMBERS = 5125
@@ -247,7 +247,7 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 
 _DEEPEST_NODES = 200
-"""Maximum nesting depth of nodes in a GLB file. Taste: robot models nest a few dozen deep."""
+"""Maximum nesting depth of nodes in a GLB file. Heuristic: robot models nest a few dozen deep."""
 
 _HEADER = struct.Struct("<4sII")
 """Header of a GLB file: magic word, version, and length of the file; the first chunk follows."""

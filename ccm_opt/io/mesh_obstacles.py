@@ -206,8 +206,8 @@ def _used(vertices: FloatArray, faces: IntArray) -> BoolArray:
 
 
 _MOST_FLAT = 0.5
-"""Fraction of degenerate triangles above which a mesh file is refused as damaged. Taste: CAD programs write about one
-in a hundred where they cut curved faces."""
+"""Fraction of degenerate triangles above which a mesh file is refused as damaged. Heuristic: CAD programs write about
+one in a hundred where they cut curved faces."""
 
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 """Odd multipliers that hash the three coordinates of a vertex into one integer."""

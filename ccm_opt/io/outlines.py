@@ -202,7 +202,7 @@ _MOST_CROSSINGS = 1000
 number, ten seconds at four times as many."""
 _REPAIR_SHARE = 1e-3
 """Maximum change of the enclosed area by a repair, as a fraction of the area; a larger change means that another shape
-was intended. Taste."""
+was intended. Heuristic."""
 
 
 def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:

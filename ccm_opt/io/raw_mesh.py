@@ -13,13 +13,13 @@ class MeshSettings:
     """Limits on the size of mesh files of every supported format.
 
     Attributes:
-        most_bytes: maximum size of a file [bytes]. Taste: two million triangles as text.
-        most_triangles: maximum number of triangles of one mesh, and of all meshes of a problem together. Taste: with
-            more, distance queries would take gigabytes of memory.
-        most_unpacked: maximum unpacked size of the models in a 3MF file [bytes]. Taste: about
+        most_bytes: maximum size of a file [bytes]. Heuristic: two million triangles as text.
+        most_triangles: maximum number of triangles of one mesh, and of all meshes of a problem together. Heuristic:
+            with more, distance queries would take gigabytes of memory.
+        most_unpacked: maximum unpacked size of the models in a 3MF file [bytes]. Heuristic: about
             ``most_triangles`` triangles as text.
-        deepest: maximum nesting depth of components in a 3MF file. Taste: CAD programs nest two or three deep.
-        most_parts: maximum number of part instances in a 3MF or GLB file. Taste.
+        deepest: maximum nesting depth of components in a 3MF file. Heuristic: CAD programs nest two or three deep.
+        most_parts: maximum number of part instances in a 3MF or GLB file. Heuristic.
         least_height: height up to which a triangle counts as degenerate, as a fraction of the mesh's extent. Derived: a
             few rounding errors of a vertex in double precision.
         largest_coordinate: maximum absolute coordinate, in the unit of the file. Derived: double precision no longer

@@ -151,8 +151,8 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
 
 
 _LENGTH_TOLERANCE = 1e-6
-"""Allowed relative difference between the total length of a pose's curve segments and the arm's length. Taste: lengths
-are written with six digits or more."""
+"""Allowed relative difference between the total length of a pose's curve segments and the arm's length. Heuristic:
+lengths are written with six digits or more."""
 ANGLE_TOLERANCE = 1e-9
 """Amount by which joint angles may exceed their limit [rad]. Derived: converting degrees to radians rounds."""
 LEAST_ACROSS = 1e-6

@@ -44,11 +44,12 @@ def _unlike(name: str, taken: set[str]) -> str:
 
 
 _DEPTH = 4.0
-"""Extrusion depth of planar obstacles to each side of the plane, in radii of the arm, as in the viewer. Taste."""
+"""Extrusion depth of planar obstacles to each side of the plane, in radii of the arm, as in the viewer. Heuristic."""
 _LEAST_DEPTH = 0.02
-"""Minimum extrusion depth of planar obstacles, as a fraction of the arm's length, for arms of zero radius. Taste."""
+"""Minimum extrusion depth of planar obstacles, as a fraction of the arm's length, for arms of zero radius.
+Heuristic."""
 _BOUNDS_THICKNESS = 0.05
-"""Thickness of the walls around the workspace bounds, as a fraction of the arm's length. Taste."""
+"""Thickness of the walls around the workspace bounds, as a fraction of the arm's length. Heuristic."""
 _THIN_WALL = 1e-6
 """Thickness given to walls of zero thickness, which engines cannot handle, as a fraction of the arm's length. Derived:
 the default contact tolerance."""

@@ -21,16 +21,17 @@ class ImportBounds:
     """Limits on the size of drawings of every supported format.
 
     Attributes:
-        most_bytes: maximum size of a file [bytes]. Taste.
-        most_vertices: maximum number of vertices of all obstacles together. Taste: planning would take hours with more.
+        most_bytes: maximum size of a file [bytes]. Heuristic.
+        most_vertices: maximum number of vertices of all obstacles together. Heuristic: planning would take hours with
+            more.
         most_points: maximum number of points of all shapes together, as read, before repairs merge some. Derived: with
             more points, more than ``most_vertices`` would remain, unless outlines are drawn repeatedly.
         most_elements: maximum number of drawn elements, counted at each use or insertion. Derived: an element gives at
             least one vertex.
-        most_nodes: maximum number of XML elements of any kind, or of JSON lists, in a file. Taste.
-        deepest: maximum nesting depth of elements, which bounds recursion. Taste: people nest a dozen deep, and file
-            converters a few dozen deep.
-        reported_defects: maximum number of defects of a drawing listed in an error message. Taste.
+        most_nodes: maximum number of XML elements of any kind, or of JSON lists, in a file. Heuristic.
+        deepest: maximum nesting depth of elements, which bounds recursion. Heuristic: people nest a dozen deep, and
+            file converters a few dozen deep.
+        reported_defects: maximum number of defects of a drawing listed in an error message. Heuristic.
         largest_coordinate: maximum absolute coordinate, in the unit of the problem file. Derived: double precision no
             longer resolves a millionth of a unit beyond this value.
         most_nested: maximum number of pairs of rings of one shape whose bounding boxes intersect. Measured: checking

@@ -19,9 +19,9 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 
 _LONGEST_ATTRIBUTE = 20_000
-"""Maximum length of a style, class or transform attribute [characters]. Taste: a hundred times the usual length."""
+"""Maximum length of a style, class or transform attribute [characters]. Heuristic: a hundred times the usual length."""
 _MOST_STYLE_RULES = 300
-"""Maximum number of style rules that affect shapes. Taste: each rule is compared with every element."""
+"""Maximum number of style rules that affect shapes. Heuristic: each rule is compared with every element."""
 
 NAMESPACE = "http://www.w3.org/2000/svg"
 FOREIGN = ""

@@ -14,10 +14,10 @@ from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
 _PATIENCE = 60
-"""Number of steps without progress after which a guide is abandoned. Taste."""
+"""Number of steps without progress after which a guide is abandoned. Heuristic."""
 
 _SETTLE_MOVED = 1e-5
-"""Turn of a link below which settling counts as having stopped [rad]. Taste."""
+"""Turn of a link below which settling counts as having stopped [rad]. Heuristic."""
 
 
 class Guide(Protocol):

@@ -24,41 +24,41 @@ from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
 
 _ROUTE_INFLATION = 0.001
-"""Inflation of obstacles for routes beyond radius and clearance, as a fraction of the arm's length. Taste."""
+"""Inflation of obstacles for routes beyond radius and clearance, as a fraction of the arm's length. Heuristic."""
 _RUN_IN = (2.0, 1.0, 0.5, 0.0)
 """Lengths of the straight approach to the goal along its heading that are tried, longest first, in nominal links.
-Taste."""
+Heuristic."""
 _RUN_IN_SAMPLES = 9
-"""Number of points on the straight approach that are checked for being free. Taste."""
+"""Number of points on the straight approach that are checked for being free. Heuristic."""
 
 _LEAST_MARGIN = 1e-3
 """Smallest inflation of obstacles for routes, as a fraction of the usual one, so that free space never degenerates to
-zero width. Taste."""
+zero width. Heuristic."""
 _ROUNDING = 1e-9
 """Relative tolerance for rounding if the length of a route is compared with that of the stretched arm. Derived."""
 _CONFIGURATIONS = 2
-"""Number of routes for which a goal configuration is sought by the NLP. Taste."""
+"""Number of routes for which a goal configuration is sought by the NLP. Heuristic."""
 _ATTEMPTS = 2
 """Number of attempts of the NLP at one configuration. Derived: the first guess with the surplus length on either
 side."""
 
 _GATE_WIDTH = 4e-3
-"""Width of free space, as a fraction of the arm's length, below which the tip is led straight through a gate. Taste: a
-link with more clearance can pass askew."""
+"""Width of free space, as a fraction of the arm's length, below which the tip is led straight through a gate.
+Heuristic: a link with more clearance can pass askew."""
 _GATE_RUN = 0.6
 """Straight piece before and behind a narrow gate, in links, or in nominal links if these are longer. Measured: with 0.3
 one of three scenes of doors and none of three gates is solved, and one takes six times as long; with 0.6 and 1.0 all
 six are solved, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
 _LONGEST_ROUTE = 0.985
-"""Length of a route, as a fraction of the arm's length, above which it is discarded. Taste: the arm needs length to
+"""Length of a route, as a fraction of the arm's length, above which it is discarded. Heuristic: the arm needs length to
 bend."""
 CURVATURE_SHARE = 0.9
-"""Fraction of the greatest curvature (joint limit over link length) that the curve may use. Taste: links on a curve
+"""Fraction of the greatest curvature (joint limit over link length) that the curve may use. Heuristic: links on a curve
 bend slightly more than the curve."""
 FULL_CURVATURE_SHARE = 1.0
-"""Fraction of the greatest curvature that the curve may use if none is found with ``CURVATURE_SHARE``. Taste."""
+"""Fraction of the greatest curvature that the curve may use if none is found with ``CURVATURE_SHARE``. Heuristic."""
 FURTHER_ATTEMPTS = 4
-"""Number of attempts at a configuration when the search needs further ones. Taste."""
+"""Number of attempts at a configuration when the search needs further ones. Heuristic."""
 
 
 def route_room(problem: Problem, ends: Ends) -> FreeSpace:

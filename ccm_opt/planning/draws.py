@@ -23,28 +23,28 @@ from ccm_opt.planning.shortcuts import Shortcuts, dense
 from ccm_opt.robot.arm import Arm
 
 _GOAL_DRAWS = 64
-"""Number of random poses that Newton's method moves onto the goal at a time. Taste."""
+"""Number of random poses that Newton's method moves onto the goal at a time. Heuristic."""
 _GOAL_SHAPES = 1024
 """Number of random poses of an arm of many links, of which the ``_GOAL_DRAWS`` nearest are moved onto the goal.
 Measured on arms wound among walls: ways are found in 0.1 s, with all poses moved there in 0.3 s or not at all."""
 _FACING = 0.3
-"""Position error of the tip that counts as much as a heading error of one radian [arm lengths]. Taste."""
+"""Position error of the tip that counts as much as a heading error of one radian [arm lengths]. Heuristic."""
 _NEWTON_STEPS = 15
 """Number of steps of Newton's method. Measured: poses that have not converged by then seldom do."""
 _NEWTON_TURN = 0.5
-"""Largest turn of a link in one step of Newton's method [rad]. Taste."""
+"""Largest turn of a link in one step of Newton's method [rad]. Heuristic."""
 _ARRIVED = 1e-06
 """Position error [arm lengths] and heading error [rad] of the tip up to which a pose counts as at the goal. Derived:
 far less than the final correction can repair."""
 _APART = 0.1
 """Root mean square of the turns of all links between two poses at the goal above which the poses count as different
-[rad]. Taste."""
+[rad]. Heuristic."""
 
 _RANGE = 1.5
 """Longest extension for arms of few links, as the root mean square turn of the links [rad]. Measured: on scenes of 4 to
 8 links half as much takes half as long again."""
 _WINDING = 2.0 * np.pi
-"""Angle by which the base may turn beyond its headings at start and goal [rad]. Taste: a whole turn permits both
+"""Angle by which the base may turn beyond its headings at start and goal [rad]. Heuristic: a whole turn permits both
 directions."""
 _KNOTS = 12
 """Number of knots between which the curvature of a smooth target is linear. Measured on the hardest of four scenes of
@@ -53,18 +53,18 @@ _TURNING = 25.0
 """Largest turn of a smooth target along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5 takes 5 s,
 because an arm that curls up gets out from behind them."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Minimum and maximum width of a part of the arm that is bent sideways, as fractions of the arm's length. Taste."""
+"""Minimum and maximum width of a part of the arm that is bent sideways, as fractions of the arm's length. Heuristic."""
 
 _SMOOTH_RANGE = 0.4
 """Longest extension for arms of many links, as the root mean square turn of the links [rad]. Measured on four hard
 scenes of 24 links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds
 nothing in two of them by 60 000."""
 _BUMPED = 0.2
-"""Fraction of targets that are poses of the tree with a part of the arm bent sideways. Taste."""
+"""Fraction of targets that are poses of the tree with a part of the arm bent sideways. Heuristic."""
 _ATTRACTED = 0.1
-"""Fraction of targets that are poses of the other tree. Taste."""
+"""Fraction of targets that are poses of the other tree. Heuristic."""
 _BUMP = 0.8
-"""Standard deviation of the angle by which a part of the arm is bent sideways [rad]. Taste."""
+"""Standard deviation of the angle by which a part of the arm is bent sideways [rad]. Heuristic."""
 
 
 _RANK = 1e-6
@@ -72,8 +72,8 @@ _RANK = 1e-6
 
 
 _BATCH = (4, 32)
-"""Minimum and maximum number of targets sampled at once. Taste: a plain scene is solved by a few extensions, a hard one
-by tens of thousands, which NumPy processes together."""
+"""Minimum and maximum number of targets sampled at once. Heuristic: a plain scene is solved by a few extensions, a hard
+one by tens of thousands, which NumPy processes together."""
 _KEYFRAME_TURN = 0.15
 """Largest turn of a link between two keyframes [rad]. Derived: that of a step of the continuation."""
 

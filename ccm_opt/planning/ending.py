@@ -48,19 +48,19 @@ _BOTTLENECK_POWER = 0.5
 """Power of the ratio between the largest turn of a joint from keyframe to keyframe and the root mean square over all
 joints. Measured: with 1 the motions last 1 % longer in the median than with a half."""
 _LEAST_BUSY = 0.2
-"""Lower bound on the ratio of the largest turn of a joint to the root mean square over all joints. Taste."""
+"""Lower bound on the ratio of the largest turn of a joint to the root mean square over all joints. Heuristic."""
 _KEYFRAMES_A_LINK = 2.0
-"""Number of keyframes of the optimisation per link length of feed. Taste: with fewer, joints bend late beyond the end
-of the guide tube."""
+"""Number of keyframes of the optimisation per link length of feed. Heuristic: with fewer, joints bend late beyond the
+end of the guide tube."""
 _MOST_KEYFRAMES = 48
-"""Maximum number of keyframes of the optimisation of a fed arm. Taste: its cost is proportional to the number of
+"""Maximum number of keyframes of the optimisation of a fed arm. Heuristic: its cost is proportional to the number of
 keyframes and to the cube of the number of links."""
 _FED_SHARE = 0.1
-"""Fraction of the remaining time that the optimisation of a fed arm may use. Taste: an unfinished optimisation still
-gives a certified motion."""
+"""Fraction of the remaining time that the optimisation of a fed arm may use. Heuristic: an unfinished optimisation
+still gives a certified motion."""
 _OPENING = 1.05
-"""Gap that steps at the goal aim for before the NLP is solved, as a multiple of the preferred gap. Taste: slightly more
-than 1, so that the fixed planes of the NLP leave the whole preferred gap."""
+"""Gap that steps at the goal aim for before the NLP is solved, as a multiple of the preferred gap. Heuristic: slightly
+more than 1, so that the fixed planes of the NLP leave the whole preferred gap."""
 _OPENING_STEPS = 20
 """Maximum number of steps that widen gaps at the goal; five bring nearly all that can be gained."""
 _OPENING_WEIGHT = 10.0

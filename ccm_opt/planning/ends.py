@@ -23,32 +23,33 @@ if TYPE_CHECKING:
 
 _STRAIGHTENING = 5e-4
 """Largest displacement of the tip, if bends inside the guide tube are set to 0, up to which these bends count as errors
-of mapping a curve to links and not as bent joints [m]. Taste."""
+of mapping a curve to links and not as bent joints [m]. Heuristic."""
 _CLEARANCE_SHARE = 0.05
 """Additional clearance of the tip at a goal moved away from an obstacle, as a fraction of the largest permitted
-displacement of the goal. Taste."""
+displacement of the goal. Heuristic."""
 
 _TOLERANCE_SHARE = 0.5
-"""Fraction of the goal's tolerances that planning uses if the goal cannot be met exactly. Taste."""
+"""Fraction of the goal's tolerances that planning uses if the goal cannot be met exactly. Heuristic."""
 _PRECISE_PLACE = 5e-3
 """Position tolerance, as a fraction of the arm's length, up to which the goal is a point that is met exactly. A wider
-tolerance makes the goal a set. Taste."""
+tolerance makes the goal a set. Heuristic."""
 _PRECISE_TURN = 0.03490658503988659
-"""Heading tolerance up to which the heading is met exactly [rad]. Taste: 2°, twice the default tolerance."""
+"""Heading tolerance up to which the heading is met exactly [rad]. Heuristic: 2°, twice the default tolerance."""
 _CLEARANCE_USED = 0.95
-"""Fraction of the tolerances of a goal set that planning uses; the rest is left to rounding and smoothing. Taste."""
+"""Fraction of the tolerances of a goal set that planning uses; the rest is left to rounding and smoothing.
+Heuristic."""
 _AIM_SHARE = 0.9
-"""Fraction of the position tolerance by which planning may displace a goal that the tip cannot reach. Taste."""
+"""Fraction of the position tolerance by which planning may displace a goal that the tip cannot reach. Heuristic."""
 _UPRIGHT = 0.1
-"""Sine of the angle between a mount and its wall's normal above which a turn of the base leaves the wall. Taste."""
+"""Sine of the angle between a mount and its wall's normal above which a turn of the base leaves the wall. Heuristic."""
 _STRETCH = 2e-3
-"""Fraction of its length by which an arm is kept from full stretch if the goal is out of reach. Taste: at full stretch
-the tip cannot move along the arm."""
+"""Fraction of its length by which an arm is kept from full stretch if the goal is out of reach. Heuristic: at full
+stretch the tip cannot move along the arm."""
 _FLUSH = 1e-5
 """Largest deviation of the gap at the end of a mount from zero, as a fraction of the arm's length, for the mount to
-count as flush with the wall. Taste."""
+count as flush with the wall. Heuristic."""
 _REACH = 0.02
-"""Gap up to which contacts are checked, as a fraction of the arm's length. Taste."""
+"""Gap up to which contacts are checked, as a fraction of the arm's length. Heuristic."""
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,10 @@ from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, least_change
 from ccm_opt.planning.settings import GoalSettings
 
 _POLISH_STEPS = 12
-"""Maximum number of steps of Newton's method. Taste: the method converges in four or never."""
+"""Maximum number of steps of Newton's method. Heuristic: the method converges in four or never."""
 _INWARDS = 0.1
-"""Fraction of the tolerance of position and direction by which a tip is led beyond the edge into a goal set. Taste."""
+"""Fraction of the tolerance of position and direction by which a tip is led beyond the edge into a goal set.
+Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

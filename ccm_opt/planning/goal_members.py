@@ -22,42 +22,43 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _MOST = 5
-"""Maximum number of members selected. Taste: routes are planned to each."""
+"""Maximum number of members selected. Heuristic: routes are planned to each."""
 _PIECES = 4
-"""Maximum number of pieces of the set that are considered, the largest first. Taste."""
+"""Maximum number of pieces of the set that are considered, the largest first. Heuristic."""
 _GRID = 9
-"""Number of grid points across the set along each axis. Taste."""
+"""Number of grid points across the set along each axis. Heuristic."""
 _TURN_STEP = 0.08726646259971647
-"""Largest spacing of the headings that are considered [rad]. Taste: 5°."""
+"""Largest spacing of the headings that are considered [rad]. Heuristic: 5°."""
 _TURN_SHARE = 0.1
-"""Distance that is equivalent to a difference in heading of one radian, as a fraction of the arm's length. Taste."""
+"""Distance that is equivalent to a difference in heading of one radian, as a fraction of the arm's length.
+Heuristic."""
 _DIFFERENT = 0.04
-"""Difference below which members count as one, as a fraction of the arm's length. Taste: a nominal link."""
+"""Difference below which members count as one, as a fraction of the arm's length. Heuristic: a nominal link."""
 _EDGE = 0.02
-"""Distance of positions from the edge of their piece, as a fraction of the set's radius. Taste."""
+"""Distance of positions from the edge of their piece, as a fraction of the set's radius. Heuristic."""
 _REACH = 0.99
-"""Largest distance of members from the base, as a fraction of the arm's length. Taste: a fully stretched arm can hardly
-move."""
+"""Largest distance of members from the base, as a fraction of the arm's length. Heuristic: a fully stretched arm can
+hardly move."""
 _RUNS = (0.5, 1.0, 2.0)
-"""Lengths of straight runs onto a member that are checked, in nominal links. Taste."""
+"""Lengths of straight runs onto a member that are checked, in nominal links. Heuristic."""
 _RUN_SAMPLES = 9
-"""Number of points of a run that are checked. Taste."""
+"""Number of points of a run that are checked. Heuristic."""
 
 
 _ARC_PLACES = 24
-"""Maximum number of joints at which the bends may change sign. Taste."""
+"""Maximum number of joints at which the bends may change sign. Heuristic."""
 _MOST_TURN = 7.0
-"""Largest sum of the absolute bends of an initial curve, so that it does not coil up [rad]. Taste."""
+"""Largest sum of the absolute bends of an initial curve, so that it does not coil up [rad]. Heuristic."""
 _ARCS_TRIED = 16
-"""Maximum number of initial curves for Newton's method. Taste."""
+"""Maximum number of initial curves for Newton's method. Heuristic."""
 _ARCS_KEPT = 4
-"""Maximum number of poses at the goal that use the joint limits in full. Taste."""
+"""Maximum number of poses at the goal that use the joint limits in full. Heuristic."""
 _ALIKE = 0.3
-"""Largest difference in any bend up to which poses count as one, as a fraction of the joint limit. Taste."""
+"""Largest difference in any bend up to which poses count as one, as a fraction of the joint limit. Heuristic."""
 _ARC_STEPS = 30
-"""Maximum number of steps of Newton's method. Taste."""
+"""Maximum number of steps of Newton's method. Heuristic."""
 _ARC_TURN = 0.3
-"""Largest change of a bend in one step of Newton's method [rad]. Taste."""
+"""Largest change of a bend in one step of Newton's method [rad]. Heuristic."""
 _ARC_RIDGE = 1e-13
 """Regularisation of the Newton equations, in squared arm lengths. Derived: some thousand rounding errors."""
 _ARC_ARRIVED = 1e-11
@@ -69,9 +70,9 @@ _AMPLE = 0.9
 guides fail within 13 s at goals that require 0.96 of the limits."""
 _HEADING_LENGTH = 0.25
 """Position error that is equivalent to a heading error of one radian, in arm lengths, in the choice of initial curves.
-Taste."""
+Heuristic."""
 _RELEASES = 8
-"""Maximum number of times that a Newton step is recomputed with further joints held at their limits. Taste."""
+"""Maximum number of times that a Newton step is recomputed with further joints held at their limits. Heuristic."""
 
 
 @dataclass(frozen=True)

@@ -22,35 +22,35 @@ from ccm_opt.core.polyline import arc_lengths, nearest_place, path_length, point
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 
 _UNKNOWN_WEIGHT = 0.0001
-"""Weight of a step in the unknowns themselves, which determines those on which no link's turn depends. Taste."""
+"""Weight of a step in the unknowns themselves, which determines those on which no link's turn depends. Heuristic."""
 _LONGEST_ERROR = 1.0
-"""Largest error of the tip that a step aims to correct, in nominal links. Taste."""
+"""Largest error of the tip that a step aims to correct, in nominal links. Heuristic."""
 _TURN_WEIGHT = 0.01
-"""Weight of every link's turn, per nominal link, so that the arm moves as little as possible. Taste."""
+"""Weight of every link's turn, per nominal link, so that the arm moves as little as possible. Heuristic."""
 _MOTION_WEIGHT = 0.01
-"""Weight of every joint's displacement, per nominal link. Taste."""
+"""Weight of every joint's displacement, per nominal link. Heuristic."""
 _LEASH = 1.5
-"""Distance of the tip from its target beyond which the target waits, in nominal links. Taste."""
+"""Distance of the tip from its target beyond which the target waits, in nominal links. Heuristic."""
 _TRACK_LEASH = 1.0
 """Distance of the tip from its target beyond which the target waits if all joints are pulled onto the track, in nominal
 links. Measured: with 1.5 an arm of 16 links among ribs finds no motion in a minute, with 1 it finds one in 3 s."""
 _ADVANCE = 0.4
-"""Advance of the tip's target in one step, in nominal links. Taste."""
+"""Advance of the tip's target in one step, in nominal links. Heuristic."""
 _FOLLOWING_WEIGHT = 0.1
-"""Weight of the heading of a link that lies on the track, per nominal link. Taste."""
+"""Weight of the heading of a link that lies on the track, per nominal link. Heuristic."""
 ONTO_TRACK = 0.1
 """Usual weight on the distances of joints from the track in guides that pull all joints onto the track."""
 
 _TURN_LEASH = 0.4
-"""Turn between any link and its target beyond which the target waits [rad]. Taste."""
+"""Turn between any link and its target beyond which the target waits [rad]. Heuristic."""
 _ARRIVED = 0.1
-"""Largest turn between any link and its target at which the end pose counts as reached [rad]. Taste; the rest is left
-to settling or to another guide."""
+"""Largest turn between any link and its target at which the end pose counts as reached [rad]. Heuristic; the rest is
+left to settling or to another guide."""
 _UNKNOWN_STEP = 1.0
-"""Largest change of an unknown at which one step aims. Taste."""
+"""Largest change of an unknown at which one step aims. Heuristic."""
 _TURN_ADVANCE = 0.1
-"""Turn of the fastest link by which the target advances in one step [rad]. Taste; below the step's own limit, so that
-the arm can keep up."""
+"""Turn of the fastest link by which the target advances in one step [rad]. Heuristic; below the step's own limit, so
+that the arm can keep up."""
 
 _FINE = 0.05
 """Spacing of the arc lengths at which links on a track are tabulated, in link lengths."""
@@ -204,7 +204,7 @@ class TipLed:
         arc: arc length of the tip's target on the track [m].
         still: whether terms are added that move the arm as little as possible; not needed if every QP step has such
             terms.
-        largest_turn: largest turn of a link onto the track at which one step aims [rad]. Taste.
+        largest_turn: largest turn of a link onto the track at which one step aims [rad]. Heuristic.
         at_once: whether the target advances at once as far ahead of the tip as permitted, instead of by one increment
             per step. Measured: one increment per step makes motions in space a twentieth longer in the mean; at once,
             other motions are found in the plane.

@@ -45,28 +45,28 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
 _LONGEST_ERROR = 1.5
-"""Largest error of the tip that a step aims to correct, in nominal links. Taste."""
+"""Largest error of the tip that a step aims to correct, in nominal links. Heuristic."""
 _HEADING_WEIGHT = 0.3
 """Weight of the deviation of every link from its reference heading, per nominal link. Measured."""
 _TURN_WEIGHT = 0.002
 """Weight of every link's turn, per nominal link. Measured."""
 _MOTION_WEIGHT = 0.02
-"""Weight of every joint's displacement, per nominal link. Taste."""
+"""Weight of every joint's displacement, per nominal link. Heuristic."""
 _STILL_WEIGHT = 4.0
-"""Additional weight of displacements of joints between base and fold, where the arm should not move. Taste."""
+"""Additional weight of displacements of joints between base and fold, where the arm should not move. Heuristic."""
 
 _PLACES = 400
 """Number of sampled positions of the fold among which the one with the tip's target at the end of the track is found.
-Taste."""
+Heuristic."""
 
 _PASSAGE_QUANTILE = 0.25
 """Quantile of the widths along a path that counts as the passage's width; the least width may be a corner that is only
-touched. Taste."""
+touched. Heuristic."""
 _SAME_LENGTH = 0.5
-"""Difference of the lengths of two folds below which they count as equal, in nominal links. Taste."""
+"""Difference of the lengths of two folds below which they count as equal, in nominal links. Heuristic."""
 _LONGEST_SHAPE = 1.1
-"""Maximum length of a new shape, the shortest path from base to goal, as a multiple of the arm's length. Taste: above
-1, because the arm may fit where the path, which keeps off corners, seems slightly too long."""
+"""Maximum length of a new shape, the shortest path from base to goal, as a multiple of the arm's length. Heuristic:
+above 1, because the arm may fit where the path, which keeps off corners, seems slightly too long."""
 
 
 # Measured on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved all fifteen at the first

@@ -21,17 +21,17 @@ _SETTLED = 1e-13
 """Step at which Newton's method for the next joint has converged [arm lengths]. Derived: rounding."""
 
 _MOST_STEPS = 40
-"""Maximum number of steps of Newton's method for the next joint. Taste; from a chord's length ahead it needs four or
-five."""
+"""Maximum number of steps of Newton's method for the next joint. Heuristic; from a chord's length ahead it needs four
+or five."""
 
 _LEAST_SLOPE = 0.2
-"""Minimum derivative of distance with respect to arc length that Newton's method assumes. Taste; paths that bend less
-than a U-turn have more."""
+"""Minimum derivative of distance with respect to arc length that Newton's method assumes. Heuristic; paths that bend
+less than a U-turn have more."""
 _FEED_STEP = 1.0 / 8.0
 """Feed between two keyframes, in link lengths; for arms of many links ``_LEAST_FEED_STEP`` is larger and counts.
-Taste."""
+Heuristic."""
 _LEAST_FEED_STEP = 1.0 / 300.0
-"""Minimum feed between two keyframes, as a fraction of the arm's length. Taste."""
+"""Minimum feed between two keyframes, as a fraction of the arm's length. Heuristic."""
 _SAMPLES_PER_LINK = 32
 """Number of samples of a leader's path between two of its points. Derived: cubic Hermite interpolation between them
 errs by less than 1e-7 of a link."""
@@ -39,10 +39,11 @@ SAMPLE_PERIOD = 5e-3
 """Longest time between two samples of a trajectory, in which all joints are taken to move linearly [s]. Derived: the
 sample period of the timing."""
 LINKS_PER_SAMPLE = 0.25
-"""Maximum travel of the base between two samples, in link lengths. Taste; it limits only feeds that no arm needs."""
+"""Maximum travel of the base between two samples, in link lengths. Heuristic; it limits only feeds that no arm
+needs."""
 _LEAST_LEAD = 0.1
 """Minimum distance along the feed axis from where the path leaves the axis to the first joint off the axis, in link
-lengths; with less, the spline through both would oscillate. Taste."""
+lengths; with less, the spline through both would oscillate. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,31 +44,31 @@ _STEP_SHARE = 0.4
 """Maximum feed between two keyframes, as a fraction of the length on which joints stay straight beyond the guide tube,
 if a pose bends a joint closer to the tube than usual."""
 _LEAST_STEP = 0.03
-"""Minimum feed between two keyframes, in nominal links. Taste: with less, paths have a thousand keyframes."""
+"""Minimum feed between two keyframes, in nominal links. Heuristic: with less, paths have a thousand keyframes."""
 _SAMPLES = 16
-"""Number of samples of the path between two joints. Taste: chords of a bend of 45 degrees then err by less than a
+"""Number of samples of the path between two joints. Heuristic: chords of a bend of 45 degrees then err by less than a
 thousandth of a link."""
 _ROUNDING = 1e-2
 """Tolerance of bends between the pose at the end of a path and the arm on the sampled path [rad]."""
 _LONGER = 1.35
-"""Maximum duration of the motion along the tip's path, as a multiple of that of the optimised motion. Taste. Measured:
-1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 in tours that retract the arm from
-each goal."""
+"""Maximum duration of the motion along the tip's path, as a multiple of that of the optimised motion. Heuristic.
+Measured: 1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 in tours that retract the
+arm from each goal."""
 _LONGER_WITH_ROOM = 1.75
 """Maximum duration of the motion along the tip's path if it has more clearance, as a multiple of that of the optimised
-motion. Taste. Measured between ribs: 1.4 times the time for 6 mm instead of 1."""
+motion. Heuristic. Measured between ribs: 1.4 times the time for 6 mm instead of 1."""
 _GAINED_ROOM = 0.1
-"""Gain of clearance, as a fraction of the preferred clearance, from which a motion may take longer. Taste."""
+"""Gain of clearance, as a fraction of the preferred clearance, from which a motion may take longer. Heuristic."""
 _LOST_ROOM = 0.02
 """Loss of clearance, as a fraction of the preferred clearance, at which the motion along the tip's path is still
-accepted. Taste."""
+accepted. Heuristic."""
 _WEIGHTS = (1e3, 1e4, np.inf)
 """Weights w on displacements of joints and tip from the path, relative to second derivatives of bends, with lengths in
 nominal links; the first that loses no clearance is taken. Measured in a wing box and in a row of blades: with the
 first, motions take three quarters and two thirds of their time, and deviate from the tip's path by half a millimetre
 more at worst; with a tenth they take another twentieth less, and deviate by up to one and a half millimetres more."""
 _SMOOTHINGS = 2
-"""Number of Gauss-Newton steps of the smoothing. Taste: the second one changes little."""
+"""Number of Gauss-Newton steps of the smoothing. Heuristic: the second one changes little."""
 _MOST_SMOOTHED = 60
 """Number of links above which bends are not smoothed. Measured: with 60 links smoothing takes 0.3 s and gains little,
 as short links deviate less from the path."""

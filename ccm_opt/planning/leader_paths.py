@@ -27,50 +27,51 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
 
 _STEPS = 80
-"""Maximum number of smoothing steps of an elastic band. Taste."""
+"""Maximum number of smoothing steps of an elastic band. Heuristic."""
 _SETTLED = 0.002
-"""Largest shift of a point, in distances between points, below which the band counts as settled. Taste."""
+"""Largest shift of a point, in distances between points, below which the band counts as settled. Heuristic."""
 _LARGEST_STEP = 0.3
-"""Largest shift of a point along its normal, in distances between points, so that neighbours do not cross. Taste."""
+"""Largest shift of a point along its normal, in distances between points, so that neighbours do not cross.
+Heuristic."""
 _TIGHTNESS = 30.0
-"""Additional weight of bending at the curvature limit, relative to a straight band. Taste."""
+"""Additional weight of bending at the curvature limit, relative to a straight band. Heuristic."""
 _RIDGE = 0.001
-"""Weight of the shifts themselves, which keeps the Hessian definite. Taste."""
+"""Weight of the shifts themselves, which keeps the Hessian definite. Heuristic."""
 
 _TENSION = 0.02
-"""Dimensionless weight of the band's length against its bending. Taste; just enough to remove surplus length."""
+"""Dimensionless weight of the band's length against its bending. Heuristic; just enough to remove surplus length."""
 _TIGHTNESS_POWERS = (6, 2)
 """Powers of curvature over its limit by which the weight of bending grows; the second is tried after all margins.
 Measured behind an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half as
 much as the arm may."""
 _MOST_TIGHT = 1.5
 """Curvature, as a multiple of the limit, beyond which the weight of bending no longer grows; a kink would otherwise
-dominate all other terms. Taste."""
+dominate all other terms. Heuristic."""
 _LEAST_SLANT = 0.3
 """Sine of the angle between the band and the direction of a wall below which the wall lies ahead or behind and bounds
-no shift sideways. Taste."""
+no shift sideways. Heuristic."""
 _FREE_SPACE_MARGINS = (1.0, 0.4, 0.1)
 """Margins of free space beyond radius and clearance, widest first, as fractions of the distance by which a link, as a
-chord of the path, cuts a bend at the joint limit (its sagitta). Taste."""
+chord of the path, cuts a bend at the joint limit (its sagitta). Heuristic."""
 _BAND_MARGINS = (0.2, 0.05, 0.01)
-"""Margins of elastic bands beyond radius and clearance, kept where possible, in link lengths. Taste."""
+"""Margins of elastic bands beyond radius and clearance, kept where possible, in link lengths. Heuristic."""
 _BAND_GAP = 0.8
 """Margin of elastic bands that is tried first if wider than the others, as a fraction of the preferred clearance.
 Measured in tubes that leave just the preferred gap, at 48 links: at 1 the band has no freedom, oscillates, and the
 motion lasts 1.5 times as long."""
 _BAND_SPACING = 1.0 / 3.0
-"""Distance between the points of a band, in link lengths. Taste."""
+"""Distance between the points of a band, in link lengths. Heuristic."""
 _LEAST_BAND_SPACING = 1.0 / 90.0
 """Minimum distance between the points of a band, as a fraction of the arm's length, for arms of many links. Measured on
 clutter at 48 links: with a smaller spacing, single points turn sharply at corners of walls, and the cost of a step is
 cubic in the number of points."""
 _BAND_EVENNESS = 1.0 / 16.0
 """Length over which a band's change of curvature weighs as much as its curvature, as a fraction of the arm's length.
-Taste."""
+Heuristic."""
 _CHORD_ALLOWANCE = 1e-2
-"""Fraction by which a path may be longer than the chords of the arm on the path. Taste."""
+"""Fraction by which a path may be longer than the chords of the arm on the path. Heuristic."""
 _CURVATURE_SHARE = 0.9
-"""Fraction of the greatest curvature that a path may use, so that the arm can still be steered. Taste."""
+"""Fraction of the greatest curvature that a path may use, so that the arm can still be steered. Heuristic."""
 
 
 @dataclass(frozen=True)

@@ -52,15 +52,15 @@ ShapeChange: TypeAlias = Callable[[Problem, Ends, Deadline], Motion]
 """Function that plans a motion of an arm on a fixed base between given ends; raises ``NoPlanFound``."""
 
 _SAME_POSE = 1e-7
-"""Difference below which bends count as equal [rad]. Taste; far above the rounding of chords, far below any visible
+"""Difference below which bends count as equal [rad]. Heuristic; far above the rounding of chords, far below any visible
 difference."""
 _SHORT_CHANGE = 0.8
 """CPU time for a change of shape that is only compared with others [s]. Measured on bent starts: successful ones take
 0.1 to 0.4 s."""
 _CHANGE_SHARE = 0.25
-"""Fraction of the time limit that one change of shape may use if everything else has failed. Taste."""
+"""Fraction of the time limit that one change of shape may use if everything else has failed. Heuristic."""
 _PATHS_CHANGED_TO = 3
-"""Number of leader's paths to which a change of shape is tried. Taste."""
+"""Number of leader's paths to which a change of shape is tried. Heuristic."""
 _LEAST_LINKS_CHANGED = 2
 """Minimum number of links beyond the hole for a change of shape. Derived: a single link has no shape."""
 _SEPARATION = 2
@@ -68,11 +68,11 @@ _SEPARATION = 2
 further keyframes of equal pose no span of the cubic spline, which four control points shape, mixes the two."""
 _TIGHT_GAP = 0.05
 """Clearance on either side of the arm, in link lengths, below which a passage on the feed axis is tight: joints cannot
-bend there as paths would require. Taste."""
+bend there as paths would require. Heuristic."""
 _TIGHT_SPACING = 0.05
-"""Spacing of the points on the feed axis that are checked for tight passages, in link lengths. Taste."""
+"""Spacing of the points on the feed axis that are checked for tight passages, in link lengths. Heuristic."""
 _TIGHT_PLACES = 3
-"""Number of tight passages for which paths are tried that are straight up to the end of the passage. Taste."""
+"""Number of tight passages for which paths are tried that are straight up to the end of the passage. Heuristic."""
 
 
 def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[MotionTask, Motion], ...]:

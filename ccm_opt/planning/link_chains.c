@@ -4,10 +4,10 @@
 #include "link_places.h"
 #include "surface_walk.h"
 
-#define MOST_ON 8       /* links by which a branch grows towards one target: taste */
-#define BACKWARD (-0.3) /* cosine of the angle to a target above which a node may grow towards it: taste */
+#define MOST_ON 8       /* links by which a branch grows towards one target: heuristic */
+#define BACKWARD (-0.3) /* cosine of the angle to a target above which a node may grow towards it: heuristic */
 #define RIGHT_ANGLE 1.57079632679489662
-#define ASIDE 0.3       /* share of the distance by which a target behind counts as farther: taste */
+#define ASIDE 0.3       /* share of the distance by which a target behind counts as farther: heuristic */
 
 /* The parent of a root is -1. */
 typedef struct {

@@ -22,13 +22,13 @@ _TARGETS = 1000
 """Number of targets in one growth of the trees. Measured among bars: with twice as many, half as many chains are found
 in the same time, with twenty times as many hardly any."""
 _NODES = 4000
-"""Maximum number of nodes of a tree. Taste."""
+"""Maximum number of nodes of a tree. Heuristic."""
 _CHAINS = 64
-"""Maximum number of chains found in one growth. Taste."""
+"""Maximum number of chains found in one growth. Heuristic."""
 _ATTRACTED = 0.3
-"""Fraction of targets that are nodes of the other tree. Taste."""
+"""Fraction of targets that are nodes of the other tree. Heuristic."""
 _DIRECTIONS = 16
-"""Number of random directions of the last link if any direction is acceptable. Taste."""
+"""Number of random directions of the last link if any direction is acceptable. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

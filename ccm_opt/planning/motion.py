@@ -13,7 +13,7 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 
 _BENDING_FROM = (0.0, 0.5, 0.8)
-"""Fractions of a motion at which its deformation to another end begins, tried in turn. Taste."""
+"""Fractions of a motion at which its deformation to another end begins, tried in turn. Heuristic."""
 
 
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)

@@ -33,37 +33,39 @@ from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 _SPARE_AT_ENDS = 0.5
-"""Certified gap as a fraction of the gap at start and goal, if that is smaller than the usual one. Taste."""
+"""Certified gap as a fraction of the gap at start and goal, if that is smaller than the usual one. Heuristic."""
 
 _REACH_MARGINS = 4.0
-"""Gap below which contacts are constraints of a QP step, in planning margins, if larger than ``_REACH``. Taste."""
+"""Gap below which contacts are constraints of a QP step, in planning margins, if larger than ``_REACH``. Heuristic."""
 _SPARE_IN_GATES = 0.1
-"""Certified gap as a fraction of the gap beside the arm in narrow gates, if that is smaller than the usual one. Taste:
-half of the fraction that the planning margin keeps."""
+"""Certified gap as a fraction of the gap beside the arm in narrow gates, if that is smaller than the usual one.
+Heuristic: half of the fraction that the planning margin keeps."""
 _END_REACH = 4.0
-"""Search distance at which measured gaps at start and goal are capped, as a multiple of ``_SPARE``. Taste."""
+"""Search distance at which measured gaps at start and goal are capped, as a multiple of ``_SPARE``. Heuristic."""
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Function that yields, from the arm and the configuration in which a motion ends, better goal configurations (c,)."""
 _REACH = 0.96
-"""Gap below which contacts are constraints of a QP step, in nominal links. Taste: a step moves a link by less."""
+"""Gap below which contacts are constraints of a QP step, in nominal links. Heuristic: a step moves a link by less."""
 _PLAY = 0.5
-"""Distance from the centre line of a gate within which joints are not pulled towards it, in planning margins. Taste."""
+"""Distance from the centre line of a gate within which joints are not pulled towards it, in planning margins.
+Heuristic."""
 _LARGEST_LINK = 1.0 / 36.0
 """Upper bound on the link length in which distances of the optimisation are given, as a fraction of the arm's length.
-Taste."""
+Heuristic."""
 _ROW_REACH = 2.5
 """Gap to walls or other links above which the optimisation has no contact constraint, in link lengths of at most
-``_LARGEST_LINK``. Taste."""
+``_LARGEST_LINK``. Heuristic."""
 _ROW_MARGIN = 1e-3
-"""Gap beyond contact that constraints of the optimisation require, as a fraction of the arm's length. Taste."""
+"""Gap beyond contact that constraints of the optimisation require, as a fraction of the arm's length. Heuristic."""
 _ROW_SEEN = 1.1
 """Distance to its bound below which a constraint enters the QP of the optimisation, in link lengths of at most
-``_LARGEST_LINK``. Taste."""
+``_LARGEST_LINK``. Heuristic."""
 _GROUPS = 36
-"""Number of links above which the optimisation has one contact constraint per group of neighbouring joints. Taste."""
+"""Number of links above which the optimisation has one contact constraint per group of neighbouring joints.
+Heuristic."""
 _SPARE = 1e-4
-"""Usual gap beyond contact that is certified, as a fraction of the arm's length. Taste."""
+"""Usual gap beyond contact that is certified, as a fraction of the arm's length. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

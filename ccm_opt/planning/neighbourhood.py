@@ -19,17 +19,18 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _NEIGHBOURHOOD = 0.1
-"""Distance beyond the arm's reach above which walls are left out, as a fraction of the arm's length. Taste: more than
-the search distance of any contact constraint."""
+"""Distance beyond the arm's reach above which walls are left out, as a fraction of the arm's length. Heuristic: more
+than the search distance of any contact constraint."""
 _OUTLINE_ERROR = 5e-5
-"""Maximum error of simplified outlines, as a fraction of the arm's length. Taste: less than a tenth of the clearance
-that the optimisation keeps."""
+"""Maximum error of simplified outlines, as a fraction of the arm's length. Heuristic: less than a tenth of the
+clearance that the optimisation keeps."""
 _OUTLINE_GAP_SHARE = 0.02
-"""Maximum error of simplified outlines, as a fraction of the least gap at start and goal. Taste."""
+"""Maximum error of simplified outlines, as a fraction of the least gap at start and goal. Heuristic."""
 _MANY_VERTICES = 100
-"""Minimum number of vertices of an outline that is simplified. Taste."""
+"""Minimum number of vertices of an outline that is simplified. Heuristic."""
 _VERTICES_KEPT = 0.7
-"""Fraction of vertices that a simplified outline may keep; if it keeps more, the original outline is used. Taste."""
+"""Fraction of vertices that a simplified outline may keep; if it keeps more, the original outline is used.
+Heuristic."""
 
 
 def simplified(obstacle: Obstacle, error: float) -> Obstacle:

@@ -175,29 +175,29 @@ def reversed_motion(motion: Motion) -> Motion:
 
 
 _ADVANCE = 0.2
-"""Distance that the arm is retracted in one step, in nominal links. Taste."""
+"""Distance that the arm is retracted in one step, in nominal links. Heuristic."""
 _LONGEST_ERROR = 1.0
-"""Largest position error of a joint that one step aims to correct, in nominal links. Taste."""
+"""Largest position error of a joint that one step aims to correct, in nominal links. Heuristic."""
 _STRAND_WEIGHT = 1.0
-"""Weight of the distances of retracted joints from their targets, in nominal links, per nominal link. Taste."""
+"""Weight of the distances of retracted joints from their targets, in nominal links, per nominal link. Heuristic."""
 _BENDING = 0.03
-"""Weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in one bow and
-does not crumple."""
+"""Weight of the curvature, in nominal links. Heuristic: far more than elsewhere, so that the arm bows out in one bow
+and does not crumple."""
 _EVENNESS = 0.03
-"""Weight of the differences of curvature from knot to knot. Taste."""
+"""Weight of the differences of curvature from knot to knot. Heuristic."""
 _TURN_WEIGHT = 0.002
-"""Weight of every link's turn, per nominal link. Taste."""
+"""Weight of every link's turn, per nominal link. Heuristic."""
 _BOW = 0.1
-"""Curvature to which the arm outside the gates is pulled at first, as the bend of a nominal link [rad]. Taste."""
+"""Curvature to which the arm outside the gates is pulled at first, as the bend of a nominal link [rad]. Heuristic."""
 
 _LEASH = 0.6
 """Largest distance of a retracted joint from its target at which the arm is retracted further, in nominal links.
-Taste."""
+Heuristic."""
 _BESIDE = 0.5
-"""Distance of the middle of a gate from the arm below which the arm lies in the gate, in nominal links. Taste."""
+"""Distance of the middle of a gate from the arm below which the arm lies in the gate, in nominal links. Heuristic."""
 
 _BOWING = 3.0
-"""Length of retraction over which the arm is initially bent to one side, in nominal links. Taste."""
+"""Length of retraction over which the arm is initially bent to one side, in nominal links. Heuristic."""
 
 
 @dataclass

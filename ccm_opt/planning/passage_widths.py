@@ -15,22 +15,22 @@ MARGINS = (0.06, 0.024)
 one the arm passes through narrower gaps. Measured: with an even smaller second one, the first candidate failed in one
 scene."""
 WIDTH_SAMPLES = 96
-"""Number of points along a path at which the width of its passage is measured. Taste."""
+"""Number of points along a path at which the width of its passage is measured. Heuristic."""
 
 _LEAST_MARGIN = 0.001
-"""Minimum planning margin if none of the usual ones fits, in nominal links. Taste."""
+"""Minimum planning margin if none of the usual ones fits, in nominal links. Heuristic."""
 
 _NARROW = 2.5
-"""Width of a passage below which nominal links are shortened, in nominal links. Taste: the height of a fold is about a
-third of the passage's width, and should not be less than a nominal link."""
+"""Width of a passage below which nominal links are shortened, in nominal links. Heuristic: the height of a fold is
+about a third of the passage's width, and should not be less than a nominal link."""
 
 _ROOMY = 3.2
-"""Width of a narrow passage in shortened nominal links. Taste."""
+"""Width of a narrow passage in shortened nominal links. Heuristic."""
 _FITTING_SHARE = 0.8
-"""Largest usable planning margin, as a fraction of the gap beside the arm. Taste: a margin equal to the gap would leave
-the arm no freedom to move."""
+"""Largest usable planning margin, as a fraction of the gap beside the arm. Heuristic: a margin equal to the gap would
+leave the arm no freedom to move."""
 _MARGIN_SHARE = 0.5
-"""Planning margin if none of the usual ones fits, as a fraction of the gap beside the arm. Taste."""
+"""Planning margin if none of the usual ones fits, as a fraction of the gap beside the arm. Heuristic."""
 
 SPARE = 1.001
 """Factor by which lines are lengthened before their crossings with edges are sought, so that rounding misses none."""

@@ -20,27 +20,28 @@ from ccm_opt.planning.limits.user_motion_rows import slope_norms
 from ccm_opt.planning.spline_path import DEGREE
 
 _EQUATION_SAMPLES = 8
-"""Number of samples of each span at which the limits are checked. Taste."""
+"""Number of samples of each span at which the limits are checked. Heuristic."""
 _FIRST_SPANS = 48
-"""Minimum number of spans of the first path. Taste."""
+"""Minimum number of spans of the first path. Heuristic."""
 _MOST_SPANS = 1200
-"""Number of spans above which refinement is given up. Taste."""
+"""Number of spans above which refinement is given up. Heuristic."""
 _ROUNDS = 10
-"""Maximum number of rounds, in each of which a path is computed and spans that violate limits are halved. Taste."""
+"""Maximum number of rounds, in each of which a path is computed and spans that violate limits are halved. Heuristic."""
 _NEWTON_STEPS = 12
-"""Maximum number of steps of Newton's method that project a knot onto the limits. Taste."""
+"""Maximum number of steps of Newton's method that project a knot onto the limits. Heuristic."""
 _MET = 1e-10
 """Largest violation of the limits at a knot, in the limits' units. Derived: four orders of magnitude below what the
 verifier permits."""
 _RANK = 1e-09
-"""Fraction of the largest singular value below which singular values count as zero. Taste."""
+"""Fraction of the largest singular value below which singular values count as zero. Heuristic."""
 _JOINT_SHARE = 0.995
-"""Fraction of a joint limit to which bends beyond that fraction are reduced. Taste."""
+"""Fraction of a joint limit to which bends beyond that fraction are reduced. Heuristic."""
 
 _CERTIFIED_SAMPLES = 12
-"""Number of samples of a span between which the certificate assumes the path to be linear. Taste."""
+"""Number of samples of a span between which the certificate assumes the path to be linear. Heuristic."""
 _MOST_CERTIFIED = 6000
-"""Approximate maximum number of the certificate's samples on the whole path. Taste: it bounds the computing time."""
+"""Approximate maximum number of the certificate's samples on the whole path. Heuristic: it bounds the computing
+time."""
 
 
 Free: TypeAlias = Callable[[FloatArray], FloatArray]

@@ -68,11 +68,11 @@ from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _SHARE_IN_THE_PLANE = 0.9
-"""Fraction of the time limit that the search in the plane may use. Taste: the rest is for timing and checks."""
+"""Fraction of the time limit that the search in the plane may use. Heuristic: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
 _CONTACT_SHARE = 0.5
-"""Fraction of the problem's contact tolerance up to which planning accepts penetration. Taste."""
+"""Fraction of the problem's contact tolerance up to which planning accepts penetration. Heuristic."""
 _STRAIGHT = 1e-9
 """Bend below which a joint counts as straight [rad]."""
 _SQUARE = 1e-6

@@ -14,7 +14,7 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RANK = 1e-10
 """Fraction of the largest singular value below which singular values count as zero, so that linearly dependent rows of
-a matrix have no effect. Taste."""
+a matrix have no effect. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,12 +41,12 @@ from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 
 _DIFFERENT = 0.3
-"""Difference in the heading of a link above which two configurations count as different [rad]. Taste."""
+"""Difference in the heading of a link above which two configurations count as different [rad]. Heuristic."""
 _BEGINNINGS = 2
-"""Maximum number of configurations along each route. Taste: one for each side to which the arm's surplus length can
+"""Maximum number of configurations along each route. Heuristic: one for each side to which the arm's surplus length can
 bulge."""
 _BROUGHT_ROUNDS = 20
-"""Maximum number of rounds of random poses that are moved onto the goal. Taste: a tenth of a second each."""
+"""Maximum number of rounds of random poses that are moved onto the goal. Heuristic: a tenth of a second each."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,15 @@ class PoseSearchSettings:
     """Settings of the search for the best pose at a goal.
 
     Attributes:
-        drawn: maximum number of sampled poses, each of which the goal-pose NLP improves. Taste: each takes a quarter of
-            a second.
+        drawn: maximum number of sampled poses, each of which the goal-pose NLP improves. Heuristic: each takes a
+            quarter of a second.
         rounds: maximum number of solutions from each initial guess. Measured: among the shared problems, the fork gains
             from ten.
-        draw_share: fraction of the remaining time that sampling in space may take if a motion was found. Taste: ducts
-            admit so few poses that sampling finds none in any time; the default amounts to 1.5 s, in which an open
-            scene yields the full number of poses.
+        draw_share: fraction of the remaining time that sampling in space may take if a motion was found. Heuristic:
+            ducts admit so few poses that sampling finds none in any time; the default amounts to 1.5 s, in which an
+            open scene yields the full number of poses.
         motion_share: fraction of the remaining time that the search for a motion in space may take; its last pose is
-            an initial guess. Taste.
+            an initial guess. Heuristic.
     """
 
     drawn: int = 6

@@ -19,8 +19,8 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
 _TO_SHAPE = 0.25
-"""Probability weight of leading the whole arm to a random shape. Taste, as all weights of extensions: different kinds
-succeed in different scenes, so every kind is used."""
+"""Probability weight of leading the whole arm to a random shape. Heuristic, as all weights of extensions: different
+kinds succeed in different scenes, so every kind is used."""
 _TO_BUMP = 0.15
 """Probability weight of bending a part of the arm sideways."""
 _TO_PLACE = 0.15
@@ -32,22 +32,22 @@ _FOLDED = 0.15
 _TO_OTHER = 0.2
 """Probability weight of leading the whole arm to a pose of the other tree."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Minimum and maximum width of a bent part, as fractions of the arm's length. Taste."""
+"""Minimum and maximum width of a bent part, as fractions of the arm's length. Heuristic."""
 _PLACES_DRAWN = 64
-"""Number of points sampled at once to find a free one. Taste."""
+"""Number of points sampled at once to find a free one. Heuristic."""
 
 _SHAPE_KNOTS = 6
-"""Number of knots between which the curvature of a random shape is linear. Taste."""
+"""Number of knots between which the curvature of a random shape is linear. Heuristic."""
 _SHAPE_CURVATURE = 3.0
-"""Standard deviation of the curvature of a random shape, times the arm's length. Taste."""
+"""Standard deviation of the curvature of a random shape, times the arm's length. Heuristic."""
 _BUMP_TURN = 0.8
-"""Standard deviation of the change of heading of a bent part [rad]. Taste."""
+"""Standard deviation of the change of heading of a bent part [rad]. Heuristic."""
 _SHAPES_AS_ROUTES = 0.3
-"""Fraction of routes that are arm shapes of the other tree. Taste."""
+"""Fraction of routes that are arm shapes of the other tree. Heuristic."""
 _NODE_CHOICE = 4
-"""Number of random nodes of which the least used is extended. Taste."""
+"""Number of random nodes of which the least used is extended. Heuristic."""
 _TIP_CHOICE = 6
-"""Number of random nodes of which the one with the tip nearest to a sampled point is extended. Taste."""
+"""Number of random nodes of which the one with the tip nearest to a sampled point is extended. Heuristic."""
 
 
 @dataclass

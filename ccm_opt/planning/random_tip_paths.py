@@ -35,24 +35,25 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _FARTHEST = 0.3
-"""Maximum distance of sampled via points from the tip or goal, as a fraction of the arm's length. Taste."""
+"""Maximum distance of sampled via points from the tip or goal, as a fraction of the arm's length. Heuristic."""
 _PLACES_DRAWN = 16
-"""Number of points sampled at once to find a free one. Taste."""
+"""Number of points sampled at once to find a free one. Heuristic."""
 _NEARNESS = 0.17
 """Scale of distance from the goal: a walk begins 1/e times as often at a tip this far from the goal as at one at the
-goal, as a fraction of the arm's length. Taste."""
+goal, as a fraction of the arm's length. Heuristic."""
 
 _FROM_START = 0.35
 """Probability that a walk begins at the start, and not at the end of another walk. Measured: fewer fields of obstacles
 are solved with 0.1, and also with 1."""
 _ONTO_GOAL = 0.7
-"""Probability that a walk leads on to the goal, and not only to a random point. Taste."""
+"""Probability that a walk leads on to the goal, and not only to a random point. Heuristic."""
 _BY_PLACE = 0.85
-"""Probability that a walk to the goal leads via a random point, which decides on which side walls are passed. Taste."""
+"""Probability that a walk to the goal leads via a random point, which decides on which side walls are passed.
+Heuristic."""
 _ABOUT_GOAL = 0.7
-"""Probability that random points are sampled around the goal, and not around the tip. Taste."""
+"""Probability that random points are sampled around the goal, and not around the tip. Heuristic."""
 _NEAREST = 0.05
-"""Minimum distance of sampled via points from the tip or goal, as a fraction of the arm's length. Taste."""
+"""Minimum distance of sampled via points from the tip or goal, as a fraction of the arm's length. Heuristic."""
 _ROUNDING = (0.5, 1.0, 2.0)
 """Distances that tip paths keep from obstacle corners, one sampled for each walk, as multiples of the usual distance.
 Measured: with several the mean time to a solution was 3.3 s instead of 4.1."""

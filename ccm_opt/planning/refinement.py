@@ -32,24 +32,24 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _REACH = 0.02
-"""Gap up to which contacts are constraints of a repair step, as a fraction of the arm's length. Taste."""
+"""Gap up to which contacts are constraints of a repair step, as a fraction of the arm's length. Heuristic."""
 _COORDINATE_WEIGHT = 1e-4
 """Weight of changes of the coordinates relative to those of link headings. It fixes coordinates on which no link
-heading depends. Taste."""
+heading depends. Heuristic."""
 
 _REPAIRS = 6
-"""Maximum number of rounds that repair keyframes of intervals that fail the certificate. Taste; if these do not
+"""Maximum number of rounds that repair keyframes of intervals that fail the certificate. Heuristic; if these do not
 suffice, planning is repeated with the task's own links."""
 _DESIGN_LINKS = 24
 """Number of links with which arms of more links are planned; more if narrow passages require it. Measured: of 38
 motions found in clutter with this many links, 34 were certified unchanged for arms with more links."""
 _MANY_LINKS = 1.5
-"""Multiple of the coarse arm's number of links above which planning with the coarse arm pays. Taste."""
+"""Multiple of the coarse arm's number of links above which planning with the coarse arm pays. Heuristic."""
 REFINEMENT_MARGIN = 3e-3
-"""Margin kept in the optimisation of a motion that is to be refined, as a fraction of the arm's length. Taste: about
-the distance of an arm of 24 links from its curve."""
+"""Margin kept in the optimisation of a motion that is to be refined, as a fraction of the arm's length. Heuristic:
+about the distance of an arm of 24 links from its curve."""
 _REPAIR_MARGIN = 1.5e-3
-"""Planning margin of the repair of a refined motion, as a fraction of the arm's length. Taste."""
+"""Planning margin of the repair of a refined motion, as a fraction of the arm's length. Heuristic."""
 _COARSE_ROOM = 0.04
 """Gap that the motion of the coarse arm in space keeps beyond the required clearance, in nominal links."""
 _OFFSET = 0.02

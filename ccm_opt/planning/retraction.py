@@ -28,32 +28,32 @@ from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
 _LONGEST_ERROR = 1.0
 """Largest position error of a joint that a step is required to correct, in nominal links; larger ones are corrected
-in part. Taste."""
+in part. Heuristic."""
 _STRAND_WEIGHT = 1.0
-"""Weight of the position errors of the joints that slide back along the old shape, per nominal link. Taste."""
+"""Weight of the position errors of the joints that slide back along the old shape, per nominal link. Heuristic."""
 _HEADING_WEIGHT = 0.3
-"""Weight of each link's deviation from the reference heading, per nominal link. Taste."""
+"""Weight of each link's deviation from the reference heading, per nominal link. Heuristic."""
 _TURN_WEIGHT = 0.002
-"""Weight of each link's change of heading in a step, per nominal link. Taste."""
+"""Weight of each link's change of heading in a step, per nominal link. Heuristic."""
 _MOTION_WEIGHT = 0.02
-"""Weight of each joint's displacement in a step, per nominal link. Taste."""
+"""Weight of each joint's displacement in a step, per nominal link. Heuristic."""
 
 _BESIDE = 2.5
-"""Distance from the arm below which a point of the tip path counts as next to the arm, in nominal links. Taste."""
+"""Distance from the arm below which a point of the tip path counts as next to the arm, in nominal links. Heuristic."""
 _LEASH = 0.3
 """Largest mean position error of the joints beyond the fold at which the fold still advances, in nominal links.
-Taste."""
+Heuristic."""
 
 _LEAST_WAY = 2.0
 """Total length of the tip path that leads beside the arm through passages too narrow for a fold, above which
-withdrawals are tried first, in nominal links. Taste."""
+withdrawals are tried first, in nominal links. Heuristic."""
 _NEAR_BASE = 3.0
 """Arc length from the base below which points of the arm do not count as beside the tip path, in nominal links.
-Taste."""
+Heuristic."""
 
 
 _ADVANCE = 0.15
-"""Travel of the fold in one step, in nominal links. Taste."""
+"""Travel of the fold in one step, in nominal links. Heuristic."""
 
 
 @dataclass

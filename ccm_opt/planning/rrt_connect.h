@@ -5,7 +5,7 @@
 
 #include "native.h"
 
-#define SHORTEST 1e-2 /* extension that makes a node [rad]: taste */
+#define SHORTEST 1e-2 /* extension that makes a node [rad]: heuristic */
 
 /* The parent of a root is -1. */
 typedef struct {

@@ -15,17 +15,17 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 
 _GOAL_ROUNDS = 10
-"""Number of rounds of extensions between two requests for further poses at the goal. Taste."""
+"""Number of rounds of extensions between two requests for further poses at the goal. Heuristic."""
 _MOST_GOALS = 40
-"""Number of poses at the goal from which on no more are requested. Taste."""
+"""Number of poses at the goal from which on no more are requested. Heuristic."""
 
 _DOUBLINGS = 16
 """Maximum number of times that the size of a batch of targets is doubled; the largest batch is reached before that."""
 _SPACE = 16
-"""Minimum number of nodes, per target of a batch, for which memory is reserved before an extension. Taste."""
+"""Minimum number of nodes, per target of a batch, for which memory is reserved before an extension. Heuristic."""
 
 FEW_LINKS = 10
-"""Maximum number of links of an arm that is planned in the space of its bends. Taste: with more, random bends give
+"""Maximum number of links of an arm that is planned in the space of its bends. Heuristic: with more, random bends give
 crumpled shapes, so smooth shapes are sampled instead."""
 CONNECT = "RRT-Connect"
 """Candidate name of motions found by RRT-Connect."""

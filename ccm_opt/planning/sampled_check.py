@@ -19,16 +19,16 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _STRIDE = 8
-"""Stride of the first pass over the poses of a motion. Taste: most motions with contact have it over many poses."""
+"""Stride of the first pass over the poses of a motion. Heuristic: most motions with contact have it over many poses."""
 POSE_SPACING = 0.75
 """Distance that the tip moves between two checked poses, as a multiple of the distance that the arm's centre line has
-to keep from walls. Taste: the certificate finds contacts between them."""
+to keep from walls. Heuristic: the certificate finds contacts between them."""
 LEAST_SPACING = 0.005
-"""Least spacing of poses and of points on links, as a fraction of the arm's length. Taste: for thin arms."""
+"""Least spacing of poses and of points on links, as a fraction of the arm's length. Heuristic: for thin arms."""
 
 _CELLS = 2000
-"""Number of cells of the raster along each side of the square within reach. Taste: 4 million cells are filled in some
-hundredths of a second, and a cell is a thousandth of the reach."""
+"""Number of cells of the raster along each side of the square within reach. Heuristic: 4 million cells are filled in
+some hundredths of a second, and a cell is a thousandth of the reach."""
 
 _POINT_SPACING = 0.7
 """Spacing of the checked points on the links, as a multiple of the distance that the arm's centre line has to keep from

@@ -19,17 +19,17 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _CELLS = 16_000_000
-"""Maximum number of cells of the fine grid, of which only those that are used take memory and time. Taste: a cell is
-then a hundredth of the arm's length."""
+"""Maximum number of cells of the fine grid, of which only those that are used take memory and time. Heuristic: a cell
+is then a hundredth of the arm's length."""
 _FINE = 0.25
-"""Minimum size of the cells of the fine grid, as a fraction of the required distance. Taste."""
+"""Minimum size of the cells of the fine grid, as a fraction of the required distance. Heuristic."""
 _NEAR = 3.0
 """Distance above the required one up to which the fine grid stores distances, in cells of this grid."""
 _WIDE = 3.0
 """Size of the cells of the wide grid, in cells of the fine grid. Measured among bars: with 2 and 4 the check of random
 poses takes a third longer, with a single grid of 1 twice as long."""
 _TOLD = 0.07
-"""Distance above the required one up to which the wide grid stores distances [arm lengths]. Taste."""
+"""Distance above the required one up to which the wide grid stores distances [arm lengths]. Heuristic."""
 _BLOCK, _MOST_NEAR = 4, 31
 """Number of grid points along a side of a block of a grid, and maximum number of triangles stored for a block; the same
 values are in the C code."""

@@ -39,15 +39,16 @@ _STEPS = 40
 _SHAPES = 4096
 """Number of smooth shapes that are sampled together; a shape and its tip take some 4 µs."""
 _NEAREST = 256
-"""Number of the sampled smooth shapes, those nearest to the goal, that are moved onto the goal. Taste: it takes a tenth
+"""Number of the sampled smooth shapes, those nearest to the goal, that are moved onto the goal. Heuristic: it takes a
+tenth
 of a millisecond each. Measured among bars: of these one in a hundred is free, of shapes with the tip anywhere one in a
 thousand."""
 _FACING = 0.3
-"""Position error that is equivalent to a direction error of one radian, in arm lengths. Taste."""
+"""Position error that is equivalent to a direction error of one radian, in arm lengths. Heuristic."""
 _NEWTON_STEPS = 20
-"""Maximum number of steps of Newton's method onto the goal. Taste: it converges in some six or never."""
+"""Maximum number of steps of Newton's method onto the goal. Heuristic: it converges in some six or never."""
 _NEWTON_TURN = 1.5
-"""Maximum norm of a step of Newton's method onto the goal, in changes of link headings [rad]. Taste."""
+"""Maximum norm of a step of Newton's method onto the goal, in changes of link headings [rad]. Heuristic."""
 _ARRIVED = 1e-4
 """Error of the tip up to which poses are passed on to the exact method, in arm lengths and radians."""
 _CHAIN_STRAYS = (0.0, 0.3, 1.0)
@@ -55,13 +56,14 @@ _CHAIN_STRAYS = (0.0, 0.3, 1.0)
 that its target requires. Measured among bars: each weight finds poses where the others find none."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
 """Gaps that a chain's links keep beyond the required clearance, as fractions of the preferred clearance; one is sampled
-for each growth. Taste."""
+for each growth. Heuristic."""
 _CHAIN_GAP = 1.5
-"""Largest distance between the part of a chain grown from the start and that grown from the goal, in links. Taste."""
+"""Largest distance between the part of a chain grown from the start and that grown from the goal, in links.
+Heuristic."""
 _CHAIN_BENDS = 0.98
 """Largest bend of the joints of a chain, as a fraction of the joint limit."""
 _ALIKE = 0.03
-"""Largest distance between joints of two poses up to which the poses count as one, in arm lengths. Taste."""
+"""Largest distance between joints of two poses up to which the poses count as one, in arm lengths. Heuristic."""
 _CONTROLS = (3, 9)
 """Least number of control values of a smooth shape's curvature, which is linear in between, and one more than the
 greatest."""
@@ -298,7 +300,7 @@ _EXTENSION = 2.0
 """Maximum length of an extension, in the norm of points [rad]. Measured among bars: with 1 it takes twice as long until
 the trees meet."""
 _BATCH = (8, 16)
-"""Minimum and maximum number of targets in a batch, between checks of the deadline. Taste."""
+"""Minimum and maximum number of targets in a batch, between checks of the deadline. Heuristic."""
 _SMOOTH = 0.8
 """Fraction of the trees' targets that are smooth random shapes. Measured among bars: with half as many, trees meet
 later."""

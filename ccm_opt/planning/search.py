@@ -350,7 +350,7 @@ def nothing_found(
 
 _CLOSE = 0.1
 """Gap below which a wall may have stopped an attempt, as a fraction of the distance that walls have to keep from the
-arm's centre line. Taste."""
+arm's centre line. Heuristic."""
 
 
 def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:

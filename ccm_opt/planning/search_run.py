@@ -34,16 +34,17 @@ from ccm_opt.planning.tracking import Reference, follow_reference
 
 _PAUSES = (0.02, 1e-3)
 """Distances from the previous pose below which a pose is dropped [rad], tried in turn until the motion is certified. A
-path that almost stands still at some poses is hard to time. Taste."""
+path that almost stands still at some poses is hard to time. Heuristic."""
 _PUT_OFF = 0.5
-"""Probability that a candidate is deferred until the others have been tried, for seeds other than 0. Taste."""
+"""Probability that a candidate is deferred until the others have been tried, for seeds other than 0. Heuristic."""
 
 _NEAR = 0.05
-"""Gap below which the nearest obstruction is reported, as a fraction of the arm's length. Taste."""
+"""Gap below which the nearest obstruction is reported, as a fraction of the arm's length. Heuristic."""
 _CORNER = 0.02
-"""Change of heading above which a vertex of a path counts as a corner [rad]. Taste."""
+"""Change of heading above which a vertex of a path counts as a corner [rad]. Heuristic."""
 _FEW_CORNERS = 2
-"""Maximum number of corners of a route for which interpolation is tried first: with more, it seldom works. Taste."""
+"""Maximum number of corners of a route for which interpolation is tried first: with more, it seldom works.
+Heuristic."""
 
 
 def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
@@ -212,7 +213,7 @@ _GATE_RIDGE = 1e-5
 Measured for an arm of 48 links in two doors: with the regularisation for narrow margins a step took 1165 iterations,
 with this one 2."""
 _MENDS = 3
-"""Maximum number of rounds that insert poses where a motion through gates is not certified. Taste."""
+"""Maximum number of rounds that insert poses where a motion through gates is not certified. Heuristic."""
 
 
 def sampled_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:

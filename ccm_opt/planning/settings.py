@@ -18,11 +18,11 @@ class ConvexSettings:
     """Settings of the sequential convex programming.
 
     Attributes:
-        price: initial penalty on one nominal link of slack. Taste.
-        highest_price: largest value to which the price rises where an interval lacks clearance. Taste.
-        worth: fraction by which a round has to improve the merit, or count as without gain. Taste.
-        patience: maximum number of successive rounds without gain. Taste.
-        patience_in_want: value of ``patience`` for a motion that lacks clearance. Taste.
+        price: initial penalty on one nominal link of slack. Heuristic.
+        highest_price: largest value to which the price rises where an interval lacks clearance. Heuristic.
+        worth: fraction by which a round has to improve the merit, or count as without gain. Heuristic.
+        patience: maximum number of successive rounds without gain. Heuristic.
+        patience_in_want: value of ``patience`` for a motion that lacks clearance. Heuristic.
         counts_room: whether missing clearance counts in a motion's merit, and only iterates with a better merit are
             kept; otherwise only violated constraints count, at their prices, and every step is kept.
     """
@@ -43,15 +43,15 @@ class OptimisationSettings:
         intervals: minimum number of intervals; a motion that needs more to be certified keeps more. Measured: twice as
             many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals tried if keyframes have to be moved onto limits, until the motion through
-            them is certified. Taste.
+            them is certified. Heuristic.
         finer_intervals: minimum number of intervals if a motion lacks clearance. Measured: of 18 motions among clutter
             that lacked clearance, few gained much with as many as before, most with about twice as many.
-        leg_depth: maximum number of bisections in the certificate of an interval when keyframes are removed. Taste.
-        first_stride: number of keyframes that are skipped at first when keyframes are removed. Taste.
-        first_rounds: number of steps with many keyframes before keyframes are removed again. Taste.
-        rounds: maximum number of steps. Taste.
-        free_rounds: maximum number of steps before the end pose of the motion is chosen. Taste.
-        end_rounds: maximum number of steps after the end pose is chosen. Taste.
+        leg_depth: maximum number of bisections in the certificate of an interval when keyframes are removed. Heuristic.
+        first_stride: number of keyframes that are skipped at first when keyframes are removed. Heuristic.
+        first_rounds: number of steps with many keyframes before keyframes are removed again. Heuristic.
+        rounds: maximum number of steps. Heuristic.
+        free_rounds: maximum number of steps before the end pose of the motion is chosen. Heuristic.
+        end_rounds: maximum number of steps after the end pose is chosen. Heuristic.
         steps: settings of the sequential convex programming.
     """
 
@@ -72,20 +72,21 @@ class AnyStepSettings:
     """Settings of a single QP step, in the plane or in space.
 
     Attributes:
-        largest_turn: largest turn of a link in one step [rad], so that the linearised constraints are valid. Taste.
+        largest_turn: largest turn of a link in one step [rad], so that the linearised constraints are valid. Heuristic.
         limit_share: fraction of a joint limit that planning uses, since linearised constraints ignore that the shape
-            of a fed arm changes with its feed. Taste.
+            of a fed arm changes with its feed. Heuristic.
         firm_share: fraction of a gap's shortfall from the margin that constraints enforce, if such a step exists; 0
-            by default. Taste.
-        restoration_share: fraction of a gap's shortfall from the margin that the step aims to restore. Taste.
-        push_weight: weight on restoring such a shortfall, relative to the distance of a nominal link. Taste.
-        keep_share: fraction of the planning margin that every accepted pose keeps if steps are not certified. Taste.
+            by default. Heuristic.
+        restoration_share: fraction of a gap's shortfall from the margin that the step aims to restore. Heuristic.
+        push_weight: weight on restoring such a shortfall, relative to the distance of a nominal link. Heuristic.
+        keep_share: fraction of the planning margin that every accepted pose keeps if steps are not certified.
+            Heuristic.
         travel: largest travel of a joint in a step, in general and where walls or links are within reach, in nominal
             links.
         still: whether turns and displacements of links have a cost, so that the arm moves only if another term requires
             it.
         proof_depth: number of bisections of the certificate of every step; None if only whole motions are certified.
-        ridge: value on the diagonal of the step's Hessian that makes it positive definite. Taste.
+        ridge: value on the diagonal of the step's Hessian that makes it positive definite. Heuristic.
         blend_ridge: ridge on unknowns that blend into a goal of the whole arm, if larger.
     """
 
@@ -113,17 +114,17 @@ class StepSettings(AnyStepSettings):
 
     Attributes:
         limit_share: fraction of a joint limit that planning uses; the overshoot of accepted poses and splines stays
-            below the limit. Taste.
+            below the limit. Heuristic.
         full_limit_share: fraction of a joint limit used if the ends need more, or if joint limits stop the arm short of
             its goal. Derived: linearised constraints and Newton corrections err by a hundredth of a degree at most.
-        narrow_firm_share: ``firm_share`` for narrow margins. Taste.
+        narrow_firm_share: ``firm_share`` for narrow margins. Heuristic.
         ridge: as in ``AnyStepSettings``.
         narrow_ridge: ridge for narrow margins. Measured: with the large weights for narrow margins, the solver does not
             recognise a Hessian with the usual ridge as definite, and takes 600 iterations instead of 10.
         blend_ridge: ridge on coordinates that blend into a goal of the whole arm. Measured on a chain in a horn, 12 to
             96 links: with the usual ridge a step along a guide's path took 36 to 280 iterations of its QP or never
             ended, with this one 3 to 7.
-        narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
+        narrow_margin: planning margin below which steps are smaller, in nominal links. Heuristic: the usual narrow one.
     """
 
     limit_share: float = 0.98
@@ -169,12 +170,12 @@ class ContinuationSettings:
     """Settings of the stages in which QP steps lead the arm along a guide and finally settle the tip on the goal.
 
     Attributes:
-        settle_steps: maximum number of steps of settling on the goal. Taste.
-        settle_least: number of settling steps that are taken even if the arm hardly moves. Taste.
-        settle_growth: growth of the goal's weight from step to step. Taste.
-        still_weight: weight of the turns of all links together while settling. Taste.
-        polish_distance: tip distance from the goal below which Newton's method is tried, in nominal links. Taste.
-        polish_turn: angle between the directions of tip and goal below which Newton's method is tried [rad]. Taste.
+        settle_steps: maximum number of steps of settling on the goal. Heuristic.
+        settle_least: number of settling steps that are taken even if the arm hardly moves. Heuristic.
+        settle_growth: growth of the goal's weight from step to step. Heuristic.
+        still_weight: weight of the turns of all links together while settling. Heuristic.
+        polish_distance: tip distance from the goal below which Newton's method is tried, in nominal links. Heuristic.
+        polish_turn: angle between the directions of tip and goal below which Newton's method is tried [rad]. Heuristic.
     """
 
     settle_steps: int = 150
@@ -192,11 +193,11 @@ class GoalSettings:
     Attributes:
         polish_tolerance: tip error [arm lengths] and heading error [rad] at which Newton's method stops. Derived: three
             orders of magnitude below what the verifier allows.
-        reached: multiple of ``polish_tolerance`` up to which a tip counts as on the goal. Taste.
+        reached: multiple of ``polish_tolerance`` up to which a tip counts as on the goal. Heuristic.
         heading_weight: weight of the tip's heading, and of limit violations at the goal, relative to its position.
-            Taste.
-        distance_step: largest advance onto the goal at which a step aims, in nominal links. Taste.
-        turn_step: largest turn onto the goal's direction at which a step aims [rad]. Taste.
+            Heuristic.
+        distance_step: largest advance onto the goal at which a step aims, in nominal links. Heuristic.
+        turn_step: largest turn onto the goal's direction at which a step aims [rad]. Heuristic.
     """
 
     polish_tolerance: float = 1e-9
@@ -216,8 +217,8 @@ class TrackingSettings:
     """Settings of the stage that tracks a reference motion under constraints that depend on the path parameter u.
 
     Attributes:
-        first_advance: first increment of u, which runs from 0 to 1. Taste.
-        largest_advance: largest increment of u. Taste.
+        first_advance: first increment of u, which runs from 0 to 1. Heuristic.
+        largest_advance: largest increment of u. Heuristic.
     """
 
     first_advance: float = 1.0 / 80.0
@@ -237,9 +238,9 @@ class TipWalkSettings:
         longest_way: length of the tip path above which there are no early walks, as a fraction of the arm's length.
             Measured: in fields of 1000 polygons with sampled goals, walks along 0.2 to 0.6 of the arm's length mostly
             arrive, and along 1.2 to 2.0, where the whole arm has to take another route, never.
-        early_walks: number of walks before poses at the goal are sought. Taste: at most half the time of a failed
+        early_walks: number of walks before poses at the goal are sought. Heuristic: at most half the time of a failed
             search for such poses.
-        late_walks: number of walks before the search by trees. Taste: a few times as many.
+        late_walks: number of walks before the search by trees. Heuristic: a few times as many.
     """
 
     margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)
@@ -275,7 +276,7 @@ class MotionSettings(EngineSettings):
         certificate: settings of the certificate of contact.
         step: settings of a single step.
         many_walls: number of walls in the neighbourhood above which the tip is led along every path before poses at the
-            goal are sought. Taste: among a thousand walls, such poses take seconds.
+            goal are sought. Heuristic: among a thousand walls, such poses take seconds.
         tip_walks: settings of leading the tip among many walls.
     """
 
@@ -301,7 +302,7 @@ class SpaceCertificateSettings:
     """Settings of the certificate that a motion in space is collision-free.
 
     Attributes:
-        depth: number of times that an interval may be halved. Taste: twelve halvings cut a step into four thousand
+        depth: number of times that an interval may be halved. Heuristic: twelve halvings cut a step into four thousand
             parts.
         spare: certified gap beyond contact, as a reserve for the path between samples, in nominal links.
         slack: fraction of a link's motion by which distances may at first be underestimated; this shortens the

@@ -21,9 +21,9 @@ from ccm_opt.planning.sampled_check import SampledCheck
 _TURN = 0.15
 """Largest turn of a link between two keyframes of the result [rad]. Derived: that of a QP step."""
 _STREAM = 7
-"""Seed number of the random shortcuts among those of a task. Taste."""
+"""Seed number of the random shortcuts among those of a task. Heuristic."""
 MANY_INTERVALS = 40
-"""Number of certified intervals up to which a motion is optimised without shortcuts. Taste."""
+"""Number of certified intervals up to which a motion is optimised without shortcuts. Heuristic."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Shortcuts:
     Attributes:
         check: collision check by samples, applied first.
         unproved: function that returns the uncertified intervals of a motion, given by link headings (K, links).
-        rounds: number of rounds, in each of which one part of the motion may be replaced. Taste.
-        tries: number of shortcuts that are tried in each round. Taste.
-        saved: minimum fraction of the motion's length that a shortcut has to save. Taste.
+        rounds: number of rounds, in each of which one part of the motion may be replaced. Heuristic.
+        tries: number of shortcuts that are tried in each round. Heuristic.
+        saved: minimum fraction of the motion's length that a shortcut has to save. Heuristic.
     """
 
     check: SampledCheck

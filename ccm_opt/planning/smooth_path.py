@@ -38,10 +38,10 @@ _LOOKS = 5
 """Number of samples per keyframe of the motion at which the clearance of the path is measured."""
 
 _USER_SAMPLES = 32
-"""Number of samples of a span at which user constraints are checked; they are not proved in between. Taste."""
+"""Number of samples of a span at which user constraints are checked; they are not proved in between. Heuristic."""
 _LOST_ROOM = 0.02
 """Largest amount by which a path may lack more of the preferred clearance than its motion does, as a fraction of the
-preferred clearance. Taste."""
+preferred clearance. Heuristic."""
 _ROOMY_REFINEMENTS = 2
 """Number of first refinements of the control polygon in which the preferred clearance is required as well; later it is
 not, since each refinement adds sharp bends to the path."""

@@ -37,7 +37,7 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
 """Extension, in units of the path parameter, on both sides of the interval in which planning applies a user's
-constraint. Taste."""
+constraint. Heuristic."""
 _PATH_SAMPLES = 4
 """Number of samples per span of a path at which the distance of the tip from its via points is checked."""
 _PASSING = 0.5

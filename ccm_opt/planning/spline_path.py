@@ -11,25 +11,25 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 
 _LEAST_SAMPLES = 4
-"""Minimum number of samples of a span, between which the certificate assumes linear motion. Taste."""
+"""Minimum number of samples of a span, between which the certificate assumes linear motion. Heuristic."""
 _MOST_SAMPLES = 96
-"""Maximum number of samples of a span. Taste."""
+"""Maximum number of samples of a span. Heuristic."""
 _SPARE_SHARE = 0.5
 """Largest error of linear interpolation between samples, as a fraction of the gap that the certificate proves; the rest
-of the gap is proved for the spline itself. Taste."""
+of the gap is proved for the spline itself. Heuristic."""
 _LEAST_ERROR = 2e-06
 """Error of linear interpolation that is allowed however small the gap is, as a fraction of the arm's length. Derived: a
 few times the penetration that still counts as contact."""
 _REFINEMENTS = 5
-"""Maximum number of rounds in which legs of the control polygon are halved where a span fails. Taste."""
+"""Maximum number of rounds in which legs of the control polygon are halved where a span fails. Heuristic."""
 _MOST_REFINEMENTS = 16
 """Maximum number of rounds in which legs are halved if user limits or the preferred clearance are required too.
-Taste."""
+Heuristic."""
 _MOST_CONTROL = 400
-"""Number of control points above which none are added. Taste."""
+"""Number of control points above which none are added. Heuristic."""
 _MOST_GROWTH = 8
 """Number of control points per keyframe above which none are added, where that allows more than ``_MOST_CONTROL``.
-Taste."""
+Heuristic."""
 
 DEGREE = 3
 """Degree of the splines: the least with a continuous second derivative."""

@@ -18,9 +18,9 @@ from ccm_opt.scene.contact_finder import WallFinder
 
 _ITERATIONS_A_ROW = 8
 """Maximum number of QP iterations per constraint: it stops the solver when the arm cannot move,
-and grows with the problem, as 192 links need more than 24 iterations. Taste."""
+and grows with the problem, as 192 links need more than 24 iterations. Heuristic."""
 _BACKTRACKS = 6
-"""Maximum number of times that a step is halved. Taste."""
+"""Maximum number of times that a step is halved. Heuristic."""
 
 AnyUnknowns = TypeVar("AnyUnknowns", bound=CurveUnknowns)
 

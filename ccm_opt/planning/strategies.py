@@ -33,13 +33,13 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TREE_MARGINS = (0.12, 0.06, 0.024)
 """Planning margins with which trees of poses are grown, in nominal links: with a wide margin trees grow faster, with a
-narrow one they reach through narrow passages. Taste."""
+narrow one they reach through narrow passages. Heuristic."""
 _MOST_LINKS = 48
-"""Number of links above which RRT-Connect is not used. Taste: the cost of a pose grows with the links."""
+"""Number of links above which RRT-Connect is not used. Heuristic: the cost of a pose grows with the links."""
 
 _WORTH_SHORTENING = 1.2
 """Duration of a motion along a leader's path above which it is optimised, as a multiple of the duration of a motion
-that is linear from start to goal. Taste."""
+that is linear from start to goal. Heuristic."""
 
 
 FEW_BUDGETS = (5000, 10000, 20000)
@@ -47,17 +47,17 @@ FEW_BUDGETS = (5000, 10000, 20000)
 Measured: most scenes take about a thousand; a search that takes long mostly succeeds sooner when restarted."""
 _WHOLE_ARM_BUDGETS = (8000,)
 """Numbers of extensions of the early search for other arms with a goal for the whole arm, except arms so thin that
-poses have to be checked at spacings below their width. Taste: a quarter of a second."""
+poses have to be checked at spacings below their width. Heuristic: a quarter of a second."""
 _SOON_BUDGETS = (4000,)
 """Numbers of extensions of the RRT-Connect searches for goals of the tip that follow the first candidates. Measured on
 arms wound among walls: most searches take less than 2000, a tenth of a second."""
 _BEFORE_SAMPLING = 2
-"""Number of candidates that are tried before that RRT-Connect search: those of the first tip path. Taste."""
+"""Number of candidates that are tried before that RRT-Connect search: those of the first tip path. Heuristic."""
 _MIDDLE_BUDGETS = (60000, 60000)
-"""Numbers of extensions of the searches after the candidates with the widest margin, for arms of many links. Taste:
+"""Numbers of extensions of the searches after the candidates with the widest margin, for arms of many links. Heuristic:
 three seconds."""
 _LATE_BUDGETS = (60000, 60000)
-"""Numbers of extensions of the late searches for all arms. Taste: a few seconds."""
+"""Numbers of extensions of the late searches for all arms. Heuristic: a few seconds."""
 
 
 class Turn(IntEnum):

@@ -28,15 +28,15 @@ from ccm_opt.scene.narrow_gates import gate_rails
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 CORNER_DISTANCE = 0.016
-"""Distance that shortest paths keep from corners where possible, as a fraction of the arm's length. Taste."""
+"""Distance that shortest paths keep from corners where possible, as a fraction of the arm's length. Heuristic."""
 _ARC_STEP = 0.3
-"""Angle between points on an arc round the base [rad]. Taste; only the homotopy class of the arc counts."""
+"""Angle between points on an arc round the base [rad]. Heuristic; only the homotopy class of the arc counts."""
 _ARC_RADIUS = 1e-3
-"""Radius of the arc round the base, as a fraction of the greatest distance of the shorter path from the base. Taste;
-well inside the gap of every obstacle."""
+"""Radius of the arc round the base, as a fraction of the greatest distance of the shorter path from the base.
+Heuristic; well inside the gap of every obstacle."""
 _LEAST_CURL = 2.4
 """Angle by which pulling the arm straight within its homotopy class must turn the first link for the arm to count as
-curled round its base [rad]. Taste: well above the deviations of alternating bends from the shortest path."""
+curled round its base [rad]. Heuristic: well above the deviations of alternating bends from the shortest path."""
 
 
 @dataclass(frozen=True)

@@ -33,11 +33,11 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 _STEPS = 40
 """Maximum number of steps from a pose to a goal in a neighbouring cell. Measured: nearly all successes take fewer."""
 _PROGRESS = 0.9
-"""Largest ratio of the remaining error after a round of steps to the one before at which steps continue. Taste."""
+"""Largest ratio of the remaining error after a round of steps to the one before at which steps continue. Heuristic."""
 _ROUND = 4
 """Number of steps in a round, after which the progress is checked."""
 _TURNS = 2
-"""Maximum number of poses from which each direction is tried in a cell. Taste."""
+"""Maximum number of poses from which each direction is tried in a cell. Heuristic."""
 
 Cell: TypeAlias = tuple[int, ...]
 """Indices of a cell along x and y, in space along z too."""
@@ -48,16 +48,16 @@ class ReachSettings:
     """Settings of the search for the positions and directions that the tip can reach.
 
     Attributes:
-        step: default width of a cell in the plane, as a fraction of the arm's length. Taste.
-        step_in_space: default width of a cell in space, as a fraction of the arm's length. Taste: with a fixed base it
-            gives about two thousand cells, which take about half a minute.
-        headings: default number of headings tried in a cell in the plane. Taste.
-        directions: default number of directions tried in a cell in space. Taste: none, since each direction takes as
-            long as the whole map without directions.
-        drawn: number of sampled poses; those that are free are seeds in the cells of their tips. Taste: each takes a
-            thousandth of a second, and together they find the regions beyond narrow passages.
-        margin: planning margin of steps in the plane, in nominal links. Taste.
-        seen: largest gap that is measured, as a fraction of the arm's length. Taste.
+        step: default width of a cell in the plane, as a fraction of the arm's length. Heuristic.
+        step_in_space: default width of a cell in space, as a fraction of the arm's length. Heuristic: with a fixed base
+            it gives about two thousand cells, which take about half a minute.
+        headings: default number of headings tried in a cell in the plane. Heuristic.
+        directions: default number of directions tried in a cell in space. Heuristic: none, since each direction takes
+            as long as the whole map without directions.
+        drawn: number of sampled poses; those that are free are seeds in the cells of their tips. Heuristic: each takes
+            a thousandth of a second, and together they find the regions beyond narrow passages.
+        margin: planning margin of steps in the plane, in nominal links. Heuristic.
+        seen: largest gap that is measured, as a fraction of the arm's length. Heuristic.
         most_cells: maximum number of cells; larger grids are refused. Derived: several minutes of work and 10 MB of
             arrays.
     """

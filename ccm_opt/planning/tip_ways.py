@@ -67,28 +67,29 @@ _CHAIN_SEED = 1000
 """Second number of the seeds of chains of links, after the task's seed and before the growth's number."""
 _CHAIN_GAPS = (0.0, 0.2, 0.5)
 """Gaps that the links of a chain keep beyond the required clearance, as fractions of the preferred clearance; one is
-sampled for each growth. Taste."""
+sampled for each growth. Heuristic."""
 _CHAIN_GAP = 0.6
-"""Largest distance between the part of a chain grown from the start and that grown from the goal, in links. Taste."""
+"""Largest distance between the part of a chain grown from the start and that grown from the goal, in links.
+Heuristic."""
 _BEND_SHARE = 0.9
-"""Largest bend of the joints of a chain, as a fraction of the joint limit. Taste."""
+"""Largest bend of the joints of a chain, as a fraction of the joint limit. Heuristic."""
 _GROWTHS = (8, 64)
-"""Numbers of growths of random trees of links in the first attempt, and in both attempts together. Taste: a growth
+"""Numbers of growths of random trees of links in the first attempt, and in both attempts together. Heuristic: a growth
 takes a hundredth of a second."""
 _CHAINS = 16
-"""Maximum number of elastic bands made from chains in one attempt. Taste: one takes a twentieth of a second."""
+"""Maximum number of elastic bands made from chains in one attempt. Heuristic: one takes a twentieth of a second."""
 _PASSAGE = 0.6
 """Distance in nominal links above which walls add no cost to the grid path from which an elastic band is made."""
 _CLOSED = 1.0
 """Radius of the region that is closed to further elastic bands, about the point at which a band is hardest to follow,
-in nominal links. Taste."""
+in nominal links. Heuristic."""
 _TURNED = 1.5
 """Radius of the half-balls that are closed to elastic bands: behind the start and beyond the goal, in nominal links."""
 _SIDESTEP = 0.5
 """Distance by which a grid path may enter the torus of cells that only too sharp a bend reaches, since grid paths bend
 more sharply than the arm, in nominal links."""
 _SHARP_PRICE = 10.0
-"""Relative extra cost of cells that only too sharp a bend reaches from the start or the goal. Taste."""
+"""Relative extra cost of cells that only too sharp a bend reaches from the start or the goal. Heuristic."""
 _BENT_OVER = 1.2
 """Largest bend of a joint on a band, as a multiple of its limit there, for the band to be tried; the next joint
 compensates for the excess."""
@@ -99,7 +100,8 @@ _DETOUR_PRICE = 4.0
 _DETOURS = 3
 """Maximum number of paths through one grid that are sought away from earlier paths."""
 _BEHIND_HOLE = np.array((0.75, 1.5))
-"""Depth and radius of the region before the end of the guide tube that is closed to paths, in nominal links. Taste."""
+"""Depth and radius of the region before the end of the guide tube that is closed to paths, in nominal links.
+Heuristic."""
 _SPARE_LENGTH = 2.0
 """Allowed excess of the length of a path over the feed that is left, in nominal links."""
 

@@ -26,19 +26,19 @@ from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
 _LEAST_ADVANCE = 1e-4
-"""Increment of u below which tracking is given up. Taste."""
+"""Increment of u below which tracking is given up. Heuristic."""
 _GROWTH = 1.5
-"""Factor by which the increment of u grows after each success. Taste."""
+"""Factor by which the increment of u grows after each success. Heuristic."""
 _ARRIVAL = 0.98
-"""Path parameter at which tracking ends and the arm is moved onto the goal. Taste."""
+"""Path parameter at which tracking ends and the arm is moved onto the goal. Heuristic."""
 _MEETING_STEPS = 24
-"""Maximum number of steps to meet the limits at a new u. Taste."""
+"""Maximum number of steps to meet the limits at a new u. Heuristic."""
 _LARGEST_TURN = 0.3
-"""Largest rotation of a link towards the reference in one step [rad]. Taste."""
+"""Largest rotation of a link towards the reference in one step [rad]. Heuristic."""
 _PULL_WEIGHT = 0.1
-"""Weight of rotations towards the reference. Taste."""
+"""Weight of rotations towards the reference. Heuristic."""
 _TIED_WEIGHT = 1e-4
-"""Weight of the reference's unknowns, which determines those on which no rotation depends. Taste."""
+"""Weight of the reference's unknowns, which determines those on which no rotation depends. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,14 +199,15 @@ def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) ->
 
 _PRICE = 10000.0
 """Cost in the schedule of a constraint violation that a rotation of all links by 1 rad would remove, relative to the
-cost of u differing by 1 from the fraction of the motion's length. Taste."""
+cost of u differing by 1 from the fraction of the motion's length. Heuristic."""
 
 _PLACES = 101
-"""Number of samples of the motion for which the schedule is computed, evenly spaced in its length. Taste."""
+"""Number of samples of the motion for which the schedule is computed, evenly spaced in its length. Heuristic."""
 _STEPS = 61
-"""Number of evenly spaced path parameters among which the schedule chooses. Taste."""
+"""Number of evenly spaced path parameters among which the schedule chooses. Heuristic."""
 _EVEN = 0.02
-"""Weight of even growth that is mixed into the schedule, so that neither u nor the motion ever stands still. Taste."""
+"""Weight of even growth that is mixed into the schedule, so that neither u nor the motion ever stands still.
+Heuristic."""
 
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:

@@ -23,26 +23,26 @@ MOST_EXTENSIONS = 400
 """Maximum number of extensions, however much time is left, so that the result does not depend on the time. Measured in
 24 scenes of clutter: 22 need at most 16, one 51, one 201."""
 _DISPERSION = 0.04
-"""Minimum distance between two nodes of a tree, in the metric of ``PoseTree.distances``. Taste."""
+"""Minimum distance between two nodes of a tree, in the metric of ``PoseTree.distances``. Heuristic."""
 _STEPS = 250
-"""Maximum number of steps of an extension. Taste."""
+"""Maximum number of steps of an extension. Heuristic."""
 _SATURATED = 80
-"""Number of extensions in a row without a new node after which the search ends. Taste."""
+"""Number of extensions in a row without a new node after which the search ends. Heuristic."""
 
 _CONNECTION_PATIENCE = 5
-"""Number of steps without progress after which an attempt to connect the trees ends. Taste: low, as later extensions
-may still succeed."""
+"""Number of steps without progress after which an attempt to connect the trees ends. Heuristic: low, as later
+extensions may still succeed."""
 _NODE_INTERVAL = 10
-"""Minimum number of steps between two nodes of one extension. Taste."""
+"""Minimum number of steps between two nodes of one extension. Heuristic."""
 _CONNECTIONS = 1
-"""Number of nodes of the other tree to which a connection of a new node is tried, nearest first. Taste."""
+"""Number of nodes of the other tree to which a connection of a new node is tried, nearest first. Heuristic."""
 _ROOT_INTERVAL = 40
-"""Number of extensions between two new poses at the goal. Taste."""
+"""Number of extensions between two new poses at the goal. Heuristic."""
 _SETTLING_DISTANCE = 3.0
 """Distance of the tip from the goal below which the tip is led onto the goal, in nominal links. Derived: twice the
 largest lag of tip-led continuation."""
 _PATIENCE = 12
-"""Number of steps without progress after which an extension ends. Taste."""
+"""Number of steps without progress after which an extension ends. Heuristic."""
 
 
 class _Root(IntEnum):

@@ -56,29 +56,29 @@ _TURNS_OFF = 0.5
 straight path out of the guide tube. Without it the joint at the end of the tube would have to bend as it comes out
 (measured between ribs); half of a long link is more than that joint needs, and more than some pipes have."""
 _TURN = 1.0
-"""Largest turn of a link onto the tip's track at which one step aims [rad]. Taste."""
+"""Largest turn of a link onto the tip's track at which one step aims [rad]. Heuristic."""
 _SAMPLED = 100
 """First seed number of the sampled trees, among those of a task."""
 _CHAINED = 200
 """First seed number of the chains of links that become poses at the goal, among those of a task."""
 _CHAINED_TURNS = (8, 24, 60)
 """Number of turns in each round of ``by_chains``, each a growth of chains of links and a search for a motion to them.
-Taste: a turn takes a tenth of a second."""
+Heuristic: a turn takes a tenth of a second."""
 _CHAINED_EXTENSIONS = 1000
 """Maximum number of extensions of the trees in one turn of ``by_chains``. Measured among bars: they mostly meet after
 less than a hundred, or never."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
 """Effort of each round of sampled trees: maximum number of searches for poses at the tip goal, and of tree extensions.
-Taste: such a search takes a twentieth of a second, and 1000 extensions half of that."""
+Heuristic: such a search takes a twentieth of a second, and 1000 extensions half of that."""
 _TO_POSE = 2500
 """Least of these numbers of extensions for a goal of the whole arm, for which the first round is tried before all else.
-Taste: they take a sixteenth of a second."""
+Heuristic: they take a sixteenth of a second."""
 SAMPLED_ROUNDS = len(_SAMPLED_ROUNDS)
 """Number of rounds of sampled trees."""
 _SAMPLED_GOALS = 6
-"""Number of known collision-free poses at the goal from which on no further ones are sought. Taste."""
+"""Number of known collision-free poses at the goal from which on no further ones are sought. Heuristic."""
 _WITHDRAWN_SHARE = 0.5
-"""Fraction of the remaining time that the search from the guide tube may use after a retraction. Taste."""
+"""Fraction of the remaining time that the search from the guide tube may use after a retraction. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.step import SpaceStepper
 
 _TURNING_FEEDS = 24
-"""Number of feeds at which a change from the retraction to the onward motion is tried. Taste."""
+"""Number of feeds at which a change from the retraction to the onward motion is tried. Heuristic."""
 
 
 def withdrawal_poses(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:

@@ -393,7 +393,7 @@ class Problem:
 
     @property
     def goals(self) -> Sequence[Stop]:
-        """All goals in order: the intermediate goals, then the final goal, which has no pause."""
+        """All goals in order, the intermediate ones first; the final goal has no pause."""
         return (*self.stops, Stop(self.goal, self.tolerances))
 
     @staticmethod

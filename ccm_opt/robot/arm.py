@@ -19,7 +19,7 @@ Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
 LINK_MARGIN_SHARE = 0.2
 """Margin that planning keeps between two links that could collide, if they are too close along the arm for the full
-margin, as a fraction of the gap between them when the arm is straight. Taste."""
+margin, as a fraction of the gap between them when the arm is straight. Heuristic."""
 HELD_TOLERANCE = ROUNDING
 """Distance before the end of the guide tube within which a joint counts as having left the tube [m]."""
 

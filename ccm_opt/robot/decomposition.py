@@ -18,7 +18,7 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment, Knots
 
 _FIT_SAMPLES = 65
-"""Number of headings used in the least-squares fit of one segment. Taste: thirteen per value to be found."""
+"""Number of headings used in the least-squares fit of one segment. Heuristic: thirteen per value to be found."""
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:

@@ -9,7 +9,7 @@ from ccm_opt.robot.rigid_motions import bend_rotations
 
 LENGTH_TOLERANCE = 1e-6
 """Allowed difference of two lengths that should be equal, as a fraction of the length. The length of a curve is known
-to about this accuracy. Taste."""
+to about this accuracy. Heuristic."""
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:

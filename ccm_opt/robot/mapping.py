@@ -11,9 +11,9 @@ from ccm_opt.robot.inverse_kinematics import LENGTH_TOLERANCE, bends_from_direct
 
 REGULARISATION = 0.05
 """Weight ε of the least-squares mapping, in units of the squared link length: just enough to keep neighbouring links
-from zigzagging. Taste."""
+from zigzagging. Heuristic."""
 _MOST_STEPS = 60
-"""Maximum number of Newton steps of the least-squares mapping. Taste: ten times the usual number."""
+"""Maximum number of Newton steps of the least-squares mapping. Heuristic: ten times the usual number."""
 _SETTLED = 1e-11
 """Largest turn of a link in a Newton step at which the least-squares mapping counts as converged [rad]. Derived: a
 hundred times rounding."""

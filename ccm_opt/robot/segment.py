@@ -137,7 +137,7 @@ class CurvatureSegment:
 
 
 _SIGN_SAMPLES = 32
-"""Number of intervals per cubic piece between the headings sampled to find the signs of the curvature. Taste."""
+"""Number of intervals per cubic piece between the headings sampled to find the signs of the curvature. Heuristic."""
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
 """Angle between the ends and the chord of a modal curve at which the length of the chord vanishes [rad]."""

@@ -32,9 +32,9 @@ def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> t
 
 
 AT_LIMIT = 0.99
-"""Fraction of its limit from which on a joint counts as being at the limit. Taste."""
+"""Fraction of its limit from which on a joint counts as being at the limit. Heuristic."""
 MOST_NAMED = 6
-"""Largest number of joints that a message lists one by one. Taste."""
+"""Largest number of joints that a message lists one by one. Heuristic."""
 
 
 def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[str, ...]]:

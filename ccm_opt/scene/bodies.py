@@ -103,8 +103,8 @@ class SceneSettings:
     """Settings for the conversion of bodies to triangles.
 
     Attributes:
-        cylinder_sides: number of sides of the prism around a cylinder. Taste: the prism protrudes by at most 0.21 % of
-            the radius, and has 188 triangles.
+        cylinder_sides: number of sides of the prism around a cylinder. Heuristic: the prism protrudes by at most 0.21 %
+            of the radius, and has 188 triangles.
     """
 
     cylinder_sides: int = 48

@@ -58,8 +58,8 @@ class CertificateSettings:
     """Number of bisections and tolerances of collision-free certificates.
 
     Attributes:
-        depth: number of bisections of an interval before its certificate is refused. Taste: the chord deviation falls
-            four-fold at each.
+        depth: number of bisections of an interval before its certificate is refused. Heuristic: the chord deviation
+            falls four-fold at each.
         touch: gap that even an arm of zero width keeps [arm lengths]. Derived: above the rounding error in a room of up
             to a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
         rounding: depth of contact [arm lengths], and bend beyond a joint limit [rad], that are ignored at either end of

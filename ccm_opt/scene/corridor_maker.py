@@ -35,14 +35,14 @@ from ccm_opt.scene.triangulation import Partition, Triangulation, merge
 _WALLS_FIRST = 48
 """Number of walls that are excluded from a growing region before all others are checked.
 
-These walls usually hide all others, so the number affects only the time. Taste.
+These walls usually hide all others, so the number affects only the time. Heuristic.
 """
 _PORTAL_WIDTH = 0.5
-"""Width that a portal should have, as a fraction of the narrowest triangle edge on the route. Taste."""
+"""Width that a portal should have, as a fraction of the narrowest triangle edge on the route. Heuristic."""
 _PORTAL_TRIALS = 6
-"""Largest number of edge crossings of a taut string at which a portal is tried. Taste."""
+"""Largest number of edge crossings of a taut string at which a portal is tried. Heuristic."""
 _OVERLAP_THICKNESS = 0.2
-"""Least thickness of the overlap of two regions, as a fraction of the wanted width of its portal. Taste."""
+"""Least thickness of the overlap of two regions, as a fraction of the wanted width of its portal. Heuristic."""
 
 UNUSABLE = -1.0
 """Quality given to two regions that overlap only beside the taut string; such pairs are used as a last resort."""

@@ -53,18 +53,18 @@ Derived: with 1.02, turns below 22° need only one vertex, and only 2 % of the i
 """
 
 _ROUTE_SURPLUS = 6
-"""Largest number of homotopy classes per wanted route whose shortest path is computed. Taste."""
+"""Largest number of homotopy classes per wanted route whose shortest path is computed. Heuristic."""
 _LEAST_CLASSES = 20
-"""Least number of homotopy classes whose shortest path is computed. Taste.
+"""Least number of homotopy classes whose shortest path is computed. Heuristic.
 
 In near-empty rooms the sampled length, by which classes are ordered, is at its coarsest.
 """
 _SAMPLED_EXCESS = 1.25
-"""Largest ratio of sampled to true length of a homotopy class; mostly 1.01 in clutter. Taste: a wide margin."""
+"""Largest ratio of sampled to true length of a homotopy class; mostly 1.01 in clutter. Heuristic: a wide margin."""
 _WALKS_PER_ROUTE = 400
-"""Largest number of partial walks examined per wanted route. Taste."""
+"""Largest number of partial walks examined per wanted route. Heuristic."""
 _LEAST_ROUTES = 4
-"""Least number of routes for which partial walks are examined, even if fewer are wanted. Taste."""
+"""Least number of routes for which partial walks are examined, even if fewer are wanted. Heuristic."""
 
 
 @dataclass(frozen=True, order=True)
@@ -284,7 +284,7 @@ def sleeve_route(
 
 
 _CIRCLE_QUAD_SEGS = 3
-"""Polygon sides per quarter circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices. Taste."""
+"""Polygon sides per quarter circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices. Heuristic."""
 _CORNER_SLACK = 0.9
 """Distance by which a shortest path may leave its corridor at corners, as a fraction of the inflation.
 

@@ -9,13 +9,13 @@ class FreeSpaceSettings:
 
     Attributes:
         corner_quad_segs: polygon sides per quarter turn around corners, instead of tangents; 0 for tangents and circles
-            with few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
-        dent: depth up to which dents of free space are filled, as a fraction of the inflation. Taste.
+            with few vertices. Heuristic: with 24, only 0.06 % of the inflation is given away.
+        dent: depth up to which dents of free space are filled, as a fraction of the inflation. Heuristic.
         edge_samples: number of points on each edge of the triangulation, ends included, between which paths are
-            measured before their shortest form is computed. Taste; the cost of a walk grows with the square of this
+            measured before their shortest form is computed. Heuristic; the cost of a walk grows with the square of this
             number.
         bisections: number of times that a straight piece which meets a wall is halved before the shortest walk is used
-            instead. Taste.
+            instead. Heuristic.
     """
 
     corner_quad_segs: int = 0

@@ -23,10 +23,10 @@ from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSetti
 from ccm_opt.scene.triangulation import WALL, Triangulation
 
 _STATIONS = 200
-"""Number of evenly spaced samples along a shortest path, besides its vertices and crossings. Taste."""
+"""Number of evenly spaced samples along a shortest path, besides its vertices and crossings. Heuristic."""
 
 _LEAST_SQUARENESS = 1e-3
-"""Squareness (cosine of the angle from perpendicular) given to a chord that a path only touches. Taste."""
+"""Squareness (cosine of the angle from perpendicular) given to a chord that a path only touches. Heuristic."""
 
 Point: TypeAlias = tuple[float, float]
 

@@ -290,7 +290,7 @@ Derived: a least-squares fit of about twenty numbers keeps about ten digits.
 _FOLLOWED_CURVE = 0.05
 """Allowed difference between the heading of a link and that of the curve from which the arm's motion was derived [rad].
 
-Taste: the paper's planner samples headings; errors of 0.02 were measured in segments that have nearly vanished.
+Heuristic: the paper's planner samples headings; errors of 0.02 were measured in segments that have nearly vanished.
 """
 
 

@@ -12,7 +12,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import ChainMotion, base_displacement, lengths_of
 
 _PLACES = 8
-"""Number of parts into which a link is divided to measure its distance from the tip path. Taste."""
+"""Number of parts into which a link is divided to measure its distance from the tip path. Heuristic."""
 _SPACING = 0.05
 """Spacing of the points that represent the tip path, as a fraction of the allowed deviation.
 

@@ -29,11 +29,12 @@ from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 LONGEST_STEP = 1e-3
-"""Longest step in which interpolated curves are checked [s]. Taste: adds about 1e-5 of a limit between step ends."""
+"""Longest step in which interpolated curves are checked [s]. Heuristic: adds about 1e-5 of a limit between step
+ends."""
 MOST_STEPS = 50_000
-"""Largest number of steps, unless the message has more points; longer steps only loosen the bounds. Taste."""
+"""Largest number of steps, unless the message has more points; longer steps only loosen the bounds. Heuristic."""
 MOST_PIECES = 32
-"""Number of equal parts into which a step of the verified motion is divided to bound the deviation. Taste."""
+"""Number of equal parts into which a step of the verified motion is divided to bound the deviation. Heuristic."""
 _SAMPLE_PIECES = 3
 """Number of parts into which a step is divided to bound the deviation if every sample is a point of the message.
 

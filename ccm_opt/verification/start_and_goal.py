@@ -26,7 +26,7 @@ _CURVE_SHAPE_FACTOR = 1.08
 Derived: the worst error of the paper's own mapping (section 5.3).
 """
 _CURVE_SHAPE_SLACK = 0.1
-"""Additional allowed distance of a joint from the curve that gives a pose, as a fraction of a link. Taste."""
+"""Additional allowed distance of a joint from the curve that gives a pose, as a fraction of a link. Heuristic."""
 
 _ROUNDING = 1e-9
 """Angle beyond a tolerance that counts as rounding [rad]."""

@@ -14,38 +14,38 @@ class VerificationSettings:
 
     Attributes:
         contact_tolerance: amount by which a gap may fall short before a motion is rejected, unless the problem sets it.
-            Taste: see ``problem.options.CONTACT_SHARE_OF_LENGTH``.
+            Heuristic: see ``problem.options.CONTACT_SHARE_OF_LENGTH``.
         touch: least distance that two link axes must keep. Derived: rounding of positions in a scene of a few arm
             lengths.
         goal_rounding: distance from the goal beyond its tolerance that counts as rounding. Derived: as ``touch``.
         largest_step: largest time between two samples [s]; guaranteed by the file format.
         time_rounding: time by which a step may be too long, or a pause too short, owing to rounding [s].
         bend_tolerance: bend beyond its limit that counts as rounding [rad].
-        limit_tolerance: fraction by which velocity, acceleration, jerk and effort may exceed their limits. Taste.
+        limit_tolerance: fraction by which velocity, acceleration, jerk and effort may exceed their limits. Heuristic.
         match: difference between bends and drive angles (revolutes) or their rates that counts as rounding [rad, rad/s,
             rad/s²].
         unseen_share: fraction of a joint's total change of velocity that may come from jumps of acceleration between
-            samples. Taste: twice what the fastest motions of TOPP-RA, whose accelerations jump, were measured to need.
-        unseen_floor: additional allowance, as a fraction of the velocity that the acceleration limit allows over the
-            whole motion, for joints that hardly move. Taste.
+            samples. Heuristic: twice what the fastest motions of TOPP-RA, whose accelerations jump, were measured to
+        need. unseen_floor: additional allowance, as a fraction of the velocity that the acceleration limit allows over
+            the whole motion, for joints that hardly move. Heuristic.
         effort_mismatch: fraction of the peak effort by which reported efforts may differ from the verifier's own.
-            Taste: two recursions with different orders of summation agree to about 1e-12.
+            Heuristic: two recursions with different orders of summation agree to about 1e-12.
         effort_floor: additional allowed difference of efforts for an arm of one metre [N m, N]; scales with the square
             of the arm's length.
         range_tolerance: position of the base beyond its range that counts as rounding. Derived: as ``touch``.
         inside: depth in the guide tube beyond which a joint counts as held. Derived: ten times ``touch``.
         held_tolerance: bend of a held joint that counts as rounding [rad]. Derived.
         passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
-            hole of a guide tube [rad]. Taste.
-        start_tolerance: largest error of a joint at the start [rad]. Taste.
-        rest_share: fraction of the velocity limit below which a joint counts as at rest. Taste.
+            hole of a guide tube [rad]. Heuristic.
+        start_tolerance: largest error of a joint at the start [rad]. Heuristic.
+        rest_share: fraction of the velocity limit below which a joint counts as at rest. Heuristic.
         curve_tip_tolerance: allowed distance of the arm's tip from the end of the curve that gives the start pose.
-            Taste.
+            Heuristic.
         half_turn_rounding: angle by which bends may fall short of half a turn and still count as one [rad].
         resolution: travel of a body in a time interval below which the interval is not halved again.
-        report_resolution: largest excess of the reported least gap over the true one. Taste.
+        report_resolution: largest excess of the reported least gap over the true one. Heuristic.
         report_share: largest excess of the reported least gap over the true one, as a fraction of that gap; the larger
-            allowance applies. Taste: none.
+            allowance applies. Heuristic: none.
         most_report_pairs: number of pairs at one level of halving beyond which only the proof, not the reported gap, is
             refined further.
         most_pairs: number of undecided pairs at one level of halving beyond which the verifier gives up and rejects the

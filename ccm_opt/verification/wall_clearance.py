@@ -29,11 +29,12 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 TOUCHING = 1e-4
 """Gap, as a fraction of the arm's radius, up to which a report says that the arm touches."""
 _PROBES = 8
-"""Number of sample times at which the nearest surface is searched for first. Taste."""
+"""Number of sample times at which the nearest surface is searched for first. Heuristic."""
 _FAN = 8
 """Largest number of children of a box in the bounding-box tree."""
 _ALONG = 0.01
-"""Largest fraction of a link's travel that is sideways while the link still counts as sliding along its axis. Taste."""
+"""Largest fraction of a link's travel that is sideways while the link still counts as sliding along its axis.
+Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ _SECTION_SHARE = 0.12
 """Maximum distance measured from the arm's axis, as a fraction of the arm's length."""
 
 _PLACES = 100
-"""Number of positions along the arm at which distances are measured. Taste."""
+"""Number of positions along the arm at which distances are measured. Heuristic."""
 _TOUCHING = 1e-5
 """Distance from a surface at which a ray ends, as a fraction of the search distance; smaller distances are dominated by
 rounding errors."""

@@ -55,7 +55,7 @@ PROVED = "#efedea"
 FigureFormat = Literal["png", "svg", "pdf"]
 """File formats of still pictures."""
 _COMPRESSION = 3
-"""Compression level of PNG files, from 1 to 9. Taste. Measured: 87 kB in 13 ms; the usual level 6 takes 83 kB in
+"""Compression level of PNG files, from 1 to 9. Heuristic. Measured: 87 kB in 13 ms; the usual level 6 takes 83 kB in
 18 ms."""
 
 

@@ -44,7 +44,7 @@ _PLACES_PER_SEGMENT = 24
 _REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
 _BEND = re.compile(r"joint (\d+): bend (left|right)")
 _NEAR = 3.0
-"""Distance up to which the body next to a link is named, in multiples of the preferred clearance. Taste."""
+"""Distance up to which the body next to a link is named, in multiples of the preferred clearance. Heuristic."""
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 

@@ -42,7 +42,7 @@ from ccm_opt.viz.views import SceneViews, action_window, draw_pose, view_box, vi
 _CURVES_SIDE = 3.6
 """Side of the square drawings of backbone curves and of curvatures [inch]."""
 _STEPS = 4
-"""Number of steps into which a motion without intermediate goals is divided. Taste."""
+"""Number of steps into which a motion without intermediate goals is divided. Heuristic."""
 _POSES_A_STEP = 4
 """Number of poses drawn between the ends of a step."""
 _ALL_POSES = 22
@@ -54,7 +54,7 @@ _LINK_POSES = 16
 _LINKS_SIDE = 6.0
 """Longest side of the drawing of links [inch]."""
 _SPACE_POSES = 5
-"""Number of poses of the simulated arm in each of the three pictures. Taste."""
+"""Number of poses of the simulated arm in each of the three pictures. Heuristic."""
 _SPACE_SIDE = 3.6
 """Width of each of the three pictures [inch]."""
 

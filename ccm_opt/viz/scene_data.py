@@ -25,15 +25,15 @@ _MOST_OBSTACLES = 80
 """Maximum number of obstacles for which routes and regions are computed; with more, computing takes too long."""
 
 _MOST_VERTICES = 60_000
-"""Maximum number of vertices of planar obstacles that are drawn exactly; more are simplified. Taste."""
+"""Maximum number of vertices of planar obstacles that are drawn exactly; more are simplified. Heuristic."""
 _MOST_TRIANGLES = 60_000
-"""Maximum number of triangles of all obstacles in space; more are simplified. Taste."""
+"""Maximum number of triangles of all obstacles in space; more are simplified. Heuristic."""
 _CELL = 2e-3
-"""Initial width of the grid cells in which vertices are merged, as a fraction of the scene's extent. Taste."""
+"""Initial width of the grid cells in which vertices are merged, as a fraction of the scene's extent. Heuristic."""
 _SHARP = 0.6
-"""Minimum angle between two faces for their common edge to be drawn [rad]. Taste."""
+"""Minimum angle between two faces for their common edge to be drawn [rad]. Heuristic."""
 _ROUND_SIDES = 24
-"""Number of sides with which spheres, cylinders and capsules are drawn in space. Taste."""
+"""Number of sides with which spheres, cylinders and capsules are drawn in space. Heuristic."""
 
 SceneData = dict[str, object]
 

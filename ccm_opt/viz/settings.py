@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PictureSettings:
-    """Sizes of still pictures; all values are a matter of taste.
+    """Sizes of still pictures; all values are chosen by hand.
 
     Attributes:
         dots_per_inch: resolution [1/inch].
@@ -35,7 +35,7 @@ class PictureSettings:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """Sizes and frame rates of films; all values are a matter of taste.
+    """Sizes and frame rates of films; all values are chosen by hand.
 
     Attributes:
         longest_side: longest side of a frame of a GIF [pixel].

@@ -19,13 +19,13 @@ from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
 
 _MOST_NUMBERS = 70_000
-"""Maximum number of values in a chart with all its curves; with more curves, each has fewer samples. Taste."""
+"""Maximum number of values in a chart with all its curves; with more curves, each has fewer samples. Heuristic."""
 _MOST_SAMPLES = 2000
-"""Maximum number of samples of a chart. Taste."""
+"""Maximum number of samples of a chart. Heuristic."""
 _LEAST_SAMPLES = 120
-"""Number of samples that a chart may always have, even if its values then exceed the maximum number. Taste."""
+"""Number of samples that a chart may always have, even if its values then exceed the maximum number. Heuristic."""
 _MOVING = 0.02
-"""Used fraction of the velocity limits above which the path speed that they allow is well defined. Taste."""
+"""Used fraction of the velocity limits above which the path speed that they allow is well defined. Heuristic."""
 _CURVE_ERROR = 2e-3
 """Maximum distance of a sample from its drawn curve, as a fraction of the chart's range."""
 _POSE_ERROR = 1e-4

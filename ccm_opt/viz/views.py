@@ -19,20 +19,20 @@ from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import PICTURES
 
 _MOST_TRIANGLES = 6000
-"""Maximum number of triangles of all obstacles together; with more, surfaces are simplified. Taste."""
+"""Maximum number of triangles of all obstacles together; with more, surfaces are simplified. Heuristic."""
 _CELL = 0.008
 """Width of the grid cells in which vertices are merged to simplify surfaces, as a fraction of the scene's extent.
-Taste."""
+Heuristic."""
 _ROUND_SIDES = 24
-"""Number of sides with which spheres, cylinders and capsules are drawn. Taste."""
+"""Number of sides with which spheres, cylinders and capsules are drawn. Heuristic."""
 _GLASS = 0.22
-"""Opacity of one obstacle. Taste."""
+"""Opacity of one obstacle. Heuristic."""
 _SHARP = 0.6
-"""Minimum angle between two faces for their common edge to be drawn [rad]. Taste."""
+"""Minimum angle between two faces for their common edge to be drawn [rad]. Heuristic."""
 VIEW_SIDE = 4.6
-"""Longest side of one view [inch]. Taste."""
+"""Longest side of one view [inch]. Heuristic."""
 SPACE_DOTS_PER_INCH = 110
-"""Resolution of PNG files of scenes in space [1/inch]. Taste."""
+"""Resolution of PNG files of scenes in space [1/inch]. Heuristic."""
 _LEAST_TRIANGLES = 200
 """Minimum number of triangles allowed to each obstacle, however many obstacles there are."""
 _FEWEST_SIDES = 12

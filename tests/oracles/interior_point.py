@@ -18,16 +18,16 @@ from ccm_opt.planning.settings import StepSettings
 from ccm_opt.planning.swept_motion import PlanarSweep
 
 _ITERATIONS = 200
-"""Of IPOPT. Taste."""
+"""Of IPOPT. Heuristic."""
 _TOLERANCE = 1e-5
-"""Of IPOPT. Taste."""
+"""Of IPOPT. Heuristic."""
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
-"""Shares of the way to the solution that are tried until one is certified. Taste."""
+"""Shares of the way to the solution that are tried until one is certified. Heuristic."""
 
 _SOLUTIONS = 2
-"""Of the nonlinear program, the sweep regions renewed between them. Taste."""
+"""Of the nonlinear program, the sweep regions renewed between them. Heuristic."""
 _WIDER = 2.0
-"""Rows this many times farther away than those of a sequential step are taken in. Taste."""
+"""Rows this many times farther away than those of a sequential step are taken in. Heuristic."""
 
 
 def interior_point(program: MotionProgram[PlanarSweep], coordinates: FloatArray) -> FloatArray:

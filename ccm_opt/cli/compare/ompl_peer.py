@@ -46,18 +46,18 @@ class OmplSettings:
     """Settings of the OMPL planner.
 
     Attributes:
-        planning_share: fraction of the time limit for planning; the rest is for timing and verification. Taste: as for
-            the paper's planner.
-        goal_share: fraction of the time limit for finding poses at a goal for the tip. Taste.
-        goal_poses: maximum number of goal poses, from all of which trees grow. Taste.
-        simplifying_share: fraction of the time limit reserved for shortening the path. Taste.
-        searched_gap: clearance beyond contact that paths of OMPL keep, as a fraction of the arm's length. Taste.
+        planning_share: fraction of the time limit for planning; the rest is for timing and verification. Heuristic: as
+            for the paper's planner.
+        goal_share: fraction of the time limit for finding poses at a goal for the tip. Heuristic.
+        goal_poses: maximum number of goal poses, from all of which trees grow. Heuristic.
+        simplifying_share: fraction of the time limit reserved for shortening the path. Heuristic.
+        searched_gap: clearance beyond contact that paths of OMPL keep, as a fraction of the arm's length. Heuristic.
         certified_gap: clearance beyond contact that the smooth planar path keeps, as a fraction of the arm's length; at
-            corners it may deviate from the path of OMPL by the difference. Taste: as for the paper's planner.
+            corners it may deviate from the path of OMPL by the difference. Heuristic: as for the paper's planner.
         longest_turn: maximum change of a joint angle between two keyframes [rad]; a small value keeps the refinement of
-            a corner local. Taste.
-        beyond_tube: distance beyond the guide tube at which joints begin to bend, in link lengths. Taste: a smooth path
-            may begin to bend them a little earlier.
+            a corner local. Heuristic.
+        beyond_tube: distance beyond the guide tube at which joints begin to bend, in link lengths. Heuristic: a smooth
+            path may begin to bend them a little earlier.
         refinements: maximum number of refinements of the smooth planar path. Derived: they reduce the deviation at a
             corner of maximum turn below the difference of the two clearances.
         motion: settings of goal poses, certificate and smooth path in space.

@@ -43,10 +43,10 @@ class SupervisionSettings:
     Attributes:
         time_factor: wall time for planning, as a multiple of the planner's CPU time limit. Derived: the built-in
             planners stop after this multiple too.
-        spare_time: additional wall time for timing, verification and simulation [s]. Taste.
-        most_memory: maximum resident memory of a run [bytes]. Taste: the built-in planners need less than a tenth.
-        look_every: interval between checks of a run's memory [s]. Taste.
-        last_words: maximum time to wait for a process to end [s]. Taste.
+        spare_time: additional wall time for timing, verification and simulation [s]. Heuristic.
+        most_memory: maximum resident memory of a run [bytes]. Heuristic: the built-in planners need less than a tenth.
+        look_every: interval between checks of a run's memory [s]. Heuristic.
+        last_words: maximum time to wait for a process to end [s]. Heuristic.
     """
 
     time_factor: float = 3.0

@@ -198,7 +198,7 @@ JOBS: Mapping[str, Mapping[str, float]] = {
 }
 """Perturbations of example problems, by name. Maximum values: ``base``, across its direction [m]; ``fed``, feed at the
 start [m]; ``goal``, position [m]; ``turn``, direction [rad]. Also the minimum clearance of the straight arm at the
-start and of the last link at the goal [m]. Taste: fractions of the available clearance."""
+start and of the last link at the goal [m]. Heuristic: fractions of the available clearance."""
 MOST_DRAWS = 1000
 """Maximum number of samples of start and goal; if all are in contact, the perturbation is too large for the scene."""
 

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """Settings of the viewer; all values are a matter of taste.
+    """Settings of the viewer; all values are chosen by hand.
 
     Attributes:
         frames: maximum number of samples of a motion at which clearances are measured for colours.

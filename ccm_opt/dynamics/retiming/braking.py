@@ -27,28 +27,28 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 
 _USUAL_STEP = 0.1
-"""Quantile of the plan's time steps that bounds the steps of braking. Taste.
+"""Quantile of the plan's time steps that bounds the steps of braking. Heuristic.
 
 The very shortest steps, where two corners of the path happen to be close together, say nothing about the density needed
 elsewhere.
 """
 _STEP = 2e-3
-"""Largest time between two samples while braking [s]. Taste."""
+"""Largest time between two samples while braking [s]. Heuristic."""
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
-"""Fractions of every limit that are tried in turn for braking, until all samples respect the limits. Taste.
+"""Fractions of every limit that are tried in turn for braking, until all samples respect the limits. Heuristic.
 
 Smaller fractions may be needed because the accelerations of the planned motion change between the points at which
 limits are evaluated.
 """
 _LEAST_TIME = 4e-3
-"""Least duration of braking from the planned speed to rest, however slowly the axes move [s]. Taste."""
+"""Least duration of braking from the planned speed to rest, however slowly the axes move [s]. Heuristic."""
 
 _CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""Positions within a step, as fractions, at which the limits are imposed. Taste."""
+"""Positions within a step, as fractions, at which the limits are imposed. Heuristic."""
 _LONGEST_TIME = 60.0
-"""Duration after which braking counts as failed [s]. Taste."""
+"""Duration after which braking counts as failed [s]. Heuristic."""
 _LONGEST_LAST_STEP = 1.5
-"""Longest last step as a multiple of the usual step; a short remainder is merged into the step before. Taste."""
+"""Longest last step as a multiple of the usual step; a short remainder is merged into the step before. Heuristic."""
 
 
 def braked(

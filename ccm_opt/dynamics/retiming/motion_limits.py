@@ -150,7 +150,7 @@ class CoordinateAcceleration(CoordinateLimit):
 
 
 _JERK_SHARE = 0.7
-"""Fraction of the jerk limits that the shape of the path may use. Taste.
+"""Fraction of the jerk limits that the shape of the path may use. Heuristic.
 
 The third derivative of the path jumps at knots.
 """

@@ -41,26 +41,26 @@ WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
 Derived: ½ is the greatest at which transitions at both ends fit into a leg; each halves the distance from the corner.
 """
 _SHARE = 0.995
-"""Fraction of every velocity and acceleration limit that is used. Taste."""
+"""Fraction of every velocity and acceleration limit that is used. Heuristic."""
 _LEAST_SAMPLES = 2
-"""Least number of samples in half a transition, so that the samples resolve the transition. Taste."""
+"""Least number of samples in half a transition, so that the samples resolve the transition. Heuristic."""
 _ROUNDS = 60
-"""Largest number of rounds of lengthening legs; afterwards the whole motion is slowed down. Taste."""
+"""Largest number of rounds of lengthening legs; afterwards the whole motion is slowed down. Heuristic."""
 _DRIVE_ROUNDS = 24
 """Largest number of rounds of slowing down for limits other than velocity and acceleration, such as torques.
 
-In the first half of the rounds legs are slowed down one by one, in the second half all together. Taste.
+In the first half of the rounds legs are slowed down one by one, in the second half all together. Heuristic.
 """
 _LONGEST = 1_000_000
-"""Largest number of samples of a motion; slower motions are given up. Taste."""
+"""Largest number of samples of a motion; slower motions are given up. Heuristic."""
 _SHORTENING = (0.8, 0.9, 0.95, 0.98, 0.99)
-"""Factors by which legs are shortened where the limits allow, in order. Taste."""
+"""Factors by which legs are shortened where the limits allow, in order. Heuristic."""
 _SWEEPS = 12
-"""Number of sweeps over all legs with each shortening factor. Taste."""
+"""Number of sweeps over all legs with each shortening factor. Heuristic."""
 _STATIC_POINTS = 400
-"""Number of configurations along the polygon in which the joints must be able to hold the arm. Taste."""
+"""Number of configurations along the polygon in which the joints must be able to hold the arm. Heuristic."""
 _NO_LEG = 1e-9
-"""Length in joint space below which legs are left out [rad, m]. Taste: above rounding."""
+"""Length in joint space below which legs are left out [rad, m]. Heuristic: above rounding."""
 
 
 @dataclass(frozen=True)

@@ -233,26 +233,27 @@ def _peaks(values: FloatArray) -> FloatArray:
 
 
 _MOST_INTERVALS = 1500
-"""Largest number of grid intervals, whatever the number of knots. Taste: bounds the time."""
+"""Largest number of grid intervals, whatever the number of knots. Heuristic: bounds the time."""
 
 _EVEN_SHARE = 0.3
-"""Fraction of the grid intervals that is distributed evenly over the path parameter; the others go by length. Taste.
+"""Fraction of the grid intervals that is distributed evenly over the path parameter; the others go by length.
+Heuristic.
 
 The even part is for spans where the path turns rather than moves.
 """
 _END_HALVINGS = 8
 """Number of extra grid points in the first interval and in the last, each half as far from the end as the one before.
 
-Taste.
+Heuristic.
 """
 _STOP_POINTS = 10
-"""Number of extra grid points on either side of a point at which the path stops. Taste."""
+"""Number of extra grid points on either side of a point at which the path stops. Heuristic."""
 _STOP_RATIO = 0.7
-"""Ratio of the distances of successive extra grid points from a point at which the path stops. Taste."""
+"""Ratio of the distances of successive extra grid points from a point at which the path stops. Heuristic."""
 _STOPPED = 1e-6
 """Fraction of the greatest ``|q'|`` of all knots; at knots with less than this, the path counts as stopped.
 
-Taste: far above rounding and far below the values on a path that moves.
+Heuristic: far above rounding and far below the values on a path that moves.
 """
 
 

@@ -70,7 +70,7 @@ _ROUNDS = 10
 Measured on the random paths of ``tests/test_retiming.py``: with friction three or four are usual.
 """
 _SETTLED = 2e-3
-"""Relative change of the duration from round to round below which friction counts as converged. Taste."""
+"""Relative change of the duration from round to round below which friction counts as converged. Heuristic."""
 _UNSEEN_FLOOR = 5e-4
 """Change of velocity that may always remain unexplained, as a fraction of acceleration limit times motion duration.
 
@@ -78,9 +78,9 @@ Derived: half of what the verifier allows.
 """
 
 _GRID_SHARE = 0.99
-"""Fraction of every limit used at the grid points. Taste: leaves a margin for peaks between grid points."""
+"""Fraction of every limit used at the grid points. Heuristic: leaves a margin for peaks between grid points."""
 _NEGLIGIBLE = 1.004
-"""Factor of slowing down up to which another round is not worthwhile. Taste."""
+"""Factor of slowing down up to which another round is not worthwhile. Heuristic."""
 _LEAST_TANGENT = 0.5
 """Least ratio of the speed at which the tangent of friction is taken to that of the previous round.
 
@@ -100,9 +100,9 @@ oscillates between durations of 8.5 and 21.7 s; with 0.5 it converges to 7.5 s, 
 more than 0.02 %.
 """
 _SPEED_CAP = 1e6
-"""Bound on ṡ² where no limit bounds the speed, in units in which a motion takes about 1 s. Taste."""
+"""Bound on ṡ² where no limit bounds the speed, in units in which a motion takes about 1 s. Heuristic."""
 _SLOWEST = 1e-6
-"""Value that replaces a squared speed of zero inside the path, as a fraction of the least positive one. Taste.
+"""Value that replaces a squared speed of zero inside the path, as a fraction of the least positive one. Heuristic.
 
 Violations of rows that this causes are removed by slowing down.
 """

@@ -30,11 +30,11 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
 _LEAST_SAMPLES = 100
-"""Least number of steps of a motion, however short its duration. Taste."""
+"""Least number of steps of a motion, however short its duration. Heuristic."""
 _MOST_NUMBERS = 30_000_000
 """Largest product of steps and coordinates; a longer motion is not sampled.
 
-Taste: an array of this size takes a quarter of a gigabyte, and an arm of 24 links with a feed axis moves for 40
+Heuristic: an array of this size takes a quarter of a gigabyte, and an arm of 24 links with a feed axis moves for 40
 minutes.
 """
 _SPARE_SHARE = 0.5
@@ -48,7 +48,7 @@ _CUTTINGS = 8
 Measured: the first round leaves few steps that are too long for chords.
 """
 _STANDING = 1e-9
-"""Path length in joint space below which a path counts as standing still [rad]. Taste: above rounding."""
+"""Path length in joint space below which a path counts as standing still [rad]. Heuristic: above rounding."""
 
 _BESIDE_JUMP = 0.02
 """Least distance of a sample inserted at a jump from its neighbours, as a fraction of the step.
@@ -328,22 +328,22 @@ def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> N
 
 
 _PERIOD = 1e-3
-"""Time step at which a smoothed motion, which has no grid of its own, is checked [s]. Taste."""
+"""Time step at which a smoothed motion, which has no grid of its own, is checked [s]. Heuristic."""
 _JUMP = 0.1
-"""Least jump of an acceleration or effort, as a fraction of its limit, at which a sample is placed. Taste.
+"""Least jump of an acceleration or effort, as a fraction of its limit, at which a sample is placed. Heuristic.
 
 A reference interpolated between two samples around a jump passes the accelerations before and after the jump by up to a
 third of the jump. The effect of smaller jumps is within the fraction of limits that plans leave unused.
 """
 _SMALL_STRETCH = 1.01
-"""Factor of slowing down up to which samples are kept; steps are shorter by this factor beforehand. Taste."""
+"""Factor of slowing down up to which samples are kept; steps are shorter by this factor beforehand. Heuristic."""
 _RESAMPLINGS = 60
 """Largest number of samplings, each of a motion slower than the previous one by at least a small factor.
 
 Derived: they reach 1.8 times the duration.
 """
 _MOST_STRETCH = 100.0
-"""Factor of slowing down at which a motion is given up. Taste.
+"""Factor of slowing down at which a motion is given up. Heuristic.
 
 Samples this far beyond a limit are those of a path that no drive can follow, such as one with a corner, and a motion so
 slow has millions of samples.

@@ -22,8 +22,9 @@ class ProfileSettings:
     Attributes:
         dense_share: fraction of every limit that may be used between grid points. Derived: between the fraction at grid
             points and 1, so that samples, which lie elsewhere, respect the limit, too.
-        substeps: number of steps per grid interval at which limits are checked. Taste.
-        newton_steps: maximum number of steps of Newton's method per controllable speed. Taste; a few usually suffice.
+        substeps: number of steps per grid interval at which limits are checked. Heuristic.
+        newton_steps: maximum number of steps of Newton's method per controllable speed. Heuristic; a few usually
+            suffice.
         directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived: the
             polygon of twice as many sides exceeds the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the unused fraction
             of the limits covers.
@@ -41,11 +42,11 @@ class SmoothingSettings:
 
     Attributes:
         halvings: number of smoothing windows tried, each half as long as the previous one, beginning with half of the
-            duration. Taste.
+            duration. Heuristic.
         neighbour_factors: further windows tried, as multiples of the best halved window. Derived: √½ and √2 lie
             halfway.
         evaluations: number of points, besides the corners of the speed profile, at which limits are evaluated to
-            compare windows. Taste.
+            compare windows. Heuristic.
     """
 
     halvings: int = 10
@@ -58,10 +59,10 @@ class SamplingSettings:
     """Settings of the sampling of a timed motion.
 
     Attributes:
-        step: largest time between two samples [s]. Taste: 250 samples per second, a usual rate for robot drives.
+        step: largest time between two samples [s]. Heuristic: 250 samples per second, a usual rate for robot drives.
         min_chord_deviation: deviation of chords between samples from the path that is always allowed [m]. Derived: half
             of the verifier's tolerance; the default is for an arm of one metre, callers set it for theirs.
-        most_pieces: maximum number of pieces into which a step is divided so that chords stay near the path. Taste:
+        most_pieces: maximum number of pieces into which a step is divided so that chords stay near the path. Heuristic:
             bounds the number of samples.
         unseen_share: fraction of a joint's change of velocity that its sampled accelerations may leave unexplained;
             steps are halved until this holds. Derived: half of what the verifier allows.

@@ -36,14 +36,14 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
 _LARGE_ERROR = 0.1
-"""Tracking error of a joint above which the arm counts as not following its plan [rad]. Taste."""
+"""Tracking error of a joint above which the arm counts as not following its plan [rad]. Heuristic."""
 _DIVERGED = 1.0
-"""Tracking error of a joint at which the arm counts as having diverged, and the run is stopped [rad]. Taste."""
+"""Tracking error of a joint at which the arm counts as having diverged, and the run is stopped [rad]. Heuristic."""
 
 _CHUNK_STEPS = 200
 """Number of simulation steps per call of the compiled loop.
 
-Taste: a call costs microseconds, and non-finite states are noticed only after the call.
+Heuristic: a call costs microseconds, and non-finite states are noticed only after the call.
 """
 
 

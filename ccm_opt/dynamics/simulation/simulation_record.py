@@ -19,7 +19,7 @@ _LARGEST_BEND = 1.3
 """Largest bend for which an arm with Z-Y-X ball joints is simulated out of its plane [rad].
 
 Derived: the ball joint is singular at 90°, and at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link.
-The choice of 3.7 is taste.
+The 3.7 is chosen by hand.
 """
 
 

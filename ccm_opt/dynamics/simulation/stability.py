@@ -26,10 +26,10 @@ from ccm_opt.robot.arm import Arm
 _CHECKED_POSES = 9
 """Number of poses along the motion at which gains and friction are compared with the mass matrix.
 
-Taste: the largest eigenvalue varies slowly along a motion, and a pose costs one mass matrix and one eigenvalue.
+Heuristic: the largest eigenvalue varies slowly along a motion, and a pose costs one mass matrix and one eigenvalue.
 """
 _ADVISED_SHARE = 0.9
-"""Fraction of a stability bound at which advised values are set. Taste."""
+"""Fraction of a stability bound at which advised values are set. Heuristic."""
 
 RUNGE_KUTTA_REACH = 2.78
 """Largest |λ dt| on the negative real axis for which the classical Runge-Kutta method is stable.

@@ -14,23 +14,23 @@ from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
 
 _LEAST_GAIN = 1e-4
-"""Minimum relative decrease of the objective for a move to count as an improvement. Taste."""
+"""Minimum relative decrease of the objective for a move to count as an improvement. Heuristic."""
 _GAIN_WHILE_PUSHED = 0.02
 """Minimum relative decrease of the objective for a move to count as an improvement while the objective includes the
-repulsive potential of obstacles; a smaller one would prolong the climb. Taste."""
+repulsive potential of obstacles; a smaller one would prolong the climb. Heuristic."""
 _EASING = 0.3
 """Factor by which the weight of the repulsive potential is reduced when potential and distance balance, as in barrier
-methods. Taste."""
+methods. Heuristic."""
 _LEAST_PUSH = 1e-6
-"""Weight of the repulsive potential below which the potential is ignored. Taste."""
+"""Weight of the repulsive potential below which the potential is ignored. Heuristic."""
 _TRIED_AT_ONCE = 4
-"""Number of candidate moves checked for collision in the first batch, best first. Taste."""
+"""Number of candidate moves checked for collision in the first batch, best first. Heuristic."""
 _MORE_EACH_GO = 3
 """Factor by which batches grow. Derived: checking one move takes nearly as long as checking ten."""
 _MOST_TRIED = 96
-"""Maximum number of improving candidates checked before the climb counts as blocked. Taste."""
+"""Maximum number of improving candidates checked before the climb counts as blocked. Heuristic."""
 _HEADWAY = 0.2
-"""Relative decrease of the squared distance that counts as progress. Taste."""
+"""Relative decrease of the squared distance that counts as progress. Heuristic."""
 
 Objective: TypeAlias = Callable[[Shapes], FloatArray]
 """Function that returns the objective, a squared distance, of m configurations, shape (m,)."""

@@ -35,21 +35,21 @@ from ccm_opt.scene.free_space import FreeSpace
 
 _STRAIGHT_RUNS = (0.08, 0.05, 0.03, 0.015)
 """Lengths of the straight lines after the first subgoal and before the goal, tried in order, as fractions of the arm's
-length. Taste."""
+length. Heuristic."""
 _FIRST_SUBGOALS = (0.15, 0.08)
 """Distances of the first subgoal from the base along the route, as fractions of the arm's length; the farther one is
-tried first, since a nearer subgoal requires a tighter fold. Taste."""
+tried first, since a nearer subgoal requires a tighter fold. Heuristic."""
 _CORNER_SPACING = 0.7
 """Distance between corners below which they are merged, as a fraction of the length of the straight lines at the ends
-of the reference path. Taste."""
+of the reference path. Heuristic."""
 _CORNER_DISTANCE = 0.04
-"""Distance to keep from corners of obstacles where possible, as a fraction of the arm's length. Taste."""
+"""Distance to keep from corners of obstacles where possible, as a fraction of the arm's length. Heuristic."""
 _NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
-"""Precision of the first subgoal for an arm of several curvature segments. Taste."""
+"""Precision of the first subgoal for an arm of several curvature segments. Heuristic."""
 _TRACK_SAMPLES = 200
-"""Number of points of a reference path that are checked for contact. Taste."""
+"""Number of points of a reference path that are checked for contact. Heuristic."""
 _SHARPEST_TURN = 0.85
-"""Maximum curvature of a turn, as a fraction of the curvature limit. Taste."""
+"""Maximum curvature of a turn, as a fraction of the curvature limit. Heuristic."""
 
 
 Passage: TypeAlias = tuple[TipPose, SegmentTrack]
@@ -218,7 +218,7 @@ def _track(
 
 
 _TYPES_TRIED = 4
-"""Number of segment types that are tried, best first. The paper has five; the worst one is seldom useful. Taste."""
+"""Number of segment types that are tried, best first. The paper has five; the worst one is seldom useful. Heuristic."""
 
 
 @dataclass(frozen=True)

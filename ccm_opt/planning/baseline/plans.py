@@ -47,38 +47,39 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
 
 _PLAN_SHARE = 0.6
-"""Fraction of the remaining time that one plan may use, so that time is left for the others. Taste."""
+"""Fraction of the remaining time that one plan may use, so that time is left for the others. Heuristic."""
 _CERTIFIED_GAP = 1e-4
-"""Certified clearance of moves, as a fraction of the arm's length, so that the smooth path has clearance. Taste."""
+"""Certified clearance of moves, as a fraction of the arm's length, so that the smooth path has clearance. Heuristic."""
 _PLANNING_SHARE = 0.9
-"""Fraction of the time limit that planning may use; the rest is for timing and verification. Taste."""
+"""Fraction of the time limit that planning may use; the rest is for timing and verification. Heuristic."""
 _BISECTIONS = 3
-"""Number of bisections in the collision check after which a move counts as blocked. Taste: fewer than the check's
+"""Number of bisections in the collision check after which a move counts as blocked. Heuristic: fewer than the check's
 default are faster, since most candidate moves are discarded."""
 _ROUTE_INFLATION = 1e-3
-"""Inflation of walls for routes in addition to radius and clearance, as a fraction of the arm's length. Taste."""
+"""Inflation of walls for routes in addition to radius and clearance, as a fraction of the arm's length. Heuristic."""
 
 _LEAST_BASE_SEGMENT = 0.05
-"""Minimum length of the base segment, as a fraction of the arm's length. Taste."""
+"""Minimum length of the base segment, as a fraction of the arm's length. Heuristic."""
 _BOUNDARY_AHEAD = 0.06
-"""Length by which the start of the reference path moves ahead at a time, as a fraction of the arm's length. Taste."""
+"""Length by which the start of the reference path moves ahead at a time, as a fraction of the arm's length.
+Heuristic."""
 _BOUNDARY_SLIDE = 0.4
-"""Factor on ``_BOUNDARY_AHEAD`` if the start of the path moves ahead throughout the feed. Taste."""
+"""Factor on ``_BOUNDARY_AHEAD`` if the start of the path moves ahead throughout the feed. Heuristic."""
 _NEAR_GOAL = 0.15
 """Remaining length of the reference path at which the climb to the goal begins, as a fraction of the arm's length.
-Taste."""
+Heuristic."""
 _NOTHING_LEFT = 1e-6
-"""Remaining length of the reference path that counts as zero, as a fraction of the arm's length. Taste."""
+"""Remaining length of the reference path that counts as zero, as a fraction of the arm's length. Heuristic."""
 _TAKEN_BACK = (0.0, 0.25, 0.5, 0.75)
 """Fractions of the steps of schema SCM-8 of the paper that are discarded, in order, if SCM-7 fails from the last step.
-Taste."""
+Heuristic."""
 _MOST_OF_WAY = 0.5
 """Progress of a failed run of schema SCM-7 of the paper, as a fraction, above which it is not restarted from an earlier
-step. Taste."""
+step. Heuristic."""
 _LAST_CLIMB = 300
-"""Maximum number of moves of schema SCM-0 of the paper, the hill climb, at the end of a plan. Taste."""
+"""Maximum number of moves of schema SCM-0 of the paper, the hill climb, at the end of a plan. Heuristic."""
 _MERGE_TOLERANCE = 0.1
-"""Maximum change of headings when segments are merged [rad]; the arm then moves to the result. Taste."""
+"""Maximum change of headings when segments are merged [rad]; the arm then moves to the result. Heuristic."""
 
 _Result = TypeVar("_Result")
 
@@ -355,12 +356,12 @@ def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generato
 
 
 _FIELD_CELLS = 160
-"""Number of cells of the distance grid along the longer side of the workspace. Taste."""
+"""Number of cells of the distance grid along the longer side of the workspace. Heuristic."""
 _JOINT_LIMIT_SHARE = 0.99
-"""Fraction of the joint limits that moves may use, since the smooth path may bend a little more. Taste."""
+"""Fraction of the joint limits that moves may use, since the smooth path may bend a little more. Heuristic."""
 _MERGING_TOLERANCE = 0.02
 """Maximum change of headings when segments of the start are merged [rad]; the offset of the follower corrects it
-exactly. Taste."""
+exactly. Heuristic."""
 
 
 def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:

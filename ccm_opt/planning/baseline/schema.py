@@ -17,32 +17,34 @@ from ccm_opt.robot.decomposition import interpolate
 from ccm_opt.robot.segment import EVEN_KNOTS, natural_segment, select_segment_type
 
 PUSH = 0.01
-"""Weight of the repulsive potential of obstacles relative to the squared distance, in the climbs of a plan. Taste."""
+"""Weight of the repulsive potential of obstacles relative to the squared distance, in the climbs of a plan.
+Heuristic."""
 PATIENCE = 15
-"""Number of moves without progress after which a climb of a plan ends, as later success is rare. Taste."""
+"""Number of moves without progress after which a climb of a plan ends, as later success is rare. Heuristic."""
 FEED = 0.02
-"""Length that schemas SCM-3 and SCM-5 of the paper feed in one step, as a fraction of the arm's length. Taste."""
+"""Length that schemas SCM-3 and SCM-5 of the paper feed in one step, as a fraction of the arm's length. Heuristic."""
 _ON_THE_WAY = Precision(2e-3, 2e-2)
-"""Tolerances of the tip at the intermediate subgoals of schema SCM-7 of the paper. Taste."""
+"""Tolerances of the tip at the intermediate subgoals of schema SCM-7 of the paper. Heuristic."""
 _STRIDE = 0.12
-"""Maximum change of heading along the curve between two steps of schemas SCM-2 and SCM-8 [rad]. Taste."""
+"""Maximum change of heading along the curve between two steps of schemas SCM-2 and SCM-8 [rad]. Heuristic."""
 _HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
-"""Tolerances within which schemas SCM-3 and SCM-6 of the paper hold the pose of a segment's end. Taste."""
+"""Tolerances within which schemas SCM-3 and SCM-6 of the paper hold the pose of a segment's end. Heuristic."""
 _SUBGOAL_SPACING = 0.03
-"""Maximum distance between subgoals of schema SCM-7, as a fraction of the arm's length. Taste."""
+"""Maximum distance between subgoals of schema SCM-7, as a fraction of the arm's length. Heuristic."""
 _SUBGOAL_TURN = 0.12
-"""Maximum change of the tip's heading between subgoals of schema SCM-7 [rad]. Taste."""
+"""Maximum change of the tip's heading between subgoals of schema SCM-7 [rad]. Heuristic."""
 _STRIDE_SAMPLES = 65
-"""Number of arc lengths at which the change of heading is evaluated. Taste."""
+"""Number of arc lengths at which the change of heading is evaluated. Heuristic."""
 _HELD_PUSH = 0.03
-"""Weight of the repulsive potential of obstacles while the pose of a segment's end is held. Taste."""
+"""Weight of the repulsive potential of obstacles while the pose of a segment's end is held. Heuristic."""
 _HELD_PATIENCE = 20
-"""Number of moves without progress after which holding the pose of a segment's end has failed. Taste."""
+"""Number of moves without progress after which holding the pose of a segment's end has failed. Heuristic."""
 _RELAXING = 6
 """Maximum number of moves that reduce distance and obstacle potential before a segment's end is moved back to its pose.
-Taste."""
+Heuristic."""
 _END_TURN = 0.3
-"""Maximum change of the curvature at the tip in one step of schema SCM-6, times the segment's length [rad]. Taste."""
+"""Maximum change of the curvature at the tip in one step of schema SCM-6, times the segment's length [rad].
+Heuristic."""
 
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,

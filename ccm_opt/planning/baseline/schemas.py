@@ -22,17 +22,17 @@ from ccm_opt.robot.decomposition import add_segment, delete_segment, segment_hea
 from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
 _SELECTED_PRECISION = Precision(1e-3, 6e-3)
-"""Tolerances within which a curve selected by schema SCM-4 ends at the goal; SCM-0 removes the rest. Taste."""
+"""Tolerances within which a curve selected by schema SCM-4 ends at the goal; SCM-0 removes the rest. Heuristic."""
 _SHORTENING = 0.03
-"""Fraction by which schema SCM-4 of the paper shortens a segment that is too long, per iteration. Taste."""
+"""Fraction by which schema SCM-4 of the paper shortens a segment that is too long, per iteration. Heuristic."""
 _SELECTION_PUSH = 0.05
-"""Weight of the repulsive potential of obstacles in the climb of schema SCM-4 of the paper. Taste."""
+"""Weight of the repulsive potential of obstacles in the climb of schema SCM-4 of the paper. Heuristic."""
 _SELECTION_STEPS = 1500
-"""Maximum number of moves in the climb of schema SCM-4 of the paper. Taste."""
+"""Maximum number of moves in the climb of schema SCM-4 of the paper. Heuristic."""
 _LEAST_CHORD_RATIO = 0.25
-"""Minimum ratio of chord to length of the initial guess of schema SCM-4 of the paper. Taste."""
+"""Minimum ratio of chord to length of the initial guess of schema SCM-4 of the paper. Heuristic."""
 _FINEST_FEED = 1.0 / 8.0
-"""Minimum feed step after repeated halving at an obstacle, as a fraction of the full step. Taste."""
+"""Minimum feed step after repeated halving at an obstacle, as a fraction of the full step. Heuristic."""
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from ccm_opt.planning.baseline.operators import Shapes
 from ccm_opt.robot.configuration import Configuration
 
 _KEPT_OFF = 0.03
-"""Distance from contact below which obstacles repel, as a fraction of the arm's length. Taste."""
+"""Distance from contact below which obstacles repel, as a fraction of the arm's length. Heuristic."""
 
 CROWDING_POINTS = 48
-"""Number of chords of the backbone curve; their end points are those that walls repel. Taste."""
+"""Number of chords of the backbone curve; their end points are those that walls repel. Heuristic."""
 _SELF_POINTS = CROWDING_POINTS // 2
 """Number of chords whose end points repel each other: every second of the points that walls repel is used."""
 _STRAINED = 0.3
-"""Fraction of the curvature limit above which curvatures at interpolation points are penalised. Taste."""
+"""Fraction of the curvature limit above which curvatures at interpolation points are penalised. Heuristic."""
 
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
 """Function that returns whether motions, linear in bends, from one configuration to each of m are allowed, shape

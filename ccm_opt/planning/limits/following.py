@@ -17,12 +17,12 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
 
 _PLACES_PER_LINK = 8
-"""Number of points per link whose distance from the leader's path is measured. Taste."""
+"""Number of points per link whose distance from the leader's path is measured. Heuristic."""
 _POSES = 600
-"""Minimum number of poses at which a motion is evaluated. Taste."""
+"""Minimum number of poses at which a motion is evaluated. Heuristic."""
 FOLLOWING_SHARE = 0.97
 """Fraction of the bound on the deviation that planning uses; the rest is a reserve for timing and for the motion
-between poses. Taste."""
+between poses. Heuristic."""
 
 
 @dataclass(frozen=True)

@@ -26,37 +26,38 @@ if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
 _BESIDE = 0.5
-"""Distance from a rail within which a joint is pulled to the rail, in nominal links. Taste."""
+"""Distance from a rail within which a joint is pulled to the rail, in nominal links. Heuristic."""
 _ACROSS = 0.25
 """Distance from the middle of a line across a gate within which the arm's centre line counts as crossing it, in nominal
-links. Taste."""
+links. Heuristic."""
 _CATCHING_UP = 0.02
-"""Largest displacement of a crossing towards the middle of its line that one step requires, in nominal links. Taste."""
+"""Largest displacement of a crossing towards the middle of its line that one step requires, in nominal links.
+Heuristic."""
 _EXACT = 1e-6
 """Distance from the middle of a line across a gate at which a crossing is accepted, as a fraction of the arm's length.
-Taste: a thousandth of the clearance in a gate."""
+Heuristic: a thousandth of the clearance in a gate."""
 _NEWTON_STEPS = 5
-"""Maximum number of Newton steps that move crossings onto the middles of the lines across gates. Taste."""
+"""Maximum number of Newton steps that move crossings onto the middles of the lines across gates. Heuristic."""
 _LARGEST_TURN = 0.15
 """Largest turn of a link by which a pose is moved so that it crosses gates in the middle; beyond that, the pose is left
-unchanged [rad]. Taste."""
+unchanged [rad]. Heuristic."""
 _RIDGE = 1e-9
-"""Regularisation of the normal equations, as a fraction of their diagonal. Taste."""
+"""Regularisation of the normal equations, as a fraction of their diagonal. Heuristic."""
 
 _SAME = 2e-3
 """Distance below which two lines across gates count as one, as a fraction of a rail's length. Derived: rails of two
 paths through one gate differ by rounding."""
 _WEIGHT = 30.0
 """Weight on the distance of a joint from its rail in excess of the tolerance, relative to a distance of a nominal link.
-Taste: with three times as much, joints cannot give way to the goal."""
+Heuristic: with three times as much, joints cannot give way to the goal."""
 _PLACES = 61
-"""Number of points on the middle line of a gate at which the width is measured. Taste."""
+"""Number of points on the middle line of a gate at which the width is measured. Heuristic."""
 _NARROWEST = 1e-3
-"""Relative excess over the minimum distance to walls up to which a point still counts as narrowest. Taste; with lines
-before a rounded wall, where there is clearance to the side, feasible motions would be excluded."""
+"""Relative excess over the minimum distance to walls up to which a point still counts as narrowest. Heuristic; with
+lines before a rounded wall, where there is clearance to the side, feasible motions would be excluded."""
 _SHORT = 0.15
 """Length of a gate's narrowest section below which one line is put across its centre, instead of one across either end,
-as a multiple of the gate's half-width. Taste."""
+as a multiple of the gate's half-width. Heuristic."""
 
 
 @dataclass(frozen=True)

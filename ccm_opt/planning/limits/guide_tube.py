@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 _RESERVE = 0.1
 """Distance beyond the hole from which on planning lets joints bend, in addition to the travel of the base between two
-samples, in link lengths; the smooth path uses up part of the distance near keyframes. Taste."""
+samples, in link lengths; the smooth path uses up part of the distance near keyframes. Heuristic."""
 _MIXED = 2
 """Number of keyframes on either side that the smooth path mixes with a keyframe: a joint may bend at a keyframe if it
 is outside the tube at all of these. Derived: four control points shape every span of a cubic spline, and the first
 three of them its start."""
 _BEND_SHARE = 2.0
 """Bound on the bend of a joint in a QP step, as a fraction of its limit per link length of its distance beyond the
-hole. Taste."""
+hole. Heuristic."""
 _TINY_BEND = 1e-4
 """Bend of a joint that should be straight, up to which the bend counts as an inaccuracy of the QP [rad]. Derived: ten
 times its tolerance."""
@@ -39,7 +39,7 @@ _ROUNDING = 1e-9
 """Rounding error of positions along the arm, in link lengths. Derived: about a thousand roundings of a position on a
 long axis."""
 _AT_END = 1e-3
-"""Distance from an end of its range within which the base counts as being there, in link lengths. Taste."""
+"""Distance from an end of its range within which the base counts as being there, in link lengths. Heuristic."""
 
 
 Number = TypeVar("Number", np.float64, np.intp)

@@ -30,15 +30,15 @@ _CLOSING_SHARE = 0.5
 """Fraction of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move
 towards each other then close at most the whole gap together."""
 _NEAR_JOINT_LIMIT = 0.25
-"""Distance from its limit within which a bend is bounded by an inequality in the optimisation [rad]. Taste: slightly
-more than a step turns a joint."""
+"""Distance from its limit within which a bend is bounded by an inequality in the optimisation [rad]. Heuristic:
+slightly more than a step turns a joint."""
 
 
 _BENDING = 1e-4
-"""Weight on the curve's curvature in every step, relative to a nominal link's distance. Taste: small enough to decide
-only what no other term does."""
+"""Weight on the curve's curvature in every step, relative to a nominal link's distance. Heuristic: small enough to
+decide only what no other term does."""
 _UNEVENNESS = 1e-4
-"""Weight on the differences of curvature from knot to knot. Taste."""
+"""Weight on the differences of curvature from knot to knot. Heuristic."""
 _STILL = 0.01
 """Weight on the turns of links and displacements of joints in every step, if the arm is to move only where needed."""
 

@@ -28,33 +28,33 @@ if TYPE_CHECKING:
     from ccm_opt.planning.optimisation.interval_rows import Sweep
 
 _PATH_SHARE = 0.2
-"""Fraction of the allowed violation by which the smooth path may violate a constraint between its knots. Taste."""
+"""Fraction of the allowed violation by which the smooth path may violate a constraint between its knots. Heuristic."""
 _PULL_WEIGHT = 30.0
-"""Weight of terms that restore gaps smaller than their margin, relative to a displacement of a nominal link. Taste; the
-weight for contacts is the same."""
+"""Weight of terms that restore gaps smaller than their margin, relative to a displacement of a nominal link. Heuristic;
+the weight for contacts is the same."""
 _URGENCY = 10.0
-"""Factor on the terms that open violated gaps, relative to those for gaps merely inside their margin. Taste."""
+"""Factor on the terms that open violated gaps, relative to those for gaps merely inside their margin. Heuristic."""
 _RANK = 1e-09
 """Fraction of the largest singular value below which a singular value counts as zero, so that equations that follow
-from others are left out. Taste."""
+from others are left out. Heuristic."""
 _RESERVE = 0.02
 """Fraction of the kept margin that a gap keeps between keyframes, as a reserve for configurations between samples.
-Taste."""
+Heuristic."""
 _SAMPLES = 4
-"""Number of samples of an interval between keyframes. Taste."""
+"""Number of samples of an interval between keyframes. Heuristic."""
 
 _JOINT_SHARE = 0.995
 """Fraction of a joint limit to which excessive bends are brought back, so that the overshoot of splines stays below the
-limit. Taste."""
+limit. Heuristic."""
 
 _KNOT_RESERVES = 4.0
 """Size to which a gap is opened at a knot of the smooth path if it is less than half of that, as a multiple of the
 reserve between keyframes. Measured:
 with 2 a path at the edge of a camera's view was refused, with 4 it was accepted."""
 _MARGIN = 2e-3
-"""Margin of a gap, as the least rotation of the links that closes it [rad]. Taste: a tenth of a degree."""
+"""Margin of a gap, as the least rotation of the links that closes it [rad]. Heuristic: a tenth of a degree."""
 _KEEP_SHARE = 0.4
-"""Fraction of the margin that every accepted pose keeps. Taste; the fraction for contacts is the same."""
+"""Fraction of the margin that every accepted pose keeps. Heuristic; the fraction for contacts is the same."""
 _MET_AT_GOAL = 1e-8
 """Largest violation of constraints at the goal and at keyframes, in the user's unit. Derived: two orders below what the
 verifier allows."""
@@ -64,11 +64,12 @@ allows."""
 _ALLOWED = 1e-6
 """Largest violation of a hard constraint, in the user's unit. Derived: what the verifier allows."""
 _NEWTON_STEPS = 12
-"""Maximum number of Newton steps back onto equations. Taste: the method converges in four or never."""
+"""Maximum number of Newton steps back onto equations. Heuristic: the method converges in four or never."""
 _FAR = 2.0
-"""Least rotation of the links that closes a gap, above which the gap is not constrained at a keyframe [rad]. Taste."""
+"""Least rotation of the links that closes a gap, above which the gap is not constrained at a keyframe [rad].
+Heuristic."""
 _KEYFRAME_TURN = 0.5
-"""Largest turn of a link that may be needed to bring a keyframe onto its equations [rad]. Taste."""
+"""Largest turn of a link that may be needed to bring a keyframe onto its equations [rad]. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ STILL = -1
 """Index of a fixed point, the last of the points of a motion."""
 _SECTORS = 12
 """Number of sectors into which the directions of a plane are divided; of similar rows, the tightest one per sector is
-kept. Taste."""
+kept. Heuristic."""
 
 
 @dataclass(frozen=True)

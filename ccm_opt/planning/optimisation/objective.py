@@ -22,20 +22,20 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RIDGE = 1e-8
-"""Weight on changes of all unknowns, so that the weight matrix is positive definite. Taste."""
+"""Weight on changes of all unknowns, so that the weight matrix is positive definite. Heuristic."""
 
 _SHAPE_CHANGE = 0.1
-"""Weight on changes of the curvature from keyframe to keyframe, as a fraction of ``_SHAPE``. Taste."""
+"""Weight on changes of the curvature from keyframe to keyframe, as a fraction of ``_SHAPE``. Heuristic."""
 _SECOND_HEADING = 0.1
-"""Weight of the rotations of the links in ``∫|q''|²``. Taste."""
+"""Weight of the rotations of the links in ``∫|q''|²``. Heuristic."""
 _HEADING = 1e-3
-"""Weight of the rotations of the links relative to those of the joints. Taste."""
+"""Weight of the rotations of the links relative to those of the joints. Heuristic."""
 _UNEVENNESS = 4e-3
-"""Weight of ``∫|q''|²``, whose square root is the fraction of the motion over which corners are rounded. Taste."""
+"""Weight of ``∫|q''|²``, whose square root is the fraction of the motion over which corners are rounded. Heuristic."""
 _SHAPE = 1e-3
-"""Weight of the backbone curve's curvature and of its differences, in units of nominal links. Taste."""
+"""Weight of the backbone curve's curvature and of its differences, in units of nominal links. Heuristic."""
 _BLEND = 1e-3
-"""Weight on changes of the unknown that blends the curve's pose into a goal for the whole arm. Taste."""
+"""Weight on changes of the unknown that blends the curve's pose into a goal for the whole arm. Heuristic."""
 _FOLLOWING = 25.0
 """Weight on changes of the backbone curve of an arm with a feed axis, as bends of a nominal link.
 

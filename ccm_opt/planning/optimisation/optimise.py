@@ -24,24 +24,25 @@ from ccm_opt.problem import Weights
 from ccm_opt.problem.solution import ClearanceLimit
 
 _CLEARANCE_SAMPLES = 5
-"""Number of samples per interval at which the clearance of a smooth path is measured. Taste."""
+"""Number of samples per interval at which the clearance of a smooth path is measured. Heuristic."""
 
 _GATE_INTERVALS = (40, 60, 90, 135)
 """Numbers of intervals that are tried for motions through narrow gates, in order.
 
-Taste: for a clearance of a hundredth of a radius, about sixty are needed.
+Heuristic: for a clearance of a hundredth of a radius, about sixty are needed.
 """
 _GATE_HALVINGS = 3
-"""Maximum number of times that uncertified intervals in gates are halved. Taste."""
+"""Maximum number of times that uncertified intervals in gates are halved. Heuristic."""
 _WORTH_MANY = 0.05
-"""Relative shortening of a motion, by steps with many keyframes, below which no further such steps are made. Taste."""
+"""Relative shortening of a motion, by steps with many keyframes, below which no further such steps are made.
+Heuristic."""
 _COUNTED_ROUNDS = 2
 """Number of rounds that a series of steps with many keyframes counts as, however many steps it has.
 
 Measured: with 5, six strongly curved motions among clutter lasted 2 % longer in the median.
 """
 _KEPT_SHARE = 0.8
-"""Fraction of its gap that a motion must still have after keyframes are removed. Taste."""
+"""Fraction of its gap that a motion must still have after keyframes are removed. Heuristic."""
 _FINER_LACK = 0.1
 """Lack of clearance, as a fraction of the preferred gap, above which a motion is optimised again with more keyframes.
 
@@ -50,7 +51,7 @@ Measured in pipes and wing boxes with few links: seven in ten of those reach all
 _FINER_PRICE = 400.0
 """Initial price of slack in a repeated optimisation with more keyframes."""
 _MANY = 1.5
-"""Number of intervals above which a motion has many keyframes, as a multiple of the desired number. Taste."""
+"""Number of intervals above which a motion has many keyframes, as a multiple of the desired number. Heuristic."""
 _FINER = 2.2
 """Factor by which the number of intervals is increased if no step moves a motion.
 
@@ -59,12 +60,12 @@ this factor.
 """
 
 _IMPROVABLE = 0.3
-"""Fraction of the missing clearance that one more step has to gain for a motion to count as improvable. Taste."""
+"""Fraction of the missing clearance that one more step has to gain for a motion to count as improvable. Heuristic."""
 
 _MOVED_ROUNDS = 24
-"""Maximum number of steps for motions under user limits, onto which keyframes have to be moved. Taste."""
+"""Maximum number of steps for motions under user limits, onto which keyframes have to be moved. Heuristic."""
 _MOST_INTERVALS = 60
-"""Number of intervals above which a motion that no step moves is not subdivided further. Taste."""
+"""Number of intervals above which a motion that no step moves is not subdivided further. Heuristic."""
 
 
 def optimise(

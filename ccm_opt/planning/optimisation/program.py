@@ -20,20 +20,20 @@ from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.problem.solution import ClearanceLimit
 
 _DAMPING_RIDGE = 1e-3
-"""Additional damping of the unknowns, relative to that of the link rotations. Taste."""
+"""Additional damping of the unknowns, relative to that of the link rotations. Heuristic."""
 _SLACK_CURVATURE = 1e-6
-"""Second derivative of the objective by every slack variable, so that the Hessian is positive definite. Taste."""
+"""Second derivative of the objective by every slack variable, so that the Hessian is positive definite. Heuristic."""
 
 _QP_TOLERANCE = 1e-5
-"""Absolute and relative tolerance of the QP solution. Taste."""
+"""Absolute and relative tolerance of the QP solution. Heuristic."""
 _QP_GAP = 1e-3
-"""Absolute duality gap of the QP solution; the relative gap is a tenth. Taste."""
+"""Absolute duality gap of the QP solution; the relative gap is a tenth. Heuristic."""
 _QP_ITERATIONS = 60
-"""Maximum number of iterations of the QP solver. Taste."""
+"""Maximum number of iterations of the QP solver. Heuristic."""
 _MANY_ROWS = 2000
 """Number of constraints above which the QP is first solved with the tightest ones alone.
 
-Taste: with as many constraints, solving takes as long as building the matrices.
+Heuristic: with as many constraints, solving takes as long as building the matrices.
 """
 _TIGHTEST = 30
 """Number of constraints per interval, and per keyframe, that enter the QP at a time if there are many.
@@ -44,7 +44,7 @@ constraints take a quarter of the time of one QP with all of them.
 _VIOLATED = 1e-3
 """Violation above which a constraint that was left out enters the QP [nominal links, rad].
 
-Taste: a hundredth of the usual gap.
+Heuristic: a hundredth of the usual gap.
 """
 
 

@@ -29,25 +29,25 @@ SweepType = TypeVar("SweepType", bound=Sweep)
 """Type of the motion of an optimisation problem."""
 
 _LACK = 0.03
-"""Fraction of the preferred gap that an interval may lack before its slack becomes more costly. Taste."""
+"""Fraction of the preferred gap that an interval may lack before its slack becomes more costly. Heuristic."""
 _LACK_RISE = 2.0
-"""Factor by which the price of slack rises per step in intervals that lack clearance. Taste."""
+"""Factor by which the price of slack rises per step in intervals that lack clearance. Heuristic."""
 _PRICE_RISE = 4.0
-"""Factor of the price of slack in intervals for which the certificate fails. Taste."""
+"""Factor of the price of slack in intervals for which the certificate fails. Heuristic."""
 FIRST_DAMPING = 0.3
-"""Weight on the squared rotations of the links in the first step. Taste."""
+"""Weight on the squared rotations of the links in the first step. Heuristic."""
 _REFUSED_GROWTH = 6.0
-"""Factor by which the damping grows after a refused optimisation step. Taste."""
+"""Factor by which the damping grows after a refused optimisation step. Heuristic."""
 _SHORTENED_GROWTH = 2.0
-"""Factor by which the damping grows after a shortened optimisation step. Taste."""
+"""Factor by which the damping grows after a shortened optimisation step. Heuristic."""
 _TRIES = 6
-"""Maximum number of QPs that are solved for one accepted optimisation step. Taste."""
+"""Maximum number of QPs that are solved for one accepted optimisation step. Heuristic."""
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
-"""Fractions of an optimisation step that are tried until the result is certified. Taste."""
+"""Fractions of an optimisation step that are tried until the result is certified. Heuristic."""
 _SUFFICIENT = 0.1
-"""Fraction of the predicted gain that a step must achieve to be accepted. Taste."""
+"""Fraction of the predicted gain that a step must achieve to be accepted. Heuristic."""
 _WORTH_AFRESH = 0.1
-"""Relative decrease of the objective after which prices and damping are reset if they block all motion. Taste."""
+"""Relative decrease of the objective after which prices and damping are reset if they block all motion. Heuristic."""
 
 _SEEN_AT_MANY = 0.5
 """Factor that, for motions with many keyframes, reduces the distance to its bound at which a constraint enters the QP.
@@ -55,30 +55,30 @@ _SEEN_AT_MANY = 0.5
 Measured: among 300 and 1000 polygons the same motions in three quarters of the time.
 """
 _WALL_DISTANCE = 0.03
-"""Distance beyond the planning margin above which walls cause no cost, as a fraction of the arm's length. Taste.
+"""Distance beyond the planning margin above which walls cause no cost, as a fraction of the arm's length. Heuristic.
 
 The cost applies only if the clearance has a weight.
 """
 _STEP_REDUCTIONS = 6
-"""Maximum number of reductions of the step of keyframes near uncertified intervals in narrow gates. Taste."""
+"""Maximum number of reductions of the step of keyframes near uncertified intervals in narrow gates. Heuristic."""
 _YIELDING_REACH = 4.0
-"""Number of keyframes on either side of an uncertified interval that take a smaller fraction of a step. Taste.
+"""Number of keyframes on either side of an uncertified interval that take a smaller fraction of a step. Heuristic.
 
 The reduction decreases with the distance from the interval.
 """
 _YIELDING_SHARE = 0.4
-"""Factor by which a keyframe next to an uncertified interval reduces its part of a step, each time. Taste."""
+"""Factor by which a keyframe next to an uncertified interval reduces its part of a step, each time. Heuristic."""
 _STEEPEST = 10.0
 """Largest gradient of the user's costs, relative to that of the objective, for which the prices of slack are tuned.
 Measured: with a ratio of 8 the user's costs decrease as intended, with one of 800 no step is accepted."""
 _RAISED_DAMPING = 0.05
-"""Minimum damping after a rejected or shortened step, before it is increased. Taste."""
+"""Minimum damping after a rejected or shortened step, before it is increased. Heuristic."""
 _GOOD_SHRINKAGE = 3.0
-"""Divisor by which the damping is reduced after a good optimisation step. Taste."""
+"""Divisor by which the damping is reduced after a good optimisation step. Heuristic."""
 _LEAST_DAMPING = 1e-4
-"""Lower bound of the damping of optimisation steps. Taste."""
+"""Lower bound of the damping of optimisation steps. Heuristic."""
 _GOOD = 0.6
-"""Fraction of the predicted gain from which on a step counts as good. Taste."""
+"""Fraction of the predicted gain from which on a step counts as good. Heuristic."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,12 +182,13 @@ class DistanceSettings:
         leaf: maximum number of triangles in a box that is not split further. Measured by
             ``tests/benchmarks/bench_surfaces.py``: two to sixteen are within a tenth of each other, and larger leaves
             take less memory.
-        most_planes: maximum number of half-spaces around a segment. Taste: anything beyond the nearest fourteen rarely
-            matters.
+        most_planes: maximum number of half-spaces around a segment. Heuristic: anything beyond the nearest fourteen
+            rarely matters.
         behind: distance by which a surface may protrude through a plane and still count as behind the plane, as a
-            fraction of the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
-        slack: extra distance at which a surface may still be treated as the nearest one in the search for half-spaces,
-            as a fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
+            fraction of the reach. Heuristic: a fine mesh of a curved wall gives a few planes instead of one per
+        triangle. slack: extra distance at which a surface may still be treated as the nearest one in the search for
+            half-spaces, as a fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine
+            duct.
     """
 
     leaf: int = 8

@@ -89,13 +89,13 @@ class ToleranceSettings:
 
     Attributes:
         precision: relative difference allowed between the certified error and the least error found to cause contact at
-            a pose. Taste.
+            a pose. Heuristic.
         least: errors below this count as none [rad, m]. Derived: far below the verifier's resolution.
-        largest_turn: largest total rotation of the tip by angular errors that is examined [rad]. Taste: the bounds are
-            tight up to about 0.2 rad, and an arm with larger errors follows no plan.
-        largest_length: largest error of lengths that is examined, as a fraction of the arm's length. Taste.
-        time_share: fraction of the remaining time that planning for error tolerance may take. Taste.
-        least_time: least time granted to the search for error tolerance [s]. Taste.
+        largest_turn: largest total rotation of the tip by angular errors that is examined [rad]. Heuristic: the bounds
+            are tight up to about 0.2 rad, and an arm with larger errors follows no plan.
+        largest_length: largest error of lengths that is examined, as a fraction of the arm's length. Heuristic.
+        time_share: fraction of the remaining time that planning for error tolerance may take. Heuristic.
+        least_time: least time granted to the search for error tolerance [s]. Heuristic.
     """
 
     precision: float = 2e-3

@@ -34,7 +34,7 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts, is_empty, link_axes
 
 _AT_ONCE = 4096
-"""Number of pairs per batch when displacements along directions are bounded. Taste: about 10 MB."""
+"""Number of pairs per batch when displacements along directions are bounded. Heuristic: about 10 MB."""
 _STEP = 1e-6
 """Change of a bend for finite differences of gaps [rad]."""
 _PLACES = 65

@@ -12,7 +12,7 @@ from .link_motion import ChainMotion, Nodes
 from .rounding import UNIT, distance_rounding
 
 _PAIR_PROBES = 24
-"""Poses at which all pairs of links are measured first, likewise. Taste."""
+"""Poses at which all pairs of links are measured first, likewise. Heuristic."""
 
 CHUNK = 65_536
 """Pairs handled at a time, so that the intermediate arrays stay in the processor's cache."""

@@ -19,13 +19,13 @@ from .rounding import distance_rounding
 from .selfcollision import segment_distances
 
 _ALONG = 1e-6
-"""Sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between two samples it
-goes aside by far less than any tolerance of contact."""
+"""Sine of the angle to the way of the base up to which a link lies along it. Heuristic: over the way between two
+samples it goes aside by far less than any tolerance of contact."""
 
 _MANY_EDGES = 64
-"""Walls with as many edges are looked at in runs of them first. Taste."""
+"""Walls with as many edges are looked at in runs of them first. Heuristic."""
 _EDGES_A_RUN = 16
-"""Edges in a run. Taste: their chord is near all of them, and few runs are near the arm."""
+"""Edges in a run. Heuristic: their chord is near all of them, and few runs are near the arm."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def _edges_of(part: shapely.Geometry) -> FloatArray:
 
 
 _WALL_PROBES = 48
-"""Poses at which the nearest wall is looked up first, to know how far the search must look. Taste."""
+"""Poses at which the nearest wall is looked up first, to know how far the search must look. Heuristic."""
 _ROWS_AT_ONCE = 16
 """Poses that follow each other whose links are looked for near walls together first. Measured: with 16 the search takes
 half the time that it takes pose by pose, and hardly less with more."""
