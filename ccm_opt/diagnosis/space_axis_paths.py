@@ -202,7 +202,7 @@ class SpaceAxisPaths(AxisPaths):
         return WidestPath(high, exact, closed, narrow, walls, path=path)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return the obstacles whose removal alone opens an axis path to the goal.
+        """Return the obstacles each of which, if it alone is removed, leaves an axis path to the goal.
 
         Args:
             place: position near which obstacles are tried first, shape (3,) [m].

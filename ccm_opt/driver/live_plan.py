@@ -69,7 +69,7 @@ class _FollowingPlanner:
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: no path was found; the last motion is kept.
+            NoPlanFound: no path was found; the caller keeps the previous motion.
         """
         planner = self.quick if self.dragging else self.thorough
         if problem.dimension == 3:

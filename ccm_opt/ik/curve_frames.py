@@ -206,7 +206,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the turns in the curve's k directions for n joints' bends, both of shape (n, k) [rad]."""
+        """Convert the bend angles of n joints to rotations about the k axes of the curve's frame, both (n, k) [rad]."""
 
     @abstractmethod
     def lies_at(self, bends: FloatArray) -> FloatArray:

@@ -99,16 +99,18 @@ class LinkChains:
     def grown(
         self, start: WayEnd, goal: WayEnd, kept: float, gap: float, strays: float, rng: np.random.Generator
     ) -> list[LinkChain]:
-        """Return the chains of one growth of both trees.
+        """Grow one tree of links from the start and one from the goal, and return the chains where they meet.
+
+        The list is empty if the trees do not meet.
 
         Args:
-            start: first point of chains, and the direction before their first link; without a direction no chain is
-                found.
-            goal: last point of chains, and the direction of their last link.
+            start: point at which every chain begins, and direction of the link before it. Without a direction the list
+                is empty.
+            goal: point at which every chain ends, and direction of its last link; random directions if None.
             kept: minimum distance of the links' centre lines from surfaces [m].
-            gap: maximum gap in a chain [m].
-            strays: weight of the difference between a node's number of links and a random target's, relative to the
-                distance from the target, in the choice of the node that grows.
+            gap: maximum distance between the ends of two branches that count as one chain [m].
+            strays: weight of the number of links by which a node differs from a random target, against their distance,
+                when the node nearest to the target is chosen for growth.
             rng: random generator.
         """
         if start.direction is None:
@@ -183,7 +185,7 @@ class _Tree:
         return tree
 
     def for_c(self, first: int, count: int) -> dict[str, object]:
-        """Return the first ``count`` nodes as fields for link_chains.c; nodes from ``first`` on may have children."""
+        """Return the tree as members of a struct in C: ``count`` nodes, which may grow from index ``first`` on."""
         return {"first": first, "count": count, "capacity": _NODES, **vars(self)}
 
     def branch(self, node: int) -> FloatArray:

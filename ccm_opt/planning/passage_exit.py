@@ -56,9 +56,9 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
-    """Yield tasks from goal poses back to the start, for poses laid along the routes that lead through narrow gates.
+    """Yield reversed tasks, from a goal pose to the start, for each route through narrow gates that the arm fits.
 
-    None are yielded for a goal of the whole arm.
+    The goal pose has its links along the route. A goal that fixes the whole arm has no such tasks.
     """
     if task.goal_pose is None:
         for guess in _laid_through_gates(task):

@@ -91,7 +91,8 @@ class TipWays:
         """Return a random tip path from a pose, and whether it leads onto the goal.
 
         Returns:
-            The path, shape (k, 2) [m], or None if it is blocked; and False if it leads to a random point only.
+            The path, shape (k, 2) [m], None if it is blocked; and whether it leads onto the goal, not to a random
+            point.
         """
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]

@@ -450,7 +450,7 @@ class TipFlood:
         return tasks
 
     def _from_turned(self) -> list[ReachTask]:
-        """Return tasks of entering unreached cells from poses with tried directions in their neighbours."""
+        """Return tasks to move the tip into unreached cells from poses in neighbouring cells, in other directions."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell, poses in self._turned.items():
             if cell not in self._given_on:

@@ -310,7 +310,7 @@ def _pair_half_edges(edges: _HalfEdges, numbers: IntArray, counts: IntArray, oth
 
 
 def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
-    """Return the last half-edge of each surface patch with an odd number of half-edges at an edge, as indices."""
+    """Return, for each edge at which a patch has an odd number of half-edges, the index of the last of them."""
     order = np.lexsort((patch, edge))
     changes = (np.diff(edge[order], append=-1) != 0) | (np.diff(patch[order], append=-1) != 0)
     ends = np.flatnonzero(changes)

@@ -135,7 +135,7 @@ class _Steps:
         return tuple(np.array([self.message.at(self.segments, time, order) for time in both]) for order in orders)
 
     def greatest(self, order: int) -> FloatArray:
-        """Return bounds on the magnitude of the derivative of a given order throughout every step, shape (n, c)."""
+        """Return upper bounds on the time derivatives of c coordinates within each of n steps, shape (n, c)."""
         if order >= len(self.ends):
             return np.zeros(self.ends[0].shape[1:])
         at_ends = np.asarray(np.max(np.abs(self.ends[order]), axis=0))

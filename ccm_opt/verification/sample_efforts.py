@@ -426,7 +426,7 @@ class SampleBounds:
         return np.asarray(curving)
 
     def _growth(self, turn: FloatArray) -> FloatArray:
-        """Return bounds on the angular accelerations of links from bounds on their rates, shape (links,) [rad/s²]."""
+        """Return bounds on the links' angular accelerations from bounds on angular velocities, both (links,)."""
         first, second = self._rates.T
         before = np.concatenate(([0.0], turn[:-1]))
         # The two axes of a joint are perpendicular and move with the preceding parts of the arm.

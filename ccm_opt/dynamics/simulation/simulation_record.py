@@ -245,7 +245,7 @@ class PlanNeeds:
 def largest_need(
     plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
-    """Return the effort of a plan that is the largest fraction of its limit; None if no drive has a limit.
+    """Return the drive and the time at which a plan needs the largest fraction of an effort limit; None without limits.
 
     Args:
         plant: the simulated arm.

@@ -265,7 +265,7 @@ class GateRails(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return constraints of a QP step that make the arm cross gate lines in the middle, and a soft pull onto rails.
+        """Return QP constraints that make the arm cross gate lines in the middle, and a quadratic cost that does too.
 
         Args:
             space: map from coordinates to configurations.

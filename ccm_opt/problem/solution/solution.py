@@ -21,7 +21,7 @@ class Presenter(Protocol):
     """Interface of objects that draw, animate and save plans, through which this package avoids importing plotting."""
 
     def plot(self, plan: Any) -> Any:
-        """Return a figure of a plan."""
+        """Return a matplotlib figure of the scene, the arm at several times, and the path of its tip."""
         ...
 
     def animate(self, plan: Any, file: str | Path) -> Path:
