@@ -86,6 +86,14 @@ def test_heavy_costs_are_lowered_along_the_motion(weight: float) -> None:
     assert found[1].metrics["cost_bends"] < 0.9 * found[0].metrics["cost_bends"]
 
 
+def test_costs_of_another_part_of_the_motion_leave_the_goal_pose_as_it_is() -> None:
+    """However much they weigh."""
+    problem = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")
+    early = ccm_opt.Cost("bends", lambda q: ca.sumsqr(q.joint_angles), weight=1e6, where=ccm_opt.Interval(0.0, 0.5))
+    found = ccm_opt.find_pose(problem, costs=[early]).configuration
+    np.testing.assert_allclose(found, ccm_opt.find_pose(problem).configuration, atol=1e-9)
+
+
 def terms_with_cost() -> UserTerms:
     """A hard constraint, a soft one and a cost."""
     soft = ccm_opt.Constraint("soft", lambda q: q.tip[0], upper=0.5, soft=True, weight=4.0)

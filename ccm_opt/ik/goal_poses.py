@@ -32,8 +32,7 @@ poses share solvers (measured: all of 42 scenes of clutter in the plane need eig
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
     """Return a goal-pose NLP with the user's constraints and costs added.
 
-    Hard constraints become constraints of the NLP; soft constraints and costs are added to its objective. The objective
-    is divided by the largest of the user's weights if that exceeds 1.
+    Hard constraints become constraints of the NLP; soft constraints and costs are added to its objective.
 
     Args:
         program: the NLP without the user's constraints and costs.
@@ -44,14 +43,14 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
     rows = tuple(_rows_of(item, pose, feed) for item in terms.hard_at_goal)
     parts = dict(program.parts)
     objective = program.objective
+    heaviest = 1.0
     for item in terms.all_costs:
         if bool(item.applies(np.array([_GOAL]))[0]):
             value = item.function(pose, feed, _GOAL)
             parts[f"user: {item.cost.name}"] = item.cost.weight * value
             objective += item.cost.weight * value
-    # IPOPT's tolerances are tuned for an objective of order one.
-    heaviest = max([1.0, *(item.cost.weight for item in terms.all_costs)])
-    return replace(program, rows=(*program.rows, *rows), parts=parts, objective=objective / heaviest)
+            heaviest = max(heaviest, item.cost.weight)
+    return replace(program, rows=(*program.rows, *rows), parts=parts, objective=objective, magnitude=heaviest)
 
 
 def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:

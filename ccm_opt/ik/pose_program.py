@@ -137,11 +137,14 @@ class PoseProgram(RowProgram):
         size: size for which the program was built.
         frames: symbols of the curve and of the links that follow the curve.
         loads: torques that hold the arm under gravity; None if torque is not limited.
+        magnitude: order of magnitude of the objective, by which the solver divides it: the largest of the user's
+            weights, at least 1.
     """
 
     size: PoseSize
     frames: CurveFrames
     loads: HoldingLoads | None
+    magnitude: float = 1.0
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:

@@ -126,6 +126,8 @@ class PoseQuestion:
             "ipopt.max_iter": self.settings.iterations,
             "ipopt.tol": self.settings.tolerance,
         }
+        if self.program.magnitude > 1.0:  # the tolerance is for an objective of order one
+            options["ipopt.obj_scaling_factor"] = 1.0 / self.program.magnitude
         solver = partial(built_solver, self.program, options, by_blocks=True)
         answer, statistics = ipopt_answer(solver, np.clip(self.start_values, lower, upper), p=self.parameters, **bounds)
         return self._read(answer, statistics)
@@ -241,20 +243,28 @@ class PoseQuestion:
         unknowns = self.program.unknowns
         return unknowns.filled(lower, -np.inf), unknowns.filled(upper, np.inf)
 
+    @cached_property
+    def _start_gap(self) -> float:
+        """Least gap of any link to the sides of its region in the start pose [m]; negative if a link is outside."""
+        return self.regions.gap(self.arm.free_shares, self.arm.joint_positions_at(self.start))
+
     @property
     def _least_gap(self) -> float:
-        """Lower bound on the gap [m]; −∞ if the user has no costs.
+        """Lower bound on the gap [m], at most that of a start pose without contact; −∞ if the user has no costs.
 
         Without the user's costs, the cost of missing clearance outweighs all others, so that no bound is needed.
         """
-        return _USER_GAP * self.wanted_gap if len(self.program.parts) > len(self.weights) else -np.inf
+        if len(self.program.parts) == len(self.weights):
+            return -np.inf
+        least = _USER_GAP * self.wanted_gap
+        return min(least, self._start_gap) if self._start_gap > 0.0 else least
 
     @cached_property
     def start_values(self) -> FloatArray:
         """Values of the program's variables at the start pose and the curve near that pose, shape (variables,)."""
         arm = self.arm
         points = arm.joint_positions_at(self.start)
-        gap = min(self.regions.gap(arm.free_shares, points), self.wanted_gap)
+        gap = min(self._start_gap, self.wanted_gap)
         numbers = {
             **self.program.frames.curve_values(self.nearest_curve),
             **self._frame_symbol_counts,
