@@ -120,7 +120,7 @@ def timed(problem: Problem, path: JointPath) -> tuple[JointTrajectory, JointStat
         problem.limits,
         torques,
         revolutes=revolutes,
-        link_length=arm.link_length,
+        link_lengths=arm.lengths,
         share=problem.planner.effort_share,
     )
     motion = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
