@@ -13,12 +13,16 @@ from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning import strategies
+from ccm_opt.planning.draws import GoalDraws, TargetDraws
+from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT, PointTree
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.strategies import Turn, connected, connects, find_motion, straight
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.robot.arm import Proportions
 from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
 
@@ -224,6 +228,24 @@ def test_many_links_reach_goals_of_the_tip_without_poses_of_the_nlp(number: int)
     tip = task.arm.joint_positions_at(motion.configurations[-1])[-1]
     np.testing.assert_allclose(tip, task.goal.position, atol=1e-9)
     assert len(Certificate(scene.arm, scene.workspace).failures(motion.configurations)) == 0
+
+
+@settings(max_examples=5, deadline=None)
+@given(seed=SEEDS)
+def test_poses_move_onto_the_goal_by_exact_derivatives(seed: int) -> None:
+    """The derivatives of the tip with respect to the headings of unequal links agree with differences."""
+    scene = open_scene(seed)
+    rng = np.random.default_rng(seed)
+    lengths = rng.uniform(0.4, 1.8, scene.arm.links)
+    proportions = Proportions(lengths / lengths.mean(), np.ones(len(lengths)), np.ones(len(lengths)))
+    arm = replace(scene.arm, proportions=proportions)
+    space, _ = LinkSpace.through(arm, arm.bends(scene.start))
+    shapes = TargetDraws.within(space, [arm.bends(scene.start)], KNOTS, 1.0)
+    draws = GoalDraws(shapes, GoalPose(np.array([0.1, 0.2])), SampledCheck.for_workspace(arm, scene.workspace))
+    headings, members, change = rng.normal(size=(3, 24)), rng.normal(size=(3, 3)), 1e-6 * rng.normal(size=(3, 24))
+    rows, error = draws._equations(headings, members)
+    _, after = draws._equations(headings + change, members)
+    np.testing.assert_allclose(error - after, np.einsum("mdl,ml->md", rows, change), atol=1e-10)
 
 
 def test_a_search_ends_with_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:

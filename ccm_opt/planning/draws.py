@@ -291,7 +291,7 @@ class GoalDraws:
         arm = self.draws.arm
         tip = arm.joint_positions(headings)[:, -1]
         error = (members[:, :2] - tip) / arm.length
-        rows = np.stack((-np.sin(headings), np.cos(headings)), axis=1) / arm.links
+        rows = np.stack((-np.sin(headings), np.cos(headings)), axis=1) * arm.length_shares / arm.links
         if self.goal.heading is None:
             return rows, error
         last = np.zeros((len(headings), 1, arm.links))
