@@ -1,5 +1,7 @@
 """Elastic bands: given ends, bends and gaps of links that slide along them, in pipes and round boxes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,15 +10,19 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack
+from ccm_opt.planning.link_chains import LinkChains
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_task import space_task
+from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.strategies import find_by_ways
-from ccm_opt.robot.arm import Arm
+from ccm_opt.planning.tip_ways import SpaceTipWays
+from ccm_opt.planning.way_strategies import SpaceRun
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import free_before
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from tests.snakes_in_space import boxes
+from tests.snakes_in_space import boxes, task_of
 from tests.test_slid_along import LENGTH, fed_arm
 from tests.witness_scenes import witness_scene
 
@@ -31,6 +37,16 @@ PLATES = SurfaceTree.from_triangles(
 def band_of(arm: Arm) -> ElasticBand:
     """A band among two plates across the way with their gaps on different sides."""
     return ElasticBand(arm, PLATES, UNIT, KEPT, WANTED)
+
+
+def in_the_open(feed: float, links: int = 12, seconds: float = 60.0) -> tuple[SpaceTask, SpaceTipWays]:
+    """The task of a straight arm fed out to a place in the open, and the ways of its tip."""
+    arm = replace(fed_arm(links), feed=Feed(0.0, 0.85, LENGTH))
+    start = np.zeros(len(arm.coordinates))
+    start[-1] = feed
+    block = boxes([([0.4, 0.3, -0.1], [0.5, 0.4, 0.1])])
+    task = task_of(arm, block, GoalPose(np.array([0.7, 0.1, 0.0])), start=start, seconds=seconds)
+    return task, SpaceRun.from_task(task).ways()
 
 
 def drawn(band: ElasticBand, goal: FloatArray, direction: FloatArray | None) -> ElasticWay:
@@ -101,3 +117,41 @@ def test_an_arm_of_long_links_slides_through_what_bends_right_after_the_hole(fam
     tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     motion = find_by_ways(space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings()))
     assert motion.candidate == "on the track of the tip"
+
+
+@pytest.mark.parametrize("feed", [0.0, 0.3])
+def test_bands_begin_where_the_tip_may_leave_its_straight_path(monkeypatch: pytest.MonkeyPatch, feed: float) -> None:
+    """Whether the tip is in the guide tube or out of it, bands from grids and from chains begin at that place."""
+    task, ways = in_the_open(feed)
+    begins = []
+
+    def noted(self: ElasticBand, behind: FloatArray, way: FloatArray, *others: object) -> None:
+        del self, behind, others
+        begins.append(way[0])
+
+    monkeypatch.setattr(ElasticBand, "along", noted)
+    for bands in (ways._elastic(20_000), ways._chained(range(1))):
+        begins.clear()
+        assert list(bands) == []
+        assert len(begins) > 0
+        np.testing.assert_allclose(begins, np.broadcast_to(ways.start, (len(begins), 3)), atol=1e-9)
+    assert (ways.straight > 0.0) == (feed == 0.0)
+    assert not task.deadline.passed()
+
+
+def test_no_chains_grow_after_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even where no chain has been found yet."""
+    _, ways = in_the_open(0.0, seconds=0.0)
+    monkeypatch.setattr(LinkChains, "grown", lambda *_: pytest.fail("chains were grown"))
+    assert list(ways._chained(range(8))) == []
+
+
+@pytest.mark.parametrize(("links", "times"), [(24, 2), (48, 1)])
+def test_no_first_way_is_tried_twice(monkeypatch: pytest.MonkeyPatch, links: int, times: int) -> None:
+    """Ways that bend earlier follow only if the joints of an arm may bend earlier."""
+    task, _ = in_the_open(0.0, links=links)
+    for kind in ("_elastic", "_chained", "_behind_the_tip"):
+        monkeypatch.setattr(SpaceTipWays, kind, lambda *_: iter(()))
+    found = list(SpaceRun.from_task(task).first_ways())
+    assert [way.name for way in found] == times * ["straight"]
+    assert len({way.corners[1, 0] for way in found}) == times

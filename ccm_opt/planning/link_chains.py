@@ -18,6 +18,9 @@ from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+CHAIN_GAPS = (0.0, 0.2, 0.5)
+"""Gaps that the links of a chain keep beyond the certified gap, as fractions of the preferred clearance; one is sampled
+for each growth. Heuristic."""
 _TARGETS = 1000
 """Number of targets in one growth of the trees. Measured among bars: with twice as many, half as many chains are found
 in the same time, with twenty times as many hardly any."""

@@ -15,7 +15,7 @@ from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
 from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
 from ccm_opt.planning.guides import ONTO_TRACK, ArmTrack
-from ccm_opt.planning.link_chains import LinkChains
+from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares
@@ -65,9 +65,6 @@ _BANDS = 6
 """Maximum number of elastic bands made through one grid."""
 _CHAIN_SEED = 1000
 """Second number of the seeds of chains of links, after the task's seed and before the growth's number."""
-_CHAIN_GAPS = (0.0, 0.2, 0.5)
-"""Gaps that the links of a chain keep beyond the required clearance, as fractions of the preferred clearance; one is
-sampled for each growth. Heuristic."""
 _CHAIN_GAP = 0.6
 """Largest distance between the part of a chain grown from the start and that grown from the goal, in links.
 Heuristic."""
@@ -186,16 +183,11 @@ class SpaceTipWays:
         """Position of the tip at which it can leave its initial straight path, shape (3,) [m]."""
         return self.tip + self.straight * self.heading
 
-    def first(self, *, bands: bool = True) -> Iterator[TipWay]:
-        """Yield the tip paths that are tried first: the straight path and, for a fed arm, paths that it can follow.
-
-        Args:
-            bands: whether elastic bands are among them.
-        """
+    def first(self) -> Iterator[TipWay]:
+        """Yield the tip paths that are tried first: the straight path and, for a fed arm, paths that it can follow."""
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
-        if bands:
-            yield from self._elastic(_CELLS[0])
-            yield from self._chained(range(_GROWTHS[0]))
+        yield from self._elastic(_CELLS[0])
+        yield from self._chained(range(_GROWTHS[0]))
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
@@ -259,7 +251,7 @@ class SpaceTipWays:
             found = [part for part in parts if part is not None]
             if len(found) < len(parts):
                 return
-            way = band(self._joined([*found, self.goal])[1:])
+            way = band(self._joined([*found, self.goal]))
             if way is None:
                 return
             known = any(_alike(way.places, other, 0.5 * task.unit) for other in seen)
@@ -272,14 +264,15 @@ class SpaceTipWays:
 
     @cached_property
     def _band(self) -> Callable[[FloatArray], ElasticWay | None] | None:
-        """Function that makes an elastic band from a path's corners (k, 3) [m]; None for an arm on a fixed base."""
+        """Function that makes an elastic band from a path's corners, (k, 3) [m], the first the tip; None if not fed."""
         if self.joints is None:
             return None
         task = self.task
         band = ElasticBand(task.arm, task.tree, task.unit, task.kept + task.spare, task.wanted_gap)
         track = ArmTrack.behind(self.joints, np.stack((self.tip, self.start)))
         behind = track.at(track.length - band.piece * np.arange(band.pieces, 0, -1.0))
-        return lambda way: band.along(behind, way, self.out + self.straight, self.direction, task.via)
+        first = int(self.straight > 0.0)  # the straight part is not deformed
+        return lambda way: band.along(behind, way[first:], self.out + self.straight, self.direction, task.via)
 
     def _followable_band(self, way: ElasticWay) -> bool:
         """Return whether an elastic band is free of collision, bent little enough and short enough to be tried."""
@@ -300,8 +293,10 @@ class SpaceTipWays:
         unit = task.unit
         tried = 0
         for number in growths:
+            if task.deadline.passed():
+                return
             rng = np.random.default_rng((task.seed, _CHAIN_SEED, number))
-            kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
+            kept = task.kept + task.spare + float(rng.choice(CHAIN_GAPS)) * task.wanted_gap
             ends = (WayEnd(self.start, self.heading), WayEnd(self.goal, self.direction))
             for chain in self._chains.grown(*ends, kept, _CHAIN_GAP * task.arm.link_length, 0.0, rng):
                 if task.deadline.passed():
@@ -310,7 +305,7 @@ class SpaceTipWays:
                 if any(_alike(corners, other, unit) for other in self._seen_chains):
                     continue
                 self._seen_chains.append(corners)
-                way = band(corners[1:] if self.straight > 0.0 else corners)
+                way = band(corners)
                 if way is not None and self._followable_band(way):
                     yield TipWay("behind the tip, along a chain", self._joined([way.places]), _CLOSE, ONTO_TRACK)
                 tried += 1

@@ -131,10 +131,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """
         ways = self.ways()
         yield from ways.first()
-        if ways.straight > 0.0:
-            arm = self.task.arm
-            earlier = max(arm.link_length + free_before(arm) - ways.out, 0.0)
-            yield from replace(ways, straight=min(earlier, ways.straight)).first(bands=earlier < ways.straight)
+        arm = self.task.arm
+        earlier = max(arm.link_length + free_before(arm) - ways.out, 0.0)
+        if earlier < ways.straight:
+            yield from replace(ways, straight=earlier).first()
 
     def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return a motion along one of the tip paths not tried first, or None if all fail."""
