@@ -1,15 +1,28 @@
 """Chains of links grown at random: ends, bends, lengths and gaps; and what they find that nothing else does."""
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning import way_strategies
 from ccm_opt.planning.followable_ways import WayEnd
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.link_chains import LinkChain, LinkChains
+from ccm_opt.planning.sampled_poses import CurvePoints, chained_goal_poses
+from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from tests.snakes_in_space import boxes
+from tests.snakes_in_space import boxes, task_of
+from tests.space_arms import space_arm
+
+if TYPE_CHECKING:
+    from ccm_opt.planning.pose import Pose
+    from ccm_opt.planning.search import Failure
 
 LINK = 0.05
 KEPT = 0.012
@@ -110,3 +123,30 @@ def test_a_clamped_chain_begins_straight() -> None:
         chain for seed in range(8) for chain in chains.grown(START, goal, KEPT, GAP, 0.3, np.random.default_rng(seed))
     ]
     assert all(np.max(np.abs(chain.before[:5, 1:]), initial=0.0) < 1e-12 for chain in found)
+
+
+def test_no_pose_at_the_goal_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no chain becomes a pose, no tree grows, and the failure does not speak of trees."""
+    task = task_of(space_arm(8), boxes(BOXES), GoalPose(np.array([0.6, 0.1, 0.05])))
+    monkeypatch.setattr(way_strategies, "chained_goal_poses", lambda *_: [])
+    failures: list[Failure] = []
+    assert SpaceRun.from_task(task).by_chains(0, failures) is None
+    assert [failure.message for failure in failures] == ["no collision-free pose at the goal was found"]
+
+
+def test_few_new_poses_are_made_of_one_growth() -> None:
+    """They differ from each other and from those known, and none is made after the deadline."""
+    task = task_of(space_arm(16, link_length=0.05), boxes(BOXES[:1]), GoalPose(np.array([0.6, 0.1, 0.05])))
+    run = SpaceRun.from_task(task)
+    points = CurvePoints(run.stepper, run.start)
+    known: list[Pose] = []
+    for turn in range(6):
+        found = chained_goal_poses(task, points, known, turn, np.random.default_rng(turn))
+        assert len(found) <= 6
+        known += found
+    assert len(known) > 1
+    for i, pose in enumerate(known):
+        for other in known[:i]:
+            assert np.max(np.linalg.norm(pose.points - other.points, axis=1)) >= 0.03 * task.arm.length
+    late = replace(task, deadline=Deadline.after(0.0))
+    assert chained_goal_poses(late, points, [], 0, np.random.default_rng(0)) == []

@@ -16,7 +16,7 @@ from ccm_opt.core.native import NativeCall
 
 _GOAL_ROUNDS = 10
 """Number of rounds of extensions between two requests for further poses at the goal. Heuristic."""
-_MOST_GOALS = 40
+MOST_GOALS = 40
 """Number of poses at the goal from which on no more are requested. Heuristic."""
 
 _DOUBLINGS = 16
@@ -191,7 +191,7 @@ class ConnectSearch:
     def _new_goals(self) -> None:
         """Add the next batch of points at the goal, if any, and extend the start's tree towards them."""
         tree = self.trees[1]
-        if len(tree) and np.count_nonzero(tree.parents[: len(tree)] < 0) >= _MOST_GOALS:
+        if len(tree) and np.count_nonzero(tree.parents[: len(tree)] < 0) >= MOST_GOALS:
             return
         poses = next(self.goals, None)
         if poses is None or len(poses) == 0:

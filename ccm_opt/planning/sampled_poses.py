@@ -4,7 +4,7 @@ A curled arm sweeps much of its surroundings when its base turns, a straight one
 between two curled poses soon meet between the same poses straightened.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -17,7 +17,7 @@ from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import PoseLed
-from ccm_opt.planning.link_chains import LinkChains
+from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions
@@ -54,12 +54,11 @@ _ARRIVED = 1e-4
 _CHAIN_STRAYS = (0.0, 0.3, 1.0)
 """Weights, one for each growth of chains in turn, of the difference between a node's number of links and the number
 that its target requires. Measured among bars: each weight finds poses where the others find none."""
-_CHAIN_GAPS = (0.0, 0.2, 0.5)
-"""Gaps that a chain's links keep beyond the required clearance, as fractions of the preferred clearance; one is sampled
-for each growth. Heuristic."""
 _CHAIN_GAP = 1.5
 """Largest distance between the part of a chain grown from the start and that grown from the goal, in links.
 Heuristic."""
+_MOST_CHAINED = 6
+"""Maximum number of new poses at the goal from one growth of chains. Heuristic: each takes up to 40 QP steps."""
 _CHAIN_BENDS = 0.98
 """Largest bend of the joints of a chain, as a fraction of the joint limit."""
 _ALIKE = 0.03
@@ -139,7 +138,7 @@ def chained_goal_poses(
     chains = LinkChains.in_box(arm, task.tree, task.box, limits, exact=True)
     ends = (WayEnd(arm.base, arm.direction), WayEnd(goal.position, goal.direction))
     found: list[Pose] = []
-    kept = task.kept + float(rng.choice(_CHAIN_GAPS)) * task.wanted_gap
+    kept = task.kept + task.spare + float(rng.choice(CHAIN_GAPS)) * task.wanted_gap
     strays = _CHAIN_STRAYS[turn % len(_CHAIN_STRAYS)]
     grown = chains.grown(*ends, kept, _CHAIN_GAP * arm.link_length, strays, rng)
     if not grown:
@@ -147,18 +146,21 @@ def chained_goal_poses(
     bends = bends_from_directions(arm, np.stack([chain.directions for chain in grown]))
     shapes = np.stack([stepper.space.fitted(q) for q in bends.reshape(len(grown), -1)]) @ points.root
     for v in points.unknowns(shapes[points.moved_onto(goal, shapes) < _ARRIVED]):
+        if len(found) == _MOST_CHAINED or task.deadline.passed():
+            break
         pose = stepper.pose(v)
-        if any(_alike(arm, pose, other) for other in (*known, *found)):
+        if not _is_new(arm, pose, (*known, *found)):
             continue
         brought = _brought_onto_goal(stepper, goal, pose)
-        if brought is not None:
+        if brought is not None and _is_new(arm, brought, (*known, *found)):
             found.append(brought)
     return found
 
 
-def _alike(arm: Arm, pose: Pose, other: Pose) -> bool:
-    """Return whether no joint is farther apart in two poses than a small fraction of the arm's length."""
-    return bool(np.max(np.linalg.norm(pose.points - other.points, axis=1)) < _ALIKE * arm.length)
+def _is_new(arm: Arm, pose: Pose, known: Iterable[Pose]) -> bool:
+    """Return whether a joint is farther than a small fraction of the arm's length from that of every known pose."""
+    apart = (np.linalg.norm(pose.points - other.points, axis=1) for other in known)
+    return all(np.max(each) >= _ALIKE * arm.length for each in apart)
 
 
 def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.rrt_connect import MOST_GOALS
 from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.planning.sampled_poses import (
     CurveDraws,
@@ -431,11 +432,16 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             for turn in range(_CHAINED_TURNS[number]):
                 if self.task.deadline.passed():
                     break
-                goals.extend(chained_goal_poses(self.task, points, goals, turn, rng))
+                if len(goals) < MOST_GOALS:
+                    goals.extend(chained_goal_poses(self.task, points, goals, turn, rng))
+                if not goals:
+                    continue
                 draws = CurveDraws(points, self._motions, self._nearest(goals))
-                found = draws.way(rng, _CHAINED_EXTENSIONS, self.task.deadline) if goals else None
+                found = draws.way(rng, _CHAINED_EXTENSIONS, self.task.deadline)
                 if found is not None:
                     return found
+            if not goals:
+                raise Stalled("no collision-free pose at the goal was found", [self.start])
             return None
 
         return self.attempt("a quick sampler, to chains of links", partial(self._met, way), failures)
