@@ -35,7 +35,7 @@ from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.spline_path import certified_spare
-from ccm_opt.problem.solution import JointPath
+from ccm_opt.problem.solution import ClearanceLimit, JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares, free_before, smooth_step
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -220,7 +220,9 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
     bounded = any(isinstance(limit, FollowingLimit) for limit in task.held)
     most_lack = np.max(task.clearance_shortfall(on_path)) + _LOST_ROOM * task.wanted_gap
     for weight in _WEIGHTS:
-        keyframes = keyframes_behind_tip(task.arm, *ends, weight)
+        if weight < np.inf and task.deadline.passed():
+            continue
+        keyframes = keyframes_behind_tip(task.arm, *ends, weight) if weight < np.inf else on_path
         if keyframes is None or np.max(task.clearance_shortfall(keyframes)) > most_lack:
             continue
         if not (bounded or (_worth(keyframes, motion.configurations, task) if optimised else _best(keyframes, task))):
@@ -231,23 +233,22 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
             name = f"{motion.candidate}, on the path of the tip"
             spare = certified_spare(spline, task.certificate)
             path = JointPath(spline, keyframes, curves, name, spare=spare)
-            lacks = _worst_shortfall(keyframes, task) > _GAINED_ROOM * task.wanted_gap
-            return replace(path, clearance_limit="path of the tip") if lacks else path
+            return with_clearance_limit(path, "path of the tip", task)
     return None
+
+
+def with_clearance_limit(path: JointPath, limit: ClearanceLimit, task: SpaceTask) -> JointPath:
+    """Return a joint path, with the given cause of its small clearance if clearance is lacking on the way."""
+    lacks = task.shortfall_on_the_way(path.keyframes) > _GAINED_ROOM * task.wanted_gap
+    return replace(path, clearance_limit=limit) if lacks else path
 
 
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
     """Return whether ``_worth`` would prefer a motion (K, c) to every possible motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
-    roomy = _worst_shortfall(behind, task) <= _LOST_ROOM * task.wanted_gap
+    roomy = task.shortfall_on_the_way(behind) <= _LOST_ROOM * task.wanted_gap
     return roomy and _time(behind, task) <= _LONGER * fastest
-
-
-def _worst_shortfall(q: FloatArray, task: SpaceTask) -> float:
-    """Return the largest shortfall from the preferred clearance on a motion (K, c), less that at its ends, ≥ 0 [m]."""
-    shortfall = task.clearance_shortfall(q)
-    return float(np.max(shortfall) - np.max(shortfall[[0, -1]]))
 
 
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:

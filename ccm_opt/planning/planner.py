@@ -31,7 +31,7 @@ from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
-from ccm_opt.planning.leader_motion import not_behind_tip, path_behind_tip
+from ccm_opt.planning.leader_motion import not_behind_tip, path_behind_tip, with_clearance_limit
 from ccm_opt.planning.leader_strategies import fed_strategies
 from ccm_opt.planning.limits.following import FollowingLimit
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
@@ -425,7 +425,7 @@ def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...
     except MotionNotFound:
         if len(kept) == 1:
             raise
-        return replace(joint_path(bounded, *kept[1:], legs=legs), clearance_limit="smooth path")
+        return with_clearance_limit(joint_path(bounded, *kept[1:], legs=legs), "smooth path", bounded)
     return replace(path, clearance_limit=clearance_limit(kept[0], bounded))
 
 

@@ -201,6 +201,11 @@ class SearchTask(ABC):
     def clearance_shortfall(self, q: FloatArray) -> FloatArray:
         """Return how much of the preferred clearance each configuration (k, c) lacks, at least 0, shape (k,) [m]."""
 
+    def shortfall_on_the_way(self, q: FloatArray) -> float:
+        """Return how much more of the preferred clearance a motion (K, c) lacks than its worse end, at least 0 [m]."""
+        shortfall = self.clearance_shortfall(q)
+        return float(np.max(shortfall) - np.max(shortfall[[0, -1]]))
+
     def least_gap(self, q: FloatArray) -> float:
         """Return the least gap beyond contact over configurations (K, c), capped at the preferred clearance [m]."""
         return float(self.wanted_gap - np.max(self.clearance_shortfall(q)))

@@ -329,5 +329,4 @@ def _worst_shortfall(motion: CurveMotion[Any], task: SearchTask) -> float:
     """
     control = at_least_four(motion.unknowns)
     unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
-    shortfall = task.clearance_shortfall(motion.curve.configurations(unknowns))
-    return float(np.max(shortfall) - np.max(shortfall[[0, -1]]))
+    return task.shortfall_on_the_way(motion.curve.configurations(unknowns))
