@@ -10,12 +10,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.limits.clearance_rows import sweep_regions
-from ccm_opt.planning.limits.limit import KeyframeRows
+from ccm_opt.planning.limits.limit import KeyframeRows, Quadratic
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows, representatives
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
@@ -191,20 +192,59 @@ def test_step_in_free_space_straightens_the_motion() -> None:
     assert np.abs(gradient).max() < 1e-3 * np.abs(objective.gradient(sweep)).max()
 
 
+class Stiff:
+    """A steep cost of any change of a motion."""
+
+    def value(self, sweep: Sweep) -> float:
+        """Return no cost for the motion as it is."""
+        del sweep
+        return 0.0
+
+    def predicted(self, sweep: Sweep, change: FloatArray) -> float:
+        """Return the cost of a change."""
+        del sweep
+        return 0.5e9 * float(np.vdot(change, change))
+
+    def model(self, sweep: Sweep) -> Quadratic:
+        """Return the model of that cost."""
+        k, p = sweep.unknowns.shape
+        return Quadratic(np.zeros((k, p)), np.tile(1e9 * np.eye(p), (k, 1, 1)), np.zeros((k - 1, p, p)))
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_model_of_a_cost_predicts_its_gradient(seed: int) -> None:
+    """After a change of the coordinates, the gradient is that of the quadratic form with the model's Hessian."""
+    rng = np.random.default_rng(seed)
+    half, above = rng.normal(size=(5, 3, 3)), rng.normal(size=(4, 3, 3))
+    model = Quadratic(rng.normal(size=(5, 3)), half + half.transpose(0, 2, 1), above)
+    change = rng.normal(size=(5, 3))
+    hessian = np.zeros((5, 3, 5, 3))
+    for k in range(5):
+        hessian[k, :, k] = model.diagonal[k]
+    for k in range(4):
+        hessian[k, :, k + 1] = above[k]
+        hessian[k + 1, :, k] = above[k].T
+    wanted = model.gradient + np.einsum("kpmq,mq->kp", hessian, change)
+    np.testing.assert_allclose(model.gradient_after(change), wanted, atol=1e-12)
+
+
 @pytest.mark.parametrize(
-    ("limit", "interval", "price", "opposite", "held"),
+    ("limit", "interval", "price", "opposite"),
     [
-        ("walls", 2, 1e4, STILL, False),
-        ("links", 2, 1e4, 0, False),
-        ("joint limits", 2, 1e4, None, True),
-        ("goal", 5, 1e4, None, False),
-        ("length", 2, 1e-3, None, False),
-        ("steps", 2, 1e4, None, False),
-        (None, 2, 1e4, None, False),
+        ("walls", 2, 1e4, STILL),
+        ("links", 2, 1e4, 0),
+        ("joint limits", 2, 1e4, None),
+        ("goal", 5, 1e4, None),
+        ("constraints", 2, 1e4, None),
+        ("costs", 2, 1e4, None),
+        ("length", 2, 1e-3, None),
+        ("steps", 2, 1e4, None),
+        (None, 2, 1e4, None),
     ],
 )
 def test_what_limits_clearance_is_what_pushes_against_it(
-    limit: ClearanceLimit | None, interval: int, price: float, opposite: int | None, *, held: bool
+    limit: ClearanceLimit | None, interval: int, price: float, opposite: int | None
 ) -> None:
     """A tip that lacks clearance on one side is held by what is on the other side, or by its cost; else by nothing."""
     sweep = random_sweep(4, 6, size=0.0)
@@ -224,9 +264,17 @@ def test_what_limits_clearance_is_what_pushes_against_it(
     )
     keyframe = np.repeat(np.arange(1, 7), p)
     fixed = KeyframeRows(keyframe, np.tile(np.eye(p), (6, 1)), np.full(6 * p, -1e-6), np.full(6 * p, 1e-6))
-    objective = Objective(sweep.space, 6)
     motion = LinearMotion(
-        sweep, objective, (), rows, rows, (fixed,) if held else (), (), np.eye(p), end_fixed=True, unit=unit
+        sweep,
+        Objective(sweep.space, 6),
+        (Stiff(),) if limit == "costs" else (),
+        rows,
+        rows,
+        (fixed,) if limit == "joint limits" else (),
+        (replace(fixed, kind="constraints"),) if limit == "constraints" else (),
+        np.eye(p),
+        end_fixed=True,
+        unit=unit,
     )
     assert KeyframeProgram(motion, np.full(6, price), None, 0.1).clearance_limit(0.3) == limit
 

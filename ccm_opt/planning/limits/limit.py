@@ -121,6 +121,13 @@ class Quadratic:
     diagonal: FloatArray
     above: FloatArray
 
+    def gradient_after(self, change: FloatArray) -> FloatArray:
+        """Return the gradient that the model predicts after a change of the coordinates, both of shape (K + 1, p)."""
+        gradient = self.gradient + np.einsum("kpq,kq->kp", self.diagonal, change)
+        gradient[:-1] += np.einsum("kpq,kq->kp", self.above, change[1:])
+        gradient[1:] += np.einsum("kpq,kp->kq", self.above, change[:-1])
+        return np.asarray(gradient)
+
 
 class MotionCost(Protocol):
     """Interface of a cost of a motion in addition to the quadratic objective of trajectory optimisation."""

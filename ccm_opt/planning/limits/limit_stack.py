@@ -150,7 +150,7 @@ class FeedLimit(LimitOf[CurveMap]):
         high = np.maximum(greatest - spare - feed, 0.0)
         return (
             KeyframeRows(*knots, (-most - now).ravel(), (most - now).ravel()),
-            KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high),
+            KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high, "feed"),
         )
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:

@@ -357,7 +357,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
             rows.append(slopes / slope_norms(slopes)[:, None])
             keyframes += [k] * len(slopes)
         zero = np.zeros(len(keyframes))
-        return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
+        return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero, "constraints"),)
 
     def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Return the user's inequalities that are nearly violated at keyframes, linearised.

@@ -17,8 +17,9 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.optimisation.objective import decimated, resampled, subdivided
 from ccm_opt.planning.optimisation.program import KeyframeProgram
-from ccm_opt.planning.optimisation.sequential_convex import FIRST_DAMPING, MotionProgram, sequential_convex
+from ccm_opt.planning.optimisation.sequential_convex import FIRST_DAMPING, MotionProgram, priced, sequential_convex
 from ccm_opt.planning.search import SearchTask
+from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.planning.spline_path import at_least_four, clamped_spline, places_along
 from ccm_opt.problem import Weights
 from ccm_opt.problem.solution import ClearanceLimit
@@ -298,9 +299,7 @@ def with_more_clearance(
     if shortfall <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
         return motion
     settings = task.settings.optimisation
-    steps = settings.steps
-    dearer = replace(steps, price=_FINER_PRICE, highest_price=steps.highest_price * _FINER_PRICE / steps.price)
-    finer = replace(settings, intervals=settings.finer_intervals, steps=dearer)
+    finer = replace(settings, intervals=settings.finer_intervals, steps=_dearer(settings.steps))
     other = optimise(begun, replace(task, settings=replace(task.settings, optimisation=finer)), margin)
     return other if _worst_shortfall(other, task) < shortfall else motion
 
@@ -316,10 +315,15 @@ def clearance_limit(motion: CurveMotion[Any], task: SearchTask) -> ClearanceLimi
         return "not optimised"
     program = replace(task.program(motion), u=motion.path_parameters)
     sweep = program.sweep(motion.unknowns)
-    price = program.steps.highest_price * _FINER_PRICE / program.steps.price
+    price = priced(replace(program, steps=_dearer(program.steps)), sweep).steps.highest_price
     prices = np.full(sweep.intervals * sweep.parts, price / sweep.parts)
     found = KeyframeProgram(program.linearised(sweep), prices, None, FIRST_DAMPING).clearance_limit(_IMPROVABLE)
     return "time" if found == "steps" and task.deadline.passed() else found
+
+
+def _dearer(steps: ConvexSettings) -> ConvexSettings:
+    """Return settings of the steps with a higher price of missing clearance."""
+    return replace(steps, price=_FINER_PRICE, highest_price=steps.highest_price * _FINER_PRICE / steps.price)
 
 
 def _worst_shortfall(motion: CurveMotion[Any], task: SearchTask) -> float:

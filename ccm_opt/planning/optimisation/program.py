@@ -5,7 +5,7 @@ linearised; the convex part of their second derivatives, weighted by the multipl
 Hessian if the motion provides it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 import piqp
 import scipy.sparse as sp
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep
 from ccm_opt.planning.optimisation.objective import Objective
@@ -158,11 +158,11 @@ class KeyframeProgram:
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
         """Return the cause that keeps the least clearance of the motion from growing.
 
-        The result is None if the solver fails or no constraint lacks clearance.
+        The result is None if the solver fails, no constraint lacks clearance, or nothing holds the arm against more.
 
         At the solution of the QP the forces λ ∇g of all active constraints g, and the negative gradient of the cost,
-        add up to zero. The cause is the kind of constraints (walls, links, goal, length or other limits) whose forces
-        against that of the constraint that lacks most clearance have the largest sum.
+        add up to zero. The cause is the kind of forces (walls, links, goal, length, costs or other limits) with the
+        largest sum against that of the constraint that lacks most clearance. Damping of the step is not among them.
 
         Args:
             improvement: fraction of the missing clearance that a step has to gain for the answer ``"steps"``: the
@@ -191,14 +191,34 @@ class KeyframeProgram:
         against: dict[ClearanceLimit, float] = {
             "walls": _opposing(rows[:count][motion.active.against_walls]),
             "links": _opposing(rows[:count][~motion.active.against_walls]),
-            "goal": _opposing(np.asarray(result.y) * (self.equations() @ force)),
-            "length": _opposing(np.atleast_1d((self.hessian() @ x + self.gradient()) @ force)),
+            **self._against_by_cost(x, force),
         }
-        for kept in motion.keyframe_rows:
-            own = rows[count : count + len(kept.keyframe)]
-            against[kept.kind] = against.get(kept.kind, 0.0) + _opposing(own)
-            count += len(kept.keyframe)
-        return max(against, key=against.__getitem__)
+        held = np.asarray(result.y) * (self.equations() @ force)
+        ends = len(motion.end_rows)
+        against["goal"] = _opposing(held[:ends])
+        equal = [(kept.kind, int(np.count_nonzero(self._apart_from_end(kept)))) for kept in motion.equations]
+        bounded = [(kept.kind, len(kept.keyframe)) for kept in motion.keyframe_rows]
+        for forces, groups in ((held[ends:], equal), (rows[count:], bounded)):
+            first = 0
+            for kind, number in groups:
+                against[kind] = against.get(kind, 0.0) + _opposing(forces[first : first + number])
+                first += number
+        cause = max(against, key=against.__getitem__)
+        return cause if multipliers[worst] > 0.0 and against[cause] > 0.0 else None
+
+    def _against_by_cost(self, x: FloatArray, force: FloatArray) -> dict[ClearanceLimit, float]:
+        """Return by how much the length of the motion and its further costs oppose a force, both at a solution.
+
+        Args:
+            x: solution of the QP, shape (K width,).
+            force: the force, 0 for slack variables, shape (K width,).
+        """
+        p = self.width - self.motion.sweep.parts
+        change, push = (np.vstack((np.zeros(p), v.reshape(self._intervals, -1)[:, :p])) for v in (x, force))
+        costs = sum(float(np.vdot(model.gradient_after(change), push)) for model in self.motion.cost_models)
+        undamped = replace(self, damping=0.0, curvature=None)
+        length = float((undamped.hessian() @ x + self.gradient()) @ force) - costs
+        return {"length": max(-length, 0.0), "costs": max(-costs, 0.0)}
 
     def _solved(self) -> tuple[Any, FloatArray]:
         """Return the result of the QP solver PIQP, and the multipliers of all inequalities, shape (m,).
@@ -289,10 +309,14 @@ class KeyframeProgram:
         end = self.motion.end_rows
         parts = [self._at_keyframes(np.full(len(end), self._intervals), end)]
         for equations in self.motion.equations:
-            # A fixed end satisfies these already; duplicate rows would make the equations dependent.
-            moves = (equations.keyframe < self._intervals) | (not self.motion.end_fixed)
+            moves = self._apart_from_end(equations)
             parts.append(self._at_keyframes(equations.keyframe[moves], equations.slopes[moves]))
         return sp.vstack(parts).tocsc()
+
+    def _apart_from_end(self, equations: KeyframeRows) -> BoolArray:
+        """Return which equations enter the QP, shape (m,): all, or all but those of a fixed last keyframe."""
+        # A fixed end satisfies these already; duplicate rows would make the equations dependent.
+        return (equations.keyframe < self._intervals) | (not self.motion.end_fixed)
 
     def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
         """Return constraints on single keyframes as a sparse matrix over all QP variables, shape (m, K width).

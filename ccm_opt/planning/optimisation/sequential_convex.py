@@ -299,7 +299,7 @@ def sequential_convex(
     """
     sweep = program.sweep(unknowns)
     objective = program.objective(sweep.intervals)
-    program = _priced(program, sweep)
+    program = priced(program, sweep)
     settings = program.steps
     prices = np.full(sweep.intervals * sweep.parts, settings.price / sweep.parts)
     iterate = _Iterate(_Certified(program, sweep), prices)
@@ -329,7 +329,7 @@ def sequential_convex(
     return iterate.motion.sweep.unknowns
 
 
-def _priced(program: MotionProgram[SweepType], sweep: SweepType) -> MotionProgram[SweepType]:
+def priced(program: MotionProgram[SweepType], sweep: SweepType) -> MotionProgram[SweepType]:
     """Return a program with higher prices of slack if the user's costs are steep, so that contact never pays.
 
     Args:
