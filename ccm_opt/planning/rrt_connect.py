@@ -197,7 +197,9 @@ class ConnectSearch:
         if poses is None or len(poses) == 0:
             return
         first = len(tree)
-        tree.add(poses, np.full(len(poses), -1))
+        # The first that is joined ends the search: a near one needs less motion.
+        away = np.linalg.norm(poses - self.trees[0].points[0], axis=1)
+        tree.add(poses[np.argsort(away)], np.full(len(poses), -1))
         self._grow(1, self.trees[1].points[:0], first)
 
     def _extend(self, side: int) -> None:
