@@ -91,6 +91,95 @@ def test_the_verifier_counts_distant_links_as_the_arm_does(seed: int, links: int
         assert between >= np.pi * arm.radii[i:].max() - 1e-9
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(2, 40))
+@settings(max_examples=40, deadline=None)
+def test_only_arms_all_of_whose_pairs_count_are_accepted(seed: int, links: int) -> None:
+    """A pair with two links, and half a turn about the thickest link from one to the other, between them counts."""
+    arm = unequal(space_arm(links, radius=0.05), seed)
+    proportions = arm.proportions
+    assert proportions is not None
+    radii = np.random.default_rng(seed).permutation(proportions.radii)
+    arm = replace(arm, proportions=replace(proportions, radii=radii))
+    places = arm.joint_places
+    apart = {
+        (i, j)
+        for i in range(links)
+        for j in range(i + 3, links)
+        if places[j] - places[i + 1] >= np.pi * arm.radii[i : j + 1].max()
+    }
+    left_out = apart - set(zip(*(each.tolist() for each in arm.distant_pairs), strict=True))
+    pair = arm.overlooked_pair
+    assert (pair is None) == (not left_out)
+    if pair is not None:
+        i, j, radius = pair
+        assert (i, j) in left_out
+        assert arm.radii[j + 1 :].max() > radius
+        thinner = np.where(np.arange(links) > j, np.minimum(arm.radii, radius), arm.radii) / arm.radius
+        mended = replace(arm, proportions=replace(proportions, radii=thinner))
+        assert mended.first_distant[i] <= j
+
+
+def test_a_tip_too_thick_for_the_check_of_links_is_refused() -> None:
+    """By its key and with the radius that is accepted, and in Python as well."""
+    thin = {"links": 30, "link_length": 0.02, "radius": 0.005, "joint_limit_deg": 30}
+    thick = {"links": 2, "link_length": 0.02, "radius": 0.04, "joint_limit_deg": 30}
+    with pytest.raises(ProblemFileError, match=r"arm\.sections\[1\]\.radius.*link 31 .*0\.04 m.*at most 0\.0127"):
+        posed(sections(thin, thick))
+    problem = posed(sections(thin, {**thick, "radius": 0.01}))
+    assert problem.arm.proportions is not None
+    proportions = replace(problem.arm.proportions, radii=np.repeat([0.125, 1.0], [30, 2]))
+    arm = replace(problem.arm, radius=0.04, proportions=proportions)
+    with pytest.raises(ProblemError, match=r"proportions\.radii: link 31"):
+        replace(problem, arm=arm)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 7))
+@settings(max_examples=20, deadline=None)
+def test_the_outer_part_of_an_arm_is_the_same_arm(seed: int, first: int) -> None:
+    """Links and limits of the part are those of the whole, in the measures of the part."""
+    whole = unequal(Arm.snake(length=0.8, links=8, radius=0.01), seed)
+    part = whole.beyond(first)
+    np.testing.assert_allclose(part.lengths, whole.lengths[first:])
+    np.testing.assert_allclose(part.radii, whole.radii[first:])
+    np.testing.assert_allclose(part.bend_limits, whole.bend_limits[first:])
+    assert part.proportions is not None
+    assert part.proportions.lengths.mean() == pytest.approx(1.0)
+    assert part.proportions.radii.max() == part.proportions.limits.max() == 1.0
+
+
+def test_locked_joints_cannot_turn_in_mujoco() -> None:
+    """Every joint has a range there, since MuJoCo leaves a joint without one free."""
+    arm = unequal(space_arm(5), 0)
+    assert arm.proportions is not None
+    limits = np.array([1.0, 0.0, 1.0, 0.5, 0.0])
+    arm = replace(arm, proportions=replace(arm.proportions, limits=limits))
+    _, model, _ = load_mujoco(arm)
+    assert np.all(model.jnt_limited)
+    bends = model.jnt_range.reshape(arm.links, 3, 2)[:, :2]
+    np.testing.assert_allclose(bends[..., 1].ravel(), arm.bend_limits, atol=1e-5)
+    np.testing.assert_allclose(bends[..., 0], -bends[..., 1])
+
+
+def test_locked_joints_on_a_feed_axis_in_the_plane_are_refused() -> None:
+    """By their key."""
+    row = {"links": 4, "link_length": 0.05, "radius": 0.01, "joint_limit_deg": 40}
+    arm = {"sections": [{**row, "locked": [2]}, row], "base": (0.0, 0.0), "feed": {"range": (0.0, 0.3)}}
+    limits = {"velocity": 1.0, "acceleration": 4.0, "feed_velocity": 0.1, "feed_acceleration": 0.1}
+    with pytest.raises(ProblemFileError, match=r"arm\.sections\[0\]\.locked: locked joints are not supported"):
+        ccm_opt.make_problem("fed", arm=arm, limits=limits, goal={"position": (0.4, 0.1)})
+
+
+def test_the_limit_of_the_arm_is_that_of_joints_that_bend() -> None:
+    """Sections of locked joints do not count, nor does the first joint; at least one joint must bend."""
+    row = {"links": 3, "link_length": 0.08, "radius": 0.02, "joint_limit_deg": 30}
+    stiff = {**row, "joint_limit_deg": 80, "locked": [1, 2, 3]}
+    arm = posed(sections({**row, "links": 1, "joint_limit_deg": 70}, row, stiff)).arm
+    assert np.rad2deg(arm.joint_limit) == pytest.approx(30.0)
+    np.testing.assert_allclose(np.rad2deg(arm.bend_limits[::2]), [360, 30, 30, 30, 0, 0, 0])
+    with pytest.raises(ProblemFileError, match="all joints are locked"):
+        posed(sections(stiff, stiff))
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_the_verifier_holds_every_joint_to_its_own_limit(seed: int, links: int, in_space: bool) -> None:

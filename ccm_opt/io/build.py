@@ -298,7 +298,9 @@ def _each_link(table: ArmTable | SpaceArmTable) -> tuple[FloatArray, FloatArray,
         return lengths, radii, None
     widest = table.radius or 1.0
     shares = np.ones(table.links) if table.radius == 0.0 else radii / widest
-    return lengths, radii, Proportions(lengths / table.link_length, shares, limits / table.joint_limit_deg)
+    # The limit of the first joint is another key's, and so not among those whose maximum is the arm's.
+    bends = np.minimum(limits / table.joint_limit_deg, 1.0)
+    return lengths, radii, Proportions(lengths / table.link_length, shares, bends)
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:

@@ -382,6 +382,9 @@ def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, acr
 _COLOUR = "0.55 0.57 0.6 1"
 _GLASS = "0.55 0.57 0.6 0.4"
 """Colour (red, green, blue, opacity) of obstacles in space, transparent since they would otherwise hide the arm."""
+_LOCKED = 1e-6
+"""Limit of the angle of a locked joint in MJCF [rad], which has no joints with an empty range. Heuristic: far below the
+accuracy of drives."""
 _CONTACT = {"contype": "2", "conaffinity": "1"}
 """Contact bits of obstacles: the arm has contype 1 and conaffinity 0, so it collides with obstacles but not itself."""
 
@@ -429,7 +432,9 @@ def mjcf_text(
             ET.SubElement(parent, "joint", name=FEED, type="slide", axis="1 0 0", range=span)
             ET.SubElement(actuators, "motor", name=f"{FEED}_motor", joint=FEED)
         for revolute in group:
-            span = numbers((-revolute.limit, revolute.limit))
+            # MuJoCo takes an empty range as none, and a joint without a range as free.
+            limit = max(revolute.limit, _LOCKED)
+            span = numbers((-limit, limit))
             given = {"name": revolute.name, "type": "hinge", "axis": numbers(revolute.axis), "range": span}
             for key, value in (("armature", revolute.rotor_inertia), ("damping", revolute.friction)):
                 given |= {key: number(value)} if value else {}

@@ -12,10 +12,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
 from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
-from ccm_opt.io.schema_tables import SECTION_KEYS, ArmTable, ChainTable, LimitsTable, Table
+from ccm_opt.io.schema_tables import SECTION_KEYS, ArmTable, ChainTable, LimitsTable, SectionTable, Table
 from ccm_opt.problem import ImportedDrawing
+from ccm_opt.problem.definition import LOCKED_ON_FEED, overlooked_words
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import enclosure_advice
 from ccm_opt.scene.distances.insides import depth_inside
@@ -176,7 +178,27 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
         issues.add(
             ("arm", "base", "up"), "parallel to arm.base.direction; expected a vector with a component across it"
         )
+    if arm.sections and not any(np.any(each.limits) for each in arm.sections):
+        issues.add(("arm", "sections"), "all joints are locked; expected at least one that bends")
     return len(issues.found) == before
+
+
+def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issues) -> None:
+    """Report what is not supported of an arm of sections: see ``Arm.overlooked_pair``, and locked joints.
+
+    Args:
+        arm: the arm.
+        sections: its sections.
+        issues: receives the defects.
+    """
+    where: KeyPath = ("arm", "sections")
+    if arm.self_collision and (pair := arm.overlooked_pair) is not None:
+        thick = pair[1] + 1 + int(np.argmax(arm.radii[pair[1] + 1 :]))
+        section = int(np.searchsorted(np.cumsum([each.links for each in sections]), thick, side="right"))
+        issues.add((*where, section, "radius"), overlooked_words(arm, *pair))
+    for k, each in enumerate(sections):
+        if each.locked and arm.base_axes and arm.dimension == 2:
+            issues.add((*where, k, "locked"), LOCKED_ON_FEED)
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:

@@ -394,8 +394,8 @@ SECTION_KEYS = ("links", "link_length", "radius", "joint_limit_deg")
 def _whole_of(sections: list[Any]) -> dict[str, Any]:
     """Return the values of the whole arm's keys that follow from its sections.
 
-    These are the total number of links, the mean link length, and the maximum of radii and joint limits; for invalid
-    sections, whose defects are reported elsewhere, valid placeholders.
+    These are the total number of links, the mean link length, and the maximum of radii and joint limits, locked joints
+    and the first left out; for invalid sections, whose defects are reported elsewhere, valid placeholders.
     """
     rows = [each for each in sections if isinstance(each, Mapping)]
 
@@ -409,8 +409,18 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
         return {"links": 2, "link_length": 1.0, "radius": 0.0, "joint_limit_deg": 1.0}  # the sections are at fault
     links = sum(counts)
     mean = float(np.dot(counts, lengths)) / links if links else 1.0
-    widest, sharpest = (max(numbers(key), default=0.0) for key in ("radius", "joint_limit_deg"))
-    return {"links": links, "link_length": mean, "radius": widest, "joint_limit_deg": sharpest}
+    widest = max(numbers("radius"), default=0.0)
+    bending = [row for k, row in enumerate(rows) if _unlocked(row, int(k == 0)) > 0]
+    limits = [limit for row in bending or rows[:1] if _is_number(limit := row.get("joint_limit_deg"))]
+    return {"links": links, "link_length": mean, "radius": widest, "joint_limit_deg": max(limits, default=0.0)}
+
+
+def _unlocked(section: Mapping[str, Any], first: int) -> int:
+    """Return the number of joints of a section, from index ``first`` on, that are not locked."""
+    locked = section.get("locked")
+    numbers = {number for number in locked if _is_number(number)} if isinstance(locked, list) else set()
+    count = int(section["links"])
+    return count - first - sum(first < number <= count for number in numbers)
 
 
 class ChainTable(Table):
@@ -441,7 +451,8 @@ class ChainTable(Table):
         description="Whether links with at least two links and π r of arm between them must not touch.",
     )
     mount_length: NonNegativeLength | None = Field(
-        default=None, description="Length of arm next to the base that may touch obstacles. Default: `radius`."
+        default=None,
+        description="Length of arm next to the base that may touch obstacles. Default: the first link's radius.",
     )
     link_mass: Positive | None = Field(default=None, description="Mass of every link [kg]. Default: 0.1.")
     masses: Annotated[list[Positive], Field(min_length=1)] | None = Field(

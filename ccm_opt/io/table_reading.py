@@ -31,6 +31,7 @@ from ccm_opt.io.rules import (
     check_limited_points,
     check_meshes,
     check_pose,
+    check_unequal_links,
     goal_paths,
     odd_mesh_size,
 )
@@ -191,6 +192,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
     """Run the checks that compare the arm's table with other tables of a problem file, as far as those are valid."""
     table: ArmTable | SpaceArmTable = found["arm"]
     arm_is_whole = check_arm(table, issues)
+    if arm_is_whole and table.sections:
+        check_unequal_links(build_arm(table), table.sections, issues)
     if found["limits"] is not None:
         check_limit_lists(table, found["limits"], issues)
         check_limited_points(table, found["limits"], issues)

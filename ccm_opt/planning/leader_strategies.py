@@ -430,23 +430,8 @@ def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> 
     arm = problem.arm
     limits = problem.limits
     whole = goal.whole(arm)
-
-    def of_joints(values: FloatArray | float) -> FloatArray | float:
-        return values[3 * first :] if isinstance(values, np.ndarray) and values.ndim else values
-
-    part = replace(
-        arm,
-        links=arm.links - first,
-        base=arm.base + (start[-1] + arm.joint_places[first]) * arm.direction,
-        base_limit=arm.base_limit if first == 0 else arm.joint_limit,
-        mount_length=max(arm.mount_length - float(arm.joint_places[first]), 0.0),
-        masses=arm.masses[first:],
-        inertia_axial=arm.inertia_axial[first:],
-        inertia_transverse=arm.inertia_transverse[first:],
-        rotor_inertia=of_joints(arm.rotor_inertia),
-        friction=of_joints(arm.friction),
-        feed=None,
-    )
+    base = arm.base + (start[-1] + arm.joint_places[first]) * arm.direction
+    part = replace(arm.beyond(first), base=base, feed=None)
     return replace(
         problem,
         arm=part,
@@ -474,7 +459,7 @@ def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
     """
     arm = problem.arm
     # Self-contact is checked between distant links only, so the last links in the guide tube are left out.
-    held = int(np.searchsorted(arm.first_self_pairs, first, side="right"))
+    held = int(np.argmax(np.append(arm.first_self_pairs > first, True)))
     if held < 1 or not arm.self_collision:
         return problem.workspace
     ends = arm.base + np.outer([feed, feed + arm.joint_places[held]], arm.direction)

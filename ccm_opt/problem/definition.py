@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arguments import expect, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import LengthUnit, long_length, words_in
+from ccm_opt.core.length_words import LengthUnit, file_length, long_length, words_in
 from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
 from ccm_opt.problem.options import (
     CONTACT_SHARE_OF_LENGTH,
@@ -82,7 +82,12 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
         (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
     )
     if arm.proportions is not None:
-        yield from _proportion_defects(arm.proportions, arm.links)
+        found = tuple(_proportion_defects(arm.proportions, arm.links))
+        yield from found
+        if not found and arm.self_collision and arm.link_length > 0.0 and (pair := arm.overlooked_pair) is not None:
+            yield f"arm.proportions.radii: {overlooked_words(arm, *pair)}"
+        if not found and d == 2 and arm.base_axes and not np.all(arm.proportions.limits):
+            yield f"arm.proportions.limits: {LOCKED_ON_FEED}"
     yield from array_defects("arm.base", arm.base, (d,), positive=False)
     yield from _unit_defects("arm.direction", arm.direction, d)
     if d == 2:
@@ -105,6 +110,27 @@ def _proportion_defects(proportions: Proportions, links: int) -> Iterator[str]:
             yield f"arm.proportions.lengths must be 1 in the mean, got {float(np.mean(values)):g}"
         if name != "lengths" and not (np.all(values >= 0.0) and abs(float(np.max(values)) - 1.0) <= UNIT_ROUNDING):
             yield f"arm.proportions.{name} must be from 0 to 1 and reach 1, got {values.min():g} to {values.max():g}"
+
+
+LOCKED_ON_FEED = "locked joints are not supported for an arm in the plane with a feed axis"
+"""What a problem with such joints is refused with."""
+
+
+def overlooked_words(arm: Arm, i: int, j: int, radius: float) -> str:
+    """Return the message that a pair of links that could collide would not be checked, and how to correct that.
+
+    Args:
+        arm: the arm.
+        i: index of the link nearer to the base.
+        j: index of the other link.
+        radius: radius that no link beyond j may exceed for the pair to be checked [m].
+    """
+    thick = j + 1 + int(np.argmax(arm.radii[j + 1 :]))
+    return (
+        f"link {thick + 1} is so much thicker than those before it (radius {file_length(float(arm.radii[thick]), 5)}) "
+        f"that links {i + 1} and {j + 1} would not be checked for self-collision, which is not supported; expected at "
+        f"most {file_length(0.9999 * radius, 5)}, or as large a radius from link {i + 1} on"
+    )
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:

@@ -229,6 +229,10 @@ class Arm:
         shares = np.ones(self.links) if self.proportions is None else self.proportions.radii
         return _fixed(self.radius * shares)
 
+    def key(self, name: str) -> str:
+        """Return the key of problem files, for messages, that gives a value of links: the arm's or its sections'."""
+        return f"arm.{name}" if self.proportions is None else f"{name} in arm.sections"
+
     @property
     def tip_radius(self) -> float:
         """Radius of the last link [m]."""
@@ -272,6 +276,40 @@ class Arm:
             inertia_transverse=np.full(links, share * float(np.mean(self.inertia_transverse))),
             clamped_joints=int(np.ceil(self.clamped_joints / self.links * links)),
             proportions=None,
+        )
+
+    def beyond(self, first: int) -> "Arm":
+        """Return the outer part of an arm, from link ``first`` on; its base stays where that of the whole arm is.
+
+        The mount loses the length of the links left out, and each joint keeps its limit.
+        """
+
+        def each_revolute(values: FloatArray | float) -> FloatArray | float:
+            return values[3 * first :] if isinstance(values, np.ndarray) and values.ndim else values
+
+        part = replace(
+            self,
+            links=self.links - first,
+            base_limit=self.base_limit if first == 0 else float(self.bend_limits[self.bends_a_joint * first]),
+            mount_length=max(self.mount_length - float(self.joint_places[first]), 0.0),
+            masses=self.masses[first:],
+            inertia_axial=self.inertia_axial[first:],
+            inertia_transverse=self.inertia_transverse[first:],
+            rotor_inertia=each_revolute(self.rotor_inertia),
+            friction=each_revolute(self.friction),
+        )
+        if self.proportions is None or first == 0:
+            return part
+        lengths, radii = self.proportions.lengths[first:], self.proportions.radii[first:]
+        limits = self.proportions.limits[first:]
+        mean, widest, greatest = float(np.mean(lengths)), float(np.max(radii)), float(np.max(limits))
+        own = Proportions(lengths / mean, radii / widest if widest else np.ones_like(radii), limits / (greatest or 1.0))
+        return replace(
+            part,
+            link_length=self.link_length * mean,
+            radius=self.radius * widest,
+            joint_limit=self.joint_limit * greatest,
+            proportions=own,
         )
 
     @property
@@ -537,6 +575,26 @@ class Arm:
         first = np.minimum(np.maximum(long_enough, np.arange(self.links) + 3), self.links)
         first.flags.writeable = False
         return first
+
+    @property
+    def overlooked_pair(self) -> tuple[int, int, float] | None:
+        """Links i < j that could collide but do not count as far enough apart, since a link beyond j is thicker.
+
+        Such links have at least two links and π times the greatest radius from i to j between them. The third number is
+        the radius [m] that no link beyond j may exceed for the pair to count. The value is None if there is no such
+        pair, as on arms that become nowhere thicker toward the tip.
+        """
+        overlooked: list[tuple[float, int, int]] = []
+        for i in np.flatnonzero(self.first_distant > np.arange(self.links) + 3).tolist():
+            between = self.place_shares[i + 3 : self.first_distant[i]] - self.place_shares[i + 1]
+            thickest = np.maximum.accumulate(self.radii[i : self.first_distant[i]])[3:] / self.link_length
+            far = np.flatnonzero(between >= np.pi * thickest - 1e-9)
+            if len(far):
+                overlooked.append((float(between[far[0]]), i, i + 3 + int(far[0])))
+        if not overlooked:
+            return None
+        least, i, j = min(overlooked)
+        return i, j, least * self.link_length / np.pi
 
     @cached_property
     def distant_pairs(self) -> tuple[IntArray, IntArray]:
