@@ -20,7 +20,8 @@ def possible_gap(problem: Problem, record: ClearanceRecord) -> PossibleGap | Non
     The gap of a motion is at most the gap at its start, at a whole-arm goal, and, for a tip goal, that of the tip or
     the last link there. At the end, the arm reaches from base to goal, so the gap is also at most that of the widest
     path for the arm's axis between the two. Paths of every homotopy class count, and arms with links short enough to
-    follow a path exactly, so no motion may attain the bound.
+    follow a path exactly, so no motion may attain the bound. Paths are not measured for arms whose links differ in
+    radius.
 
     Args:
         problem: the problem.
@@ -36,7 +37,7 @@ def possible_gap(problem: Problem, record: ClearanceRecord) -> PossibleGap | Non
     if record.wanted > 0.0:
         bounds.append(PossibleGap(record.wanted, "wanted gap"))
     least = min(bounds, key=lambda bound: bound.value, default=None)
-    if least is None or least.value <= 0.0:
+    if least is None or least.value <= 0.0 or np.ptp(problem.arm.radii) > 0.0:
         return least
     asked = least.value
     workspace: Any = problem.workspace

@@ -132,9 +132,11 @@ def chained_goal_poses(
     goal = task.limited_goal
     stepper = points.stepper
     arm = task.arm
-    limits = np.full(arm.links, _CHAIN_BENDS * arm.joint_limit)
-    limits[0] = arm.base_limit
-    limits[: arm.clamped_joints] = 0.0
+    each = arm.bend_limits[:: arm.bends_a_joint]
+    limits = _CHAIN_BENDS * each
+    limits[0] = each[0]
+    # The last limit is also that of all joints of the tree from the goal, which must be able to bend.
+    limits[-1] = limits[-1] or _CHAIN_BENDS * arm.joint_limit
     chains = LinkChains.in_box(arm, task.tree, task.box, limits, exact=True)
     ends = (WayEnd(arm.base, arm.direction), WayEnd(goal.position, goal.direction))
     found: list[Pose] = []

@@ -230,7 +230,8 @@ static void links_with_links(Query *q)
                 if (x > box[2 + d]) box[2 + d] = x;
             }
     }
-    for (int64_t i = 0; i < n && q->first_self_pair[i] < n; i++) {
+    for (int64_t i = 0; i < n; i++) {
+        if (q->first_self_pair[i] == n) continue; /* the first pairs of unequal links need not increase */
         const double *p = q->points + 2 * i;
         double mx = 0.5 * (p[0] + p[2]), my = 0.5 * (p[1] + p[3]);
         for (int64_t k = q->first_self_pair[i] / RUN; k < runs; k++) {

@@ -232,7 +232,7 @@ def travels_in_frame(
     turns = [motion.turned(at) for at in (intervals.low, intervals.middle, intervals.high)]
     turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
     # Arc lengths in mean lengths of links.
-    place = arm.place_shares
+    place = np.concatenate(([0.0], np.cumsum(arm.lengths / arm.link_length)))
     number = place[:-1] + 1.0
     plain = np.cumsum(turned, axis=1)
     weighted = np.cumsum(number * turned, axis=1)

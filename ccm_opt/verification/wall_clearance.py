@@ -255,7 +255,9 @@ def exposed_starts(arm: Arm) -> FloatArray:
     The exposed part of a link starts at this fraction. ``Arm.mount_end`` gives the end of the mount; the verifier
     deliberately does not use it.
     """
-    return np.clip((arm.mount_length / arm.link_length - arm.place_shares[:-1]) / arm.length_shares, 0.0, 1.0)
+    shares = arm.lengths / arm.link_length
+    starts = np.concatenate(([0.0], np.cumsum(shares)[:-1]))
+    return np.clip((arm.mount_length / arm.link_length - starts) / shares, 0.0, 1.0)
 
 
 def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:

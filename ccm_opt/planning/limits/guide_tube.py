@@ -136,7 +136,7 @@ class GuideTubeLimit(Limit):
         around = _least_around(first, _MIXED)
         base = self._base(sweep.configurations)
         # Where the first joint that may bend lies beyond the last joint, nothing bends and only the range counts.
-        outside = np.where(around < self.arm.links, self._hole + self._reserve - around, -np.inf)
+        outside = np.where(around < self.arm.links, self._hole + self._reserve - self.arm.place_shares[around], -np.inf)
         low, high = self._range_left(sweep.configurations)
         least = np.minimum(np.maximum(low, outside - base), 0.0)
         keyframe = np.arange(1, len(base))
