@@ -211,7 +211,7 @@ def insufficient_robustness(problem: Problem, best: ToleratedError) -> Diagnosis
     )
     advice = (
         f"lower tolerance.joint_error_deg to {_below(reached)}, which the best motion tolerates",
-        *clearance_advice(problem.arm.radius, problem.workspace.clearance),
+        *clearance_advice(problem.arm.radius, problem.workspace.clearance, key=problem.arm.key("radius")),
         "move the limiting obstacle or the goal",
     )
     evidence = {

@@ -129,9 +129,9 @@ def no_pose(goal_poses: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNot
 def _advice(problem: Problem) -> tuple[str, ...]:
     """Return advice to the user that may help to find a pose at the goal."""
     more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
-    room = clearance_advice(problem.arm.radius, problem.workspace.clearance)
+    room = clearance_advice(problem.arm.radius, problem.workspace.clearance, key=problem.arm.key("radius"))
     free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction free",)
-    return (more, *room, "raise arm.joint_limit_deg", *free)
+    return (more, *room, f"raise {problem.arm.key('joint_limit_deg')}", *free)
 
 
 def with_constraint_first(

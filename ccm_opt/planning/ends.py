@@ -247,7 +247,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         turn = "" if goal.heading is None else ", or change its heading"
         advice = (
             f"move the goal away by {depth}{turn}",
-            *clearance_advice(arm.tip_radius, problem.workspace.clearance, -gap),
+            *clearance_advice(arm.tip_radius, problem.workspace.clearance, -gap, key=arm.key("radius")),
         )
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
@@ -299,7 +299,9 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
         missing = short_length(kept - float(near.gap[0]))
         name = task.names[near.owner[0]]
         reason = f"the goal is in contact: the tip is {missing} too near to '{name}' at {place(near.point[0])}"
-        thinner = clearance_advice(task.arm.tip_radius, problem.workspace.clearance, least - float(near.gap[0]))
+        lacking = least - float(near.gap[0])
+        key = task.arm.key("radius")
+        thinner = clearance_advice(task.arm.tip_radius, problem.workspace.clearance, lacking, key=key)
         advice = (f"move the goal away from it by {missing}", *thinner)
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", advice))
     arm = task.arm

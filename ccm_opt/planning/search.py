@@ -334,7 +334,7 @@ def nothing_found(
             f"no motion found in {candidates}; the best ({best.candidate}) ended with {what} "
             f"{short_length(best.remaining)} from the goal: {best.message}; nearest there: {best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
-        joints, held = joints_at_limits(best.bends, task.arm.bend_limits)
+        joints, held = joints_at_limits(task.arm, best.bends)
         reason += f"; {joints}" if joints else ""
     else:
         reason = "no motion found: no route to the goal was found that is wide and short enough for the arm"
@@ -365,7 +365,7 @@ def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
     link, name, gap = tried[0].tightest
     if name.startswith("link ") or gap > _CLOSE * task.kept:
         return ()
-    thinner = " or reduce arm.radius" if task.arm.radius > 0.0 else ""
+    thinner = f" or reduce {task.arm.key('radius')}" if task.arm.radius > 0.0 else ""
     where = f"link {link} had a clearance of {short_length(gap)} to it where the best attempt ended"
     return (f"widen the passage at {name}{thinner} (not tried): {where}",)
 

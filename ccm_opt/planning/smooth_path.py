@@ -89,7 +89,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 def _no_path(task: SearchTask) -> Diagnosis:
     """Return the diagnosis for a task in which a motion is found, but no smooth path along it can be certified."""
-    advice = clearance_advice(task.arm.tip_radius, task.kept - task.arm.tip_radius)
+    advice = clearance_advice(task.arm.tip_radius, task.kept - task.arm.tip_radius, key=task.arm.key("radius"))
     if not task.constraints:
         return Diagnosis(
             "a motion was found, but no smooth path along it keeps the required clearance", "motion", advice

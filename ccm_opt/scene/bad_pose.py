@@ -12,7 +12,9 @@ from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 
-def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
+def clearance_advice(
+    radius: float, clearance: float, lacking: float = 0.0, *, key: str = "arm.radius"
+) -> tuple[str, ...]:
     """Return advice to reduce the radius, the clearance or either, so that the arm needs less space.
 
     Only values larger than ``lacking`` are named; the result is empty if neither is.
@@ -21,10 +23,11 @@ def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> t
         radius: radius of the arm [m].
         clearance: required clearance [m].
         lacking: length by which radius plus clearance is known to be too large [m]; 0 if unknown.
+        key: key of the radius.
     """
     keys = []
     if radius > lacking:
-        keys.append("arm.radius")
+        keys.append(key)
     if clearance > lacking:
         keys.append("workspace.clearance")
     how = f" by {short_length(lacking)}" if lacking > 0.0 else " (not tried)"
@@ -37,16 +40,17 @@ MOST_NAMED = 6
 """Largest number of joints that a message lists one by one. Heuristic."""
 
 
-def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[str, ...]]:
+def joints_at_limits(arm: Arm, bends: FloatArray) -> tuple[str, tuple[str, ...]]:
     """Return text that names the joints of a pose that are at their limits, and advice; both empty if there are none.
 
     Args:
+        arm: the arm.
         bends: bends of each joint, shape (links,), or in space (links, 2) [rad].
-        limits: limits of the bends, in the same shape [rad].
     """
     bent = np.abs(bends.reshape(len(bends), -1))
-    allowed = limits.reshape(bent.shape)
-    held = np.flatnonzero((bent >= AT_LIMIT * allowed).any(axis=1)) + 1
+    allowed = arm.bend_limits.reshape(bent.shape)
+    # A locked joint is at its limit in all poses.
+    held = np.flatnonzero(((bent >= AT_LIMIT * allowed) & (allowed > 0.0)).any(axis=1)) + 1
     if len(held) == 0:
         return "", ()
     named = [str(number) for number in held[:MOST_NAMED]]
@@ -54,9 +58,8 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
     which = f"joints {', '.join(named)} and {rest}" if named else f"joint {rest}"
     limit = float(np.rad2deg(allowed[held[-1] - 1].max()))
     words = f"{which} at the limit of {limit:.4g}°"
-    keys = [
-        key for key, joints in (("arm.base_limit_deg", held == 1), ("arm.joint_limit_deg", held > 1)) if joints.any()
-    ]
+    limited = (("arm.base_limit_deg", held == 1), (arm.key("joint_limit_deg"), held > 1))
+    keys = [key for key, joints in limited if joints.any()]
     are = "is" if len(held) == 1 else "are"
     return words, tuple(f"raise {key} (not tried): {which} {are} at it where the best attempt ended" for key in keys)
 
@@ -97,7 +100,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
         # If link axes meet walls, or each other, a thinner arm would not help.
         overlap = -float(contacts.gap.min())
         met = crossing or inside or overlap >= arm.radius + workspace.clearance
-        room = () if met else clearance_advice(arm.radius, workspace.clearance, overlap)
+        room = () if met else clearance_advice(arm.radius, workspace.clearance, overlap, key=arm.key("radius"))
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
         raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))
@@ -111,8 +114,9 @@ def _refuse_sharp_bends(arm: Arm, bends: FloatArray, which: str) -> None:
     angle = np.rad2deg(bends[joint])
     limit = np.rad2deg(arm.bend_limits[joint])
     reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, but its limit is {limit:.2f}°"
-    key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
-    advice = (f"change the {which}", f"raise {key} to {abs(angle):.4g} at least")
+    key = arm.key("joint_limit_deg") if joint else "arm.base_limit_deg"
+    more = (f"raise {key} to {abs(angle):.4g} at least",) if limit > 0.0 else ()
+    advice = (f"change the {which}", *more)
     raise UnreachableGoal(Diagnosis(reason, which, advice))
 
 

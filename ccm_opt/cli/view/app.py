@@ -274,13 +274,10 @@ class ViewerApp:
     """Web application that shows a motion in the browser.
 
     Args:
-        frames: the motion shown first.
+        frames: the motion shown first, of an arm of equal links.
         live: plan that is changed by dragging; None if nothing can be dragged.
         door: socket opened by `claim_port`.
         checks: verifier's checks of the first motion; empty if unknown.
-
-    Raises:
-        ProblemError: the arm has unequal links.
 
     Attributes:
         frames: the motion shown.
@@ -294,8 +291,6 @@ class ViewerApp:
     def __init__(
         self, frames: MotionFrames, live: LivePlan | None, door: socket.socket, checks: tuple[Check, ...] = ()
     ) -> None:
-        if frames.problem.arm.proportions is not None:
-            raise ProblemError("the viewer draws arms of equal links only; open report.html of the output folder")
         self.frames, self.live = frames, live
         self.token = secrets.token_urlsafe(32)
         self.time = 0.0
