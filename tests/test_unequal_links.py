@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +20,9 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm, Proportions
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
+from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.limits import check_bends
 from ccm_opt.verification.selfcollision import first_distant, segment_distances
 
@@ -131,6 +134,24 @@ def test_a_tip_too_thick_for_the_check_of_links_is_refused() -> None:
     arm = replace(problem.arm, radius=0.04, proportions=proportions)
     with pytest.raises(ProblemError, match=r"proportions\.radii: link 31"):
         replace(problem, arm=arm)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_thin_links_beyond_a_thick_base_are_found_near_each_other(seed: int) -> None:
+    """Although no link is far enough along the arm from the base to collide with it."""
+    rng = np.random.default_rng(seed)
+    radii = np.repeat([1.0, 0.02], [1, 15])
+    proportions = Proportions(np.ones(16), radii, np.ones(16))
+    arm = replace(Arm.snake(length=1.6, links=16, radius=0.5), proportions=proportions)
+    assert arm.first_distant[0] == arm.links
+    walls = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0), ()).flat_walls
+    points = arm.joint_positions(arm.headings(rng.uniform(0.1, 0.9, arm.links)))
+    first, second = arm.distant_pairs
+    apart = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
+    near = apart - arm.radii[first] - arm.radii[second] < 0.1
+    found = WallFinder(arm, walls, 0.0, 0.0, 0.1).find(points)
+    assert set(zip(found.first, found.second, strict=True)) == set(zip(first[near], second[near], strict=True))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7))
