@@ -303,6 +303,7 @@ def test_sections_are_read_and_written() -> None:
         ({"locked": [4]}, r"arm\.sections\[0\]\.locked"),
         ({"colour": "red"}, r"arm\.sections\[0\]\.colour"),
         ({"drive": "section"}, r"arm\.sections\[0\]\.drive"),
+        ({"mass": 0.2}, r"arm\.sections\[1\]: mass is missing"),
     ],
 )
 def test_a_bad_section_is_named_by_its_key(changes: dict[str, Any], told: str) -> None:

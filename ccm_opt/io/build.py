@@ -254,7 +254,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
     lengths, radii, proportions = _each_link(table)
     weighed = [each.mass for each in table.sections or () for _ in range(each.links) if each.mass is not None]
-    masses = np.array(weighed) if weighed else masses
+    masses = np.array(weighed) if len(weighed) == table.links else masses  # some without are reported elsewhere
     if table.inertia is not None:
         axial, transverse = (_each(value, table.links) for value in (table.inertia.axial, table.inertia.transverse))
     else:

@@ -118,11 +118,12 @@ def straight_through_gates(
 def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> tuple[FloatArray, ...]:
     """Return the centre lines of the narrow gates on a path, extended by their straight runs, each of shape (k, 2) [m].
 
-    The arguments are those of ``straight_through_gates``.
+    The arguments are those of ``straight_through_gates``. A gate of one portal without runs has no line.
     """
     middles = portals.mean(axis=1)
     gates = _gates(path, portals, runs, free)
-    return tuple(np.vstack((gate.before, middles[gate.first : gate.last + 1], gate.behind)) for gate in gates)
+    lines = (np.vstack((gate.before, middles[gate.first : gate.last + 1], gate.behind)) for gate in gates)
+    return tuple(line for line in lines if np.ptp(line, axis=0).any())
 
 
 def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
