@@ -37,7 +37,8 @@ def unequal(arm: Arm, seed: int) -> Arm:
     rng = np.random.default_rng(seed)
     lengths = rng.uniform(0.4, 1.8, arm.links)
     radii = np.sort(rng.uniform(0.3, 1.0, arm.links))[::-1]
-    return replace(arm, proportions=Proportions(lengths / lengths.mean(), radii / radii[0], np.ones(arm.links)))
+    limits = np.ones(len(arm.bend_limits))
+    return replace(arm, proportions=Proportions(lengths / lengths.mean(), radii / radii[0], limits))
 
 
 def sections(*rows: dict[str, Any]) -> dict[str, Any]:
@@ -142,7 +143,7 @@ def test_thin_links_beyond_a_thick_base_are_found_near_each_other(seed: int) -> 
     """Although no link is far enough along the arm from the base to collide with it."""
     rng = np.random.default_rng(seed)
     radii = np.repeat([1.0, 0.02], [1, 15])
-    proportions = Proportions(np.ones(16), radii, np.ones(16))
+    proportions = Proportions(np.ones(16), radii, np.ones(32))
     arm = replace(Arm.snake(length=1.6, links=16, radius=0.5), proportions=proportions)
     assert arm.first_distant[0] == arm.links
     walls = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0), ()).flat_walls
@@ -172,7 +173,7 @@ def test_locked_joints_cannot_turn_in_mujoco() -> None:
     """Every joint has a range there, since MuJoCo leaves a joint without one free."""
     arm = unequal(space_arm(5), 0)
     assert arm.proportions is not None
-    limits = np.array([1.0, 0.0, 1.0, 0.5, 0.0])
+    limits = np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.5, 0.2, 0.0, 1.0])
     arm = replace(arm, proportions=replace(arm.proportions, limits=limits))
     _, model, _ = load_mujoco(arm)
     assert np.all(model.jnt_limited)
@@ -201,13 +202,41 @@ def test_the_limit_of_the_arm_is_that_of_joints_that_bend() -> None:
         posed(sections(stiff, stiff))
 
 
+def test_a_joint_in_space_has_a_limit_a_bend() -> None:
+    """In turn about z and y, as on most snake robots: a plan bends no joint about the other, and is read back."""
+    row = {"links": 1, "link_length": 0.06, "radius": 0.02, "joint_limit_deg": [60, 0]}
+    other = {**row, "joint_limit_deg": [0, 50]}
+    problem = posed({**sections(*[row, other] * 6), "base_limit_deg": [90, 0]}, goal=(0.4, 0.3, 0.2))
+    arm = problem.arm
+    assert not arm.locked_joints.any()
+    np.testing.assert_allclose(np.rad2deg(arm.bend_limits), [90, 0, 0, 50, *[60, 0, 0, 50] * 5])
+    again = problem_from_mapping(problem_data(problem)).arm
+    np.testing.assert_allclose(again.bend_limits, arm.bend_limits)
+    solution = ccm_opt.solve(problem)
+    bends = np.abs(solution.joints.angles).max(axis=0)[arm.coordinates.drive_numbers]
+    assert np.all(bends[arm.bend_limits == 0.0] == 0.0)
+    replaced = {**problem_data(problem), "start": {"joints_deg": [[0, 0], [5, 0], *[[0, 0]] * 10]}}
+    with pytest.raises(ProblemFileError, match=r"start.joints_deg\[1\]\[0\]: 5° exceeds joint_limit_deg = 0"):
+        problem_from_mapping(replaced)
+
+
+def test_a_planar_joint_has_one_limit() -> None:
+    """A pair is refused there."""
+    row = {"links": 4, "link_length": 0.05, "radius": 0.01, "joint_limit_deg": [40, 40]}
+    limits = {"velocity": 1.0, "acceleration": 4.0}
+    with pytest.raises(ProblemFileError, match=r"arm\.sections\[0\]\.joint_limit_deg: expected one number"):
+        ccm_opt.make_problem(
+            "flat", arm={"sections": [row], "base": (0, 0)}, limits=limits, goal={"position": (0.1, 0.1)}
+        )
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_the_verifier_holds_every_joint_to_its_own_limit(seed: int, links: int, in_space: bool) -> None:
     """A motion at all limits passes, and one that exceeds the limit of any one joint, locked or not, is refused."""
     rng = np.random.default_rng(seed)
     plain = space_arm(links) if in_space else Arm.snake(length=0.1 * links, links=links + links % 2, radius=0.01)
-    limits = rng.uniform(0.2, 1.0, plain.links) * (rng.random(plain.links) < 0.7)
+    limits = rng.uniform(0.2, 1.0, len(plain.bend_limits)) * (rng.random(len(plain.bend_limits)) < 0.7)
     arm = unequal(plain, seed)
     assert arm.proportions is not None
     arm = replace(arm, proportions=replace(arm.proportions, limits=limits))

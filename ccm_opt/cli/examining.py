@@ -141,11 +141,15 @@ def parameter_table(problem: Problem) -> Table:
 def link_table(arm: Arm) -> Table:
     """Return a table of mass, moments of inertia and joint limit of every link, without massless frames."""
     table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
-    # In space a joint has two bends, within the same limit.
-    limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1)[:, 0])
+    limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1))
     for k in range(arm.links):
         inertia = (f"{arm.inertia_axial[k]:.6g}", f"{arm.inertia_transverse[k]:.6g}")
-        table.add_row(f"link{k + 1:02d}", f"{arm.masses[k]:g}", *inertia, f"{limits[k]:.6g}")
+        table.add_row(
+            f"link{k + 1:02d}",
+            f"{arm.masses[k]:g}",
+            *inertia,
+            ", ".join(dict.fromkeys(f"{limit:.6g}" for limit in limits[k])),
+        )
     return table
 
 

@@ -265,9 +265,10 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     if table.feed is not None:
         low, high = table.feed.range
         feed = Feed(low, high, high if table.feed.hole is None else table.feed.hole)
-    same = ("links", "link_length", "radius", "joint_limit", "base_limit", "self_collision", "axes", "payload")
+    same = ("links", "link_length", "radius", "joint_limit", "self_collision", "axes", "payload")
     parts: dict[str, Any] = {
         **{key: table.values[key] for key in same},
+        "base_limit": float(np.max(table.base_limits)),
         "mount_length": float(radii[0]) if table.mount_length is None else table.mount_length,
         "proportions": proportions,
         "masses": masses,
@@ -289,17 +290,20 @@ def _each_link(table: ArmTable | SpaceArmTable) -> tuple[FloatArray, FloatArray,
 
     The proportions are None if all links are equal.
     """
-    if table.sections is None:
-        return np.full(table.links, table.link_length), np.full(table.links, table.radius), None
-    lengths = np.concatenate([np.full(each.links, each.link_length) for each in table.sections])
-    radii = np.concatenate([each.radii for each in table.sections])
-    limits = np.concatenate([each.limits for each in table.sections])
-    if table.links % 2 == 0 and not (np.ptp(lengths) or np.ptp(radii) or np.ptp(limits)):
+    lengths, radii = np.full(table.links, table.link_length), np.full(table.links, table.radius)
+    limits = np.full((table.links, 2), table.joint_limit_deg)
+    if table.sections is not None:
+        lengths = np.concatenate([np.full(each.links, each.link_length) for each in table.sections])
+        radii = np.concatenate([each.radii for each in table.sections])
+        limits = np.concatenate([each.limits for each in table.sections])
+    base = table.base_limits
+    if table.links % 2 == 0 and not (np.ptp(lengths) or np.ptp(radii) or np.ptp(limits) or np.ptp(base)):
         return lengths, radii, None
     widest = table.radius or 1.0
     shares = np.ones(table.links) if table.radius == 0.0 else radii / widest
-    # The limit of the first joint is another key's, and so not among those whose maximum is the arm's.
     bends = np.minimum(limits / table.joint_limit_deg, 1.0)
+    bends[0] = base / np.max(base) if np.any(bends[0]) else 0.0
+    bends = bends.ravel() if isinstance(table, SpaceArmTable) else bends[:, 0]
     return lengths, radii, Proportions(lengths / table.link_length, shares, bends)
 
 

@@ -162,7 +162,9 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
         "feed": next((FeedTable.from_object(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
     }
     if arm.proportions is not None:
-        entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm, arm.proportions.limits)}
+        entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
+        base = arm.base_limit * arm.proportions.limits[: arm.bends_a_joint]
+        entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
         return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **entries).written(
@@ -171,14 +173,17 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     return ArmTable.from_object(arm, **entries).written(unit)
 
 
-def _sections(arm: Arm, shares: FloatArray) -> list[SectionTable]:
-    """Return runs of successive equal links as the tables ``[[arm.sections]]`` of a problem file.
+def _pair(limits: FloatArray) -> float | list[float]:
+    """Return the limits of a joint's bends, shape (k,), as one number if all are equal."""
+    return limits.tolist() if np.ptp(limits) else float(limits[0])
 
-    Args:
-        arm: the arm.
-        shares: joint limit of each link as a fraction of the arm's, 0 for a locked joint, shape (links,).
-    """
-    each = np.stack((arm.lengths, arm.radii, arm.joint_limit * shares), axis=1)
+
+def _sections(arm: Arm) -> list[SectionTable]:
+    """Return runs of successive equal links as the tables ``[[arm.sections]]`` of a problem file."""
+    assert arm.proportions is not None  # noqa: S101 - said by who asks
+    shares = arm.proportions.limits.reshape(arm.links, -1).copy()
+    shares[0] = np.any(shares[0])  # its own limits are the base's
+    each = np.column_stack((arm.lengths, arm.radii, arm.joint_limit * shares))
     starts = np.flatnonzero(np.append(True, np.any(each[1:] != each[:-1], axis=1)))
     return [
         SectionTable.from_object(
@@ -186,8 +191,8 @@ def _sections(arm: Arm, shares: FloatArray) -> list[SectionTable]:
             links=len(run),
             link_length=run[0, 0],
             radius=[run[0, 1]],
-            joint_limit_deg=run[0, 2] if run[0, 2] > 0.0 else arm.joint_limit,
-            locked=None if run[0, 2] > 0.0 else list(range(1, len(run) + 1)),
+            joint_limit_deg=_pair(run[0, 2:]) if np.any(run[0, 2:]) else arm.joint_limit,
+            locked=None if np.any(run[0, 2:]) else list(range(1, len(run) + 1)),
         )
         for run in np.split(each, starts[1:])
     ]

@@ -178,6 +178,14 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
         issues.add(
             ("arm", "base", "up"), "parallel to arm.base.direction; expected a vector with a component across it"
         )
+    if isinstance(arm, ArmTable):
+        pairs = [
+            (("arm", "sections", k, "joint_limit_deg"), each.joint_limit_deg)
+            for k, each in enumerate(arm.sections or ())
+        ]
+        for path, limit in [(("arm", "base_limit_deg"), arm.base_limit_deg), *pairs]:
+            if isinstance(limit, list):
+                issues.add(path, "expected one number in the plane, where a joint has one bend")
     if arm.sections and not any(np.any(each.limits) for each in arm.sections):
         issues.add(("arm", "sections"), "all joints are locked; expected at least one that bends")
     return len(issues.found) == before
@@ -247,8 +255,8 @@ def check_pose(
     for k, bend in enumerate(bends):
         if k >= arm.links:
             break
-        key, limit = arm.bend_limit(k)
         for *which, value in [(*pair,) for pair in enumerate(bend)] if isinstance(bend, list) else [(bend,)]:
+            key, limit = arm.bend_limit(k, *which)
             if abs(value) > limit + ANGLE_TOLERANCE:
                 passed = f"{math.degrees(value):g}° exceeds {key} = {math.degrees(limit):g}"
                 issues.add((*path, "joints_deg", k, *which), passed)

@@ -172,6 +172,31 @@ def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def _bend_limits(most: float) -> BeforeValidator:
+    """Return a pydantic validator for a limit of bends in degrees, or a pair of limits, that converts to radians.
+
+    Args:
+        most: greatest valid limit [deg].
+    """
+
+    def check(value: object) -> object:
+        pair = value if isinstance(value, list) else [value]
+        numbers = [each for each in pair if _is_number(each)]
+        single = len(pair) == 1 and not isinstance(value, list)
+        if len(numbers) != len(pair) or not (single or len(pair) == 2):
+            raise ValueError("expected a number of degrees, or [a, b] in space")
+        if min(numbers) < 0.0 or max(numbers) <= 0.0 or max(numbers) > most:
+            above = "above 0" if single else "0 or more and not both 0"
+            raise ValueError(f"expected {above}" + (f" and at most {most:g}" if math.isfinite(most) else ""))
+        return math.radians(numbers[0]) if single else [math.radians(each) for each in numbers]
+
+    return BeforeValidator(check)
+
+
+def _degrees_each(values: float | list[float]) -> float | list[float]:
+    return [_degrees(value) for value in values] if isinstance(values, list) else _degrees(values)
+
+
 Length: TypeAlias = Annotated[float, Field(description="length"), _METRES, _UNIT]
 PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0, description="length above 0"), _METRES, _UNIT]
 NonNegativeLength: TypeAlias = Annotated[float, Field(ge=0.0, description="length, 0 or more"), _METRES, _UNIT]
@@ -185,6 +210,18 @@ Degrees: TypeAlias = Annotated[float, Field(description="degrees"), _RADIANS, _D
 PositiveDegrees: TypeAlias = Annotated[float, Field(gt=0.0, description="degrees, above 0"), _RADIANS, _DEGREES]
 BendLimitDegrees: TypeAlias = Annotated[
     float, Field(gt=0.0, le=180.0, description="degrees, above 0 and at most 180"), _RADIANS, _DEGREES
+]
+SectionBendLimits: TypeAlias = Annotated[
+    float | list[float],
+    Field(description="degrees, above 0 and at most 180, or `[a, b]`"),
+    _bend_limits(180.0),
+    PlainSerializer(_degrees_each),
+]
+BaseBendLimits: TypeAlias = Annotated[
+    float | list[float],
+    Field(description="degrees, above 0, or `[a, b]`"),
+    _bend_limits(math.inf),
+    PlainSerializer(_degrees_each),
 ]
 Positive: TypeAlias = Annotated[float, Field(gt=0.0)]
 Point: TypeAlias = Annotated[list[Length], Field(description="`[x, y]`"), exactly(2)]
@@ -355,8 +392,11 @@ class SectionTable(Table):
             "link is then a capsule with the greater radius of its two ends, which contains the cone."
         )
     )
-    joint_limit_deg: BendLimitDegrees = Field(
-        description="Limit on the bends of its joints; that of the arm's first joint is `arm.base_limit_deg`."
+    joint_limit_deg: SectionBendLimits = Field(
+        description=(
+            "Limit on the bends of its joints; in space `[a, b]` limits each of the two, and 0 locks one. That of the "
+            "arm's first joint is `arm.base_limit_deg`."
+        )
     )
     mass: Positive | None = Field(
         default=None, description="Mass of each of its links [kg]. Default: that of `arm.link_mass` or `arm.masses`."
@@ -381,8 +421,9 @@ class SectionTable(Table):
 
     @property
     def limits(self) -> FloatArray:
-        """Maximum absolute bend angle of each joint, shape (links,) [rad]."""
-        limits = np.full(self.links, self.joint_limit_deg)
+        """Maximum absolute value of both bends of each joint, which are one in the plane, shape (links, 2) [rad]."""
+        limits = np.empty((self.links, 2))
+        limits[:] = self.joint_limit_deg
         limits[np.array(self.locked, dtype=np.intp) - 1] = 0.0
         return limits
 
@@ -411,7 +452,8 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
     mean = float(np.dot(counts, lengths)) / links if links else 1.0
     widest = max(numbers("radius"), default=0.0)
     bending = [row for k, row in enumerate(rows) if _unlocked(row, int(k == 0)) > 0]
-    limits = [limit for row in bending or rows[:1] if _is_number(limit := row.get("joint_limit_deg"))]
+    given = [row.get("joint_limit_deg") for row in bending or rows[:1]]
+    limits = [v for limit in given for v in (limit if isinstance(limit, list) else [limit]) if _is_number(v)]
     return {"links": links, "link_length": mean, "radius": widest, "joint_limit_deg": max(limits, default=0.0)}
 
 
@@ -443,8 +485,9 @@ class ChainTable(Table):
     joint_limit_deg: BendLimitDegrees = Field(
         description="Limit on the bend of every joint but the first; in space, on each of its two bends."
     )
-    base_limit_deg: PositiveDegrees = Field(
-        default=2.0 * math.pi, description="Limit on the bend of the first joint; in space, on each of its two bends."
+    base_limit_deg: BaseBendLimits = Field(
+        default=2.0 * math.pi,
+        description="Limit on the bend of the first joint; in space on each of its two bends, or `[a, b]` on each.",
     )
     self_collision: bool = Field(
         default=True,
@@ -491,12 +534,19 @@ class ChainTable(Table):
         sections = data.get("sections") if isinstance(data, Mapping) else None
         return {**data, **_whole_of(sections)} if isinstance(sections, list) and sections else data
 
-    def bend_limit(self, joint: int) -> tuple[str, float]:
-        """Return the key that limits the bend angle of a joint (index from 0), and the limit [rad]."""
+    @property
+    def base_limits(self) -> FloatArray:
+        """Maximum absolute value of both bends of the first joint unless locked, shape (2,) [rad]."""
+        limits = np.empty(2)
+        limits[:] = self.base_limit_deg
+        return limits
+
+    def bend_limit(self, joint: int, bend: int = 0) -> tuple[str, float]:
+        """Return the key that limits a bend (index from 0) of a joint (index from 0), and the limit [rad]."""
         limits = None if self.sections is None else np.concatenate([section.limits for section in self.sections])
-        if joint == 0 and (limits is None or limits[0] > 0.0):
-            return "base_limit_deg", self.base_limit_deg
-        return "joint_limit_deg", self.joint_limit_deg if limits is None else float(limits[joint])
+        if joint == 0 and (limits is None or np.any(limits[0])):
+            return "base_limit_deg", float(self.base_limits[bend])
+        return "joint_limit_deg", self.joint_limit_deg if limits is None else float(limits[joint, bend])
 
 
 class ArmTable(ChainTable):

@@ -168,6 +168,8 @@ class CurveMap(CurveUnknowns):
             slopes[:, 2 * n, column] = self.scale[column]
         for column, blend in enumerate(self.blends, start=len(self.scale)):
             slopes[:, : 2 * n, column] = self._interpolated(blend, places[:m]).reshape(m, 2 * n)
+        if self._held is not None:
+            slopes[:, : 2 * n][:, self._held.ravel()] = 0.0
         return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
@@ -221,6 +223,8 @@ class CurveMap(CurveUnknowns):
             rows = shapes * self.scale[columns]
             if turned:
                 rows = np.column_stack((np.eye(n)[:, 0], rows))
+            if self._held is not None:
+                rows = rows * ~self._held[:, axis, None]
             tie = np.column_stack((np.zeros((k - 1, rows.shape[1] - k)), smooth))
             matrix = np.vstack((rows, tie))
             target = np.concatenate((wanted[:, axis], np.zeros(k - 1)))
@@ -271,6 +275,12 @@ class CurveMap(CurveUnknowns):
         after = np.pad(own, ((0, 0), (0, len(other.blends))))
         before = np.insert(others, np.full(len(self.blends), shared), 0.0, axis=1)
         return both, after, before
+
+    @cached_property
+    def _held(self) -> BoolArray | None:
+        """Mask of the bends that are locked, shape (links, 2); None if no joint has just one of its two locked."""
+        locked = self.arm.bend_limits.reshape(-1, 2) == 0.0
+        return locked if np.any(locked[:, 0] != locked[:, 1]) else None
 
     @property
     def _base_turns(self) -> int:
@@ -396,6 +406,8 @@ class CurveMap(CurveUnknowns):
             turns += share[:, None, None] * self._interpolated(blend, places)
         if turned:
             turns[:, 0] += v[:, :2] * self._bent_by_base
+        if self._held is not None:
+            turns[:, self._held] = 0.0
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:

@@ -333,8 +333,7 @@ def slid_along(
     # Least index on the track of each joint's place.
     first = np.round((feeds - feeds[0]) / spacing).astype(np.intp)
     limits = np.full(arm.links, arm.joint_limit if most is None else most)
-    if arm.proportions is not None:
-        limits *= arm.proportions.limits
+    limits *= arm.limit_shares
     for joint, link in enumerate(arm.lengths.tolist()):
         free = shares(feeds + arm.joint_places[joint] - arm.hole)[:, None]
         window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)

@@ -132,7 +132,7 @@ def chained_goal_poses(
     goal = task.limited_goal
     stepper = points.stepper
     arm = task.arm
-    each = arm.bend_limits[:: arm.bends_a_joint]
+    each = arm.bend_limits.reshape(arm.links, -1).mean(axis=1)
     limits = _CHAIN_BENDS * each
     limits[0] = each[0]
     # The last limit is also that of all joints of the tree from the goal, which must be able to bend.

@@ -320,7 +320,7 @@ class SpaceTipWays:
         limits = _BEND_SHARE * arm.joint_limit * bend_shares(arm, np.asarray(places, dtype=np.float64))
         if arm.proportions is not None:
             # The joint that ends up at a place, and all beyond it, pass there; locked ones cannot follow any bend.
-            shares = np.where(arm.proportions.limits > 0.0, arm.proportions.limits, 1.0)
+            shares = np.where(arm.limit_shares > 0.0, arm.limit_shares, 1.0)
             joint = np.searchsorted(-arm.places_from_tip[:-1], places - self._longest_followed, side="left")
             limits *= np.minimum.accumulate(shares[::-1])[::-1][np.minimum(joint, arm.links - 1)]
         return LinkChains.in_box(arm, self.task.tree, self._box, limits, exact=False)

@@ -82,7 +82,7 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
         (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
     )
     if arm.proportions is not None:
-        found = tuple(_proportion_defects(arm.proportions, arm.links))
+        found = tuple(_proportion_defects(arm.proportions, arm.links, d - 1))
         yield from found
         if not found and arm.self_collision and arm.link_length > 0.0 and (pair := arm.overlooked_pair) is not None:
             yield f"arm.proportions.radii: {overlooked_words(arm, *pair)}"
@@ -99,10 +99,11 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
         yield "arm.up must be perpendicular to arm.direction"
 
 
-def _proportion_defects(proportions: Proportions, links: int) -> Iterator[str]:
+def _proportion_defects(proportions: Proportions, links: int, bends_a_joint: int) -> Iterator[str]:
     for name in ("lengths", "radii", "limits"):
         values = getattr(proportions, name)
-        found = tuple(array_defects(f"arm.proportions.{name}", values, (links,), positive=name == "lengths"))
+        shape = (bends_a_joint * links if name == "limits" else links,)
+        found = tuple(array_defects(f"arm.proportions.{name}", values, shape, positive=name == "lengths"))
         yield from found
         if found:
             continue

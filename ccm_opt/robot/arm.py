@@ -48,8 +48,8 @@ class Proportions:
     Attributes:
         lengths: length of each link over ``Arm.link_length``, shape (links,), with mean 1.
         radii: radius of each link over ``Arm.radius``, shape (links,), at most 1.
-        limits: limit of each joint's bends over ``Arm.joint_limit``, shape (links,), at most 1; 0 locks a joint. The
-            first joint has the limit ``Arm.base_limit`` unless it is locked.
+        limits: limit of each bend over ``Arm.joint_limit``, over ``Arm.base_limit`` for the first joint, joint by
+            joint, shape (k links,) for k bends per joint, at most 1; 0 locks a bend.
     """
 
     lengths: FloatArray
@@ -287,10 +287,11 @@ class Arm:
         def each_revolute(values: FloatArray | float) -> FloatArray | float:
             return values[3 * first :] if isinstance(values, np.ndarray) and values.ndim else values
 
+        k = self.bends_a_joint
         part = replace(
             self,
             links=self.links - first,
-            base_limit=self.base_limit if first == 0 else float(self.bend_limits[self.bends_a_joint * first]),
+            base_limit=self.base_limit if first == 0 else float(np.max(self.bend_limits[k * first : k * (first + 1)])),
             mount_length=max(self.mount_length - float(self.joint_places[first]), 0.0),
             masses=self.masses[first:],
             inertia_axial=self.inertia_axial[first:],
@@ -301,9 +302,15 @@ class Arm:
         if self.proportions is None or first == 0:
             return part
         lengths, radii = self.proportions.lengths[first:], self.proportions.radii[first:]
-        limits = self.proportions.limits[first:]
-        mean, widest, greatest = float(np.mean(lengths)), float(np.max(radii)), float(np.max(limits))
-        own = Proportions(lengths / mean, radii / widest if widest else np.ones_like(radii), limits / (greatest or 1.0))
+        limits = self.proportions.limits[k * first :].copy()
+        limits[:k] = self.bend_limits[k * first : k * (first + 1)] / (part.base_limit or 1.0)
+        mean, widest, greatest = (
+            float(np.mean(lengths)),
+            float(np.max(radii)),
+            float(np.max(limits[k:], initial=0.0)) or 1.0,
+        )
+        limits[k:] /= greatest
+        own = Proportions(lengths / mean, radii / widest if widest else np.ones_like(radii), limits)
         return replace(
             part,
             link_length=self.link_length * mean,
@@ -324,9 +331,7 @@ class Arm:
         limits = np.full(k * self.links, self.joint_limit)
         limits[:k] = self.base_limit
         if self.proportions is not None:
-            shares = np.repeat(self.proportions.limits, k)
-            limits[k:] *= shares[k:]
-            limits[:k] *= shares[:k] > 0.0
+            limits *= self.proportions.limits
         limits[: k * self.clamped_joints] = 0.0
         limits.flags.writeable = False
         return limits
@@ -334,7 +339,14 @@ class Arm:
     @cached_property
     def locked_joints(self) -> BoolArray:
         """Mask of the joints that may not bend, shape (links,)."""
-        return np.asarray(self.bend_limits[:: self.bends_a_joint] == 0.0)
+        return np.asarray(np.all(self.bend_limits.reshape(self.links, -1) == 0.0, axis=1))
+
+    @cached_property
+    def limit_shares(self) -> FloatArray:
+        """Mean limit of each joint's bends over the arm's joint limit, shape (links,); for guesses, not for checks."""
+        if self.proportions is None:
+            return np.ones(self.links)
+        return _fixed(self.proportions.limits.reshape(self.links, -1).mean(axis=1))
 
     @cached_property
     def lower_limits(self) -> FloatArray:

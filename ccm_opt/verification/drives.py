@@ -32,11 +32,8 @@ def largest_bends(arm: Arm) -> FloatArray:
     """
     of_joints = np.full(arm.links, arm.joint_limit)
     of_joints[0] = arm.base_limit
-    if arm.proportions is not None:
-        of_joints[1:] *= arm.proportions.limits[1:]
-        if arm.proportions.limits[0] == 0.0:
-            of_joints[0] = 0.0
-    return np.repeat(of_joints, bends_a_ball(arm.coordinates))
+    of_bends = np.repeat(of_joints, bends_a_ball(arm.coordinates))
+    return of_bends if arm.proportions is None else of_bends * arm.proportions.limits
 
 
 def bend_revolutes(coordinates: Coordinates) -> IntArray:

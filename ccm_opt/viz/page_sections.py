@@ -154,7 +154,7 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         else f"along {_direction(arm.direction)}"
     )
     yield "base", f"{_place(arm.base, units)}, {along}"
-    limits = arm.bend_limits[arm.bends_a_joint :: arm.bends_a_joint]
+    limits = arm.bend_limits[arm.bends_a_joint :]
     bends = span_words(limits, lambda value: f"±{units.given(value, 'rad')}")
     first = "" if arm.base_limit == arm.joint_limit else f", the first joint ±{units.given(arm.base_limit, 'rad')}"
     yield "bends", bends + first
