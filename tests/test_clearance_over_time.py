@@ -49,9 +49,8 @@ def swept_gap(problem: Problem, time: FloatArray, bends: FloatArray, poses: int 
     walls = [float(np.min(shapely.distance(arms, wall.core))) - wall.rounding for wall in problem.workspace.walls]
     least = min(walls) - arm.radius - problem.workspace.clearance
     links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
-    for i in range(arm.links):
-        for j in range(int(arm.first_distant[i]), arm.links):
-            least = min(least, float(np.min(shapely.distance(links[:, i], links[:, j]))) - 2.0 * arm.radius)
+    for i, j in zip(*arm.distant_pairs, strict=True):
+        least = min(least, float(np.min(shapely.distance(links[:, i], links[:, j]))) - 2.0 * arm.radius)
     return least
 
 

@@ -22,7 +22,7 @@ from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.strategies import Turn, connected, connects, find_motion, straight
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.robot.arm import Proportions
+from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
 

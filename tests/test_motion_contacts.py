@@ -113,7 +113,7 @@ def test_self_gaps_are_the_distances_of_shapely(seed: int, radius: float) -> Non
 @pytest.mark.parametrize(
     ("links", "radius"), [(4, 0.0), (24, 0.0), (24, 0.02), (24, 0.0265), (24, 0.0266), (48, 0.03), (96, 0.05)]
 )
-def test_first_self_pair_follows_the_rule(links: int, radius: float) -> None:
+def test_self_pairs_follow_the_rule(links: int, radius: float) -> None:
     """The arm's short form and the format's rule (|i − j| − 1) l ≥ max(2 l, π r) name the same pairs."""
     arm = make_arm(links, radius)
     i, j = distant_pairs(arm)

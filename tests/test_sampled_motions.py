@@ -20,13 +20,16 @@ POSES = 150
 def scene(seed: int) -> Problem:
     """A short arm among balls and boxes."""
     rng = np.random.default_rng(seed)
-    bodies = {
-        f"ball {k}": {"sphere": {"center": rng.uniform(-0.6, 0.6, 3).tolist(), "radius": rng.uniform(0.03, 0.1)}}
-        for k in range(6)
-    }
+    bodies: dict[str, object] = {}
+    for k in range(6):
+        center, radius = rng.uniform(-0.6, 0.6, 3), rng.uniform(0.03, 0.1)
+        if np.linalg.norm(center) > radius + 0.02:  # clear of the base
+            bodies[f"ball {k}"] = {"sphere": {"center": center.tolist(), "radius": radius}}
     for k in range(4):
         low = rng.uniform(-0.6, 0.5, 3)
-        bodies[f"box {k}"] = {"box": [low.tolist(), (low + rng.uniform(0.02, 0.2, 3)).tolist()]}
+        high = low + rng.uniform(0.02, 0.2, 3)
+        if np.linalg.norm(np.clip(0.0, low, high)) > 0.02:  # clear of the base
+            bodies[f"box {k}"] = {"box": [low.tolist(), high.tolist()]}
     return ccm_opt.make_problem(
         "sampled",
         arm={"links": 8, "link_length": 0.08, "radius": 0.015, "joint_limit_deg": 60, "base": {"position": (0, 0, 0)}},

@@ -17,7 +17,7 @@ from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.body_sides import separations
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, TimeIntervals, chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
-from ccm_opt.verification.selfcollision import check_self_collision, first_distant, segment_distances
+from ccm_opt.verification.selfcollision import check_self_collision, far_along_arm, segment_distances
 from ccm_opt.verification.verification_settings import VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
@@ -183,7 +183,7 @@ def test_distant_links_are_those_of_the_arm() -> None:
     """The verifier counts for itself which links must keep apart, and counts as the arm does."""
     for radius in (0.0, 0.02, 0.08, 0.3, 0.95):
         arm = space_arm(20, radius=radius)
-        np.testing.assert_array_equal(first_distant(arm), arm.first_distant)
+        np.testing.assert_array_equal(far_along_arm(arm), arm.distant_links)
 
 
 def test_what_passes_between_two_samples_is_seen() -> None:

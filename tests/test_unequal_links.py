@@ -18,13 +18,15 @@ from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
-from ccm_opt.robot.arm import Arm, Proportions
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
-from ccm_opt.scene.contact_finder import WallFinder
+from ccm_opt.robot.link_layout import Proportions
+from ccm_opt.scene.contact_finder import SurfaceFinder, WallFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.limits import check_bends
-from ccm_opt.verification.selfcollision import first_distant, segment_distances
+from ccm_opt.verification.selfcollision import far_along_arm, segment_distances
 
 from .space_arms import space_arm
 from .test_export_models import load_mujoco
@@ -83,76 +85,55 @@ def test_mujoco_knows_the_same_arm(seed: int) -> None:
     assert "capsule" in mjcf_text(arm, "arm", GRAVITY)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(2, 40))
-@settings(max_examples=40, deadline=None)
-def test_the_verifier_counts_distant_links_as_the_arm_does(seed: int, links: int) -> None:
-    """Whatever the lengths and radii; a pair that counts has two links and half a turn about the thicker between."""
-    arm = unequal(space_arm(links, radius=0.03), seed)
-    np.testing.assert_array_equal(first_distant(arm), arm.first_distant)
-    for i, j in zip(*arm.distant_pairs, strict=True):
-        between = arm.joint_places[j] - arm.joint_places[i + 1]
-        assert j - i > 2
-        assert between >= np.pi * arm.radii[i:].max() - 1e-9
+def thick_anywhere(arm: Arm, seed: int) -> Arm:
+    """Return an arm of unequal links, the thickest of which may be anywhere."""
+    arm = unequal(arm, seed)
+    assert arm.proportions is not None
+    radii = np.random.default_rng(seed).permutation(arm.proportions.radii)
+    return replace(arm, proportions=replace(arm.proportions, radii=radii))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 40))
 @settings(max_examples=40, deadline=None)
-def test_only_arms_all_of_whose_pairs_count_are_accepted(seed: int, links: int) -> None:
-    """A pair with two links, and half a turn about the thickest link from one to the other, between them counts."""
-    arm = unequal(space_arm(links, radius=0.05), seed)
-    proportions = arm.proportions
-    assert proportions is not None
-    radii = np.random.default_rng(seed).permutation(proportions.radii)
-    arm = replace(arm, proportions=replace(proportions, radii=radii))
+def test_distant_links_have_half_a_turn_of_the_thickest_between_them(seed: int, links: int) -> None:
+    """And two links at least: no other pair counts, neither with the arm nor with the verifier nor with C."""
+    arm = thick_anywhere(space_arm(links, radius=0.05), seed)
     places = arm.joint_places
-    apart = {
-        (i, j)
+    apart = [
+        [j > i + 2 and places[j] - places[i + 1] >= np.pi * arm.radii[i : j + 1].max() for j in range(links)]
         for i in range(links)
-        for j in range(i + 3, links)
-        if places[j] - places[i + 1] >= np.pi * arm.radii[i : j + 1].max()
-    }
-    left_out = apart - set(zip(*(each.tolist() for each in arm.distant_pairs), strict=True))
-    pair = arm.overlooked_pair
-    assert (pair is None) == (not left_out)
-    if pair is not None:
-        i, j, radius = pair
-        assert (i, j) in left_out
-        assert arm.radii[j + 1 :].max() > radius
-        thinner = np.where(np.arange(links) > j, np.minimum(arm.radii, radius), arm.radii) / arm.radius
-        mended = replace(arm, proportions=replace(proportions, radii=thinner))
-        assert mended.first_distant[i] <= j
+    ]
+    np.testing.assert_array_equal(apart, arm.distant_links)
+    np.testing.assert_array_equal(apart, far_along_arm(arm))
+    following = [[next((k for k in range(j, links) if row[k]), links) for j in range(links + 1)] for row in apart]
+    np.testing.assert_array_equal(following, arm.next_self_pairs)
 
 
-def test_a_tip_too_thick_for_the_check_of_links_is_refused() -> None:
-    """By its key and with the radius that is accepted, and in Python as well."""
-    thin = {"links": 30, "link_length": 0.02, "radius": 0.005, "joint_limit_deg": 30}
-    thick = {"links": 2, "link_length": 0.02, "radius": 0.04, "joint_limit_deg": 30}
-    with pytest.raises(ProblemFileError, match=r"arm\.sections\[1\]\.radius.*link 31 .*0\.04 m.*at most 0\.0127"):
-        posed(sections(thin, thick))
-    problem = posed(sections(thin, {**thick, "radius": 0.01}))
-    assert problem.arm.proportions is not None
-    proportions = replace(problem.arm.proportions, radii=np.repeat([0.125, 1.0], [30, 2]))
-    arm = replace(problem.arm, radius=0.04, proportions=proportions)
-    with pytest.raises(ProblemError, match=r"proportions\.radii: link 31"):
-        replace(problem, arm=arm)
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
-def test_thin_links_beyond_a_thick_base_are_found_near_each_other(seed: int) -> None:
-    """Although no link is far enough along the arm from the base to collide with it."""
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from((6, 16, 40)))
+@settings(max_examples=40, deadline=None)
+def test_links_of_any_radii_are_found_near_each_other(seed: int, thick_base: bool, links: int) -> None:
+    """By the planners' searches in the plane and in space, and by those of samples."""
     rng = np.random.default_rng(seed)
-    radii = np.repeat([1.0, 0.02], [1, 15])
-    proportions = Proportions(np.ones(16), radii, np.ones(32))
-    arm = replace(Arm.snake(length=1.6, links=16, radius=0.5), proportions=proportions)
-    assert arm.first_distant[0] == arm.links
-    walls = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0), ()).flat_walls
-    points = arm.joint_positions(arm.headings(rng.uniform(0.1, 0.9, arm.links)))
+    arm = thick_anywhere(Arm.snake(length=0.1 * links, links=links, radius=0.05), seed)
+    if thick_base:
+        # No link is far enough along the arm from the base to collide with it.
+        proportions = Proportions(np.ones(links), np.repeat([1.0, 0.02], [1, links - 1]), np.ones(links))
+        arm = replace(arm, radius=0.3 * arm.length, proportions=proportions)
+    bends = rng.uniform(0.1, 0.9, links)
+    points = arm.joint_positions(arm.headings(bends))
     first, second = arm.distant_pairs
     apart = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
-    near = apart - arm.radii[first] - arm.radii[second] < 0.1
+    gap = apart - arm.radii[first] - arm.radii[second]
+    near = set(zip(first[gap < 0.1], second[gap < 0.1], strict=True))
+    walls = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0), ()).flat_walls
     found = WallFinder(arm, walls, 0.0, 0.0, 0.1).find(points)
-    assert set(zip(found.first, found.second, strict=True)) == set(zip(first[near], second[near], strict=True))
+    assert set(zip(found.first, found.second, strict=True)) == near
+    solid = replace(arm, base=np.zeros(3), direction=np.array([1.0, 0.0, 0.0]))
+    flat = solid.joint_positions_at(np.stack((bends, np.zeros(links)), axis=1).ravel())
+    nowhere = SurfaceTree.from_triangles(TriangleSoup.joined([]))
+    found = SurfaceFinder(solid, nowhere, (), 0.0, 0.0, 0.1).near_links(flat, 0.1)
+    assert set(zip(found.first, found.second, strict=True)) == near
+    assert nearest_links(solid, flat[None], 9.0).gap[0] == pytest.approx(gap.min(initial=9.0))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7))

@@ -23,7 +23,7 @@ from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_form
-from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links, segment_distances
+from ccm_opt.verification.selfcollision import check_self_collision, far_along_arm, nearest_links, segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import CheckedSurfaces, check_free_side, check_walls
@@ -158,8 +158,7 @@ class Sweep:
     def own(self) -> float:
         """Least gap between distant links."""
         links = shapely.linestrings(np.stack((self.points[:, :-1], self.points[:, 1:]), axis=2))
-        count, first = self.arm.links, int(self.arm.first_distant[0])
-        pairs = [(i, j) for i in range(count) for j in range(i + first, count)]
+        pairs = zip(*self.arm.distant_pairs, strict=True)
         least = min((float(np.min(shapely.distance(links[:, i], links[:, j]))) for i, j in pairs), default=np.inf)
         return least - 2.0 * self.arm.radius
 
@@ -224,9 +223,8 @@ def test_self_collision_is_sound_and_not_shy(radius: float) -> None:
 def test_an_arm_too_short_to_meet_itself_has_no_nearest_links(links: int) -> None:
     """Links have a nearest pair just where two of them are distant along the arm."""
     arm = plain_arm(links)
-    distant = [(i, j) for i in range(links) for j in range(int(arm.first_distant[i]), links)]
     time, bends = straight_steps(np.zeros((3, links)))
-    assert (nearest_links(ChainMotion(arm, time, bends)) is None) is (not distant)
+    assert (nearest_links(ChainMotion(arm, time, bends)) is None) is (not arm.distant_links.any())
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -550,7 +548,7 @@ def test_torque_checks_use_the_problems_gravity() -> None:
 @settings(max_examples=50, deadline=None)
 def test_the_first_distant_pair_follows_the_file_format(radius: float, l: float) -> None:
     """Links i and j keep apart exactly when (|i - j| - 1) l ≥ max(2 l, π r)."""
-    first = int(first_distant(plain_arm(100, l, radius))[0])
+    first = int(np.argmax(np.append(far_along_arm(plain_arm(100, l, radius))[0], True)))
     reach = max(2.0 * l, np.pi * radius)
     assert (first - 1) * l >= reach * (1.0 - 1e-9)
     assert (first - 2) * l < reach * (1.0 + 1e-9)

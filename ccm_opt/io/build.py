@@ -37,9 +37,10 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.robot.arm import Arm, Feed, MappingName, Proportions
+from ccm_opt.robot.arm import Arm, Feed, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
+from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 

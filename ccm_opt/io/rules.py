@@ -14,7 +14,7 @@ from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
 from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
 from ccm_opt.io.schema_tables import SECTION_KEYS, ArmTable, ChainTable, LimitsTable, SectionTable, Table
 from ccm_opt.problem import ImportedDrawing
-from ccm_opt.problem.definition import LOCKED_ON_FEED, overlooked_words
+from ccm_opt.problem.definition import LOCKED_ON_FEED
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.robot.arm import Arm
@@ -192,7 +192,7 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
 
 
 def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issues) -> None:
-    """Report what is not supported of an arm of sections: see ``Arm.overlooked_pair``, and locked joints.
+    """Report what is not supported of an arm of sections: locked joints in the plane on a feed axis.
 
     Args:
         arm: the arm.
@@ -200,10 +200,6 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
         issues: receives the defects.
     """
     where: KeyPath = ("arm", "sections")
-    if arm.self_collision and (pair := arm.overlooked_pair) is not None:
-        thick = pair[1] + 1 + int(np.argmax(arm.radii[pair[1] + 1 :]))
-        section = int(np.searchsorted(np.cumsum([each.links for each in sections]), thick, side="right"))
-        issues.add((*where, section, "radius"), overlooked_words(arm, *pair))
     for k, each in enumerate(sections):
         if each.locked and arm.base_axes and arm.dimension == 2:
             issues.add((*where, k, "locked"), LOCKED_ON_FEED)

@@ -20,7 +20,7 @@ PUBLIC void motion_bounds(MotionQuery *q)
 
 typedef struct {
     int64_t links;
-    const int64_t *first_pair; /* pairs (i, j) with j ≥ first_pair[i] are looked at, (links,) */
+    const int32_t *next_pair;  /* the first link from j on that must not touch i, (links, links + 1) */
     double reach;              /* nearer pairs than this are reported */
     const double *points;      /* joints and tip, (links + 1, 3) */
     int64_t capacity, count;   /* the count may exceed the capacity, and is then needed */
@@ -36,8 +36,8 @@ PUBLIC void near_links(PairQuery *q)
     for (int64_t i = 0; i < q->links; i++) {
         const double *p = q->points + 3 * i;
         double u[3] = {p[3] - p[0], p[4] - p[1], p[5] - p[2]}, s = 0.0, t = 0.0;
-        int64_t j = next_in_reach(q->points, q->links, i, q->first_pair[i], q->reach, longest);
-        for (; j < q->links; j = next_in_reach(q->points, q->links, i, j + 1, q->reach, longest)) {
+        int64_t j = next_in_reach(q->points, q->links, q->next_pair, i, 0, q->reach, longest);
+        for (; j < q->links; j = next_in_reach(q->points, q->links, q->next_pair, i, j + 1, q->reach, longest)) {
             double distance = links_apart(q->points, i, j, &s, &t);
             if (distance >= q->reach) continue;
             int64_t k = q->count++;
@@ -56,7 +56,7 @@ PUBLIC void near_links(PairQuery *q)
 
 typedef struct {
     int64_t links, poses;
-    const int64_t *first_pair; /* as above */
+    const int32_t *next_pair; /* as above */
     double reach;            /* pairs with this gap or more are not reported */
     const double *radii;     /* (links,) */
     const double *points;    /* joints and tip, (poses, links + 1, 3) */
@@ -73,8 +73,8 @@ PUBLIC void nearest_links(NearestPairQuery *q)
         q->first[pose] = q->second[pose] = -1;
         for (int64_t i = 0; i < q->links; i++) {
             double near = least + q->radii[i] + thickest;
-            int64_t j = next_in_reach(points, q->links, i, q->first_pair[i], near, longest);
-            for (; j < q->links; j = next_in_reach(points, q->links, i, j + 1, near, longest)) {
+            int64_t j = next_in_reach(points, q->links, q->next_pair, i, 0, near, longest);
+            for (; j < q->links; j = next_in_reach(points, q->links, q->next_pair, i, j + 1, near, longest)) {
                 double gap = links_apart(points, i, j, &s, &t) - (q->radii[i] + q->radii[j]);
                 if (gap >= least) continue;
                 least = gap;

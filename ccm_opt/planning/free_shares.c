@@ -9,7 +9,7 @@
 
 typedef struct {
     int64_t links, mount_link, parts, side, stride; /* parts: of a link between places looked up */
-    const int64_t *first_self_pair; /* the first link beyond each one that may not meet it, (links,) */
+    const int32_t *next_pair;       /* the first link from j on that must not touch i, (links, links + 1) */
     const double *lengths, *radii;  /* (links,) */
     double mount_at, mean_length, longest, thickest, base_x, base_y, corner_x, corner_y, cell, spacing;
     const uint8_t *blocked; /* (side, side), by row and column, with a frame of one cell */
@@ -60,13 +60,14 @@ static int on_itself(const Shares *s, const double *joints)
     for (int64_t i = 0; i < s->links; ++i) {
         const double *p = joints + 2 * i;
         double mx = p[0] + p[2], my = p[1] + p[3];
-        for (int64_t j = s->first_self_pair[i]; j < s->links; ++j) {
+        const int32_t *next = s->next_pair + i * (s->links + 1);
+        for (int64_t j = next[0]; j < s->links; j = next[j + 1]) {
             const double *r = joints + 2 * j;
             double x = 0.5 * (r[0] + r[2] - mx), y = 0.5 * (r[1] + r[3] - my);
             double apart = x * x + y * y;
             if (apart >= close * close) {
                 /* Nothing comes nearer by more than a link's length from one link to the next. */
-                j += whole_within((sqrt(apart) - close) / s->longest, 0, s->links);
+                j += whole_within((sqrt(apart) - close) / s->longest, 0, s->links - 1 - j);
                 continue;
             }
             double both = s->radii[i] + s->radii[j];

@@ -30,7 +30,7 @@ typedef struct {
 
 typedef struct {
     int64_t links, first_link;
-    const int64_t *first_pair;                     /* as in arm_motion.c */
+    const int32_t *next_pair;                      /* as in arm_motion.c */
     const double *lengths, *radii;                 /* of the links, (links,) */
     const double *wall;                            /* that axes keep from surfaces, (links,) */
     double mount, longest, pair; /* share of the first link inside the mount, longest link, gap between links */
@@ -188,8 +188,8 @@ static int pose_room(const Motions *m, const double *q, double *points, double *
     for (int64_t j = 0; j < m->links; j++) thickest = larger(thickest, m->radii[j]);
     for (int64_t i = 0; i < m->links; i++) {
         double far = m->radii[i] + thickest + m->pair, s, t;
-        int64_t j = next_in_reach(points, m->links, i, m->first_pair[i], far, m->longest);
-        for (; j < m->links; j = next_in_reach(points, m->links, i, j + 1, far, m->longest))
+        int64_t j = next_in_reach(points, m->links, m->next_pair, i, 0, far, m->longest);
+        for (; j < m->links; j = next_in_reach(points, m->links, m->next_pair, i, j + 1, far, m->longest))
             if (links_apart(points, i, j, &s, &t) < m->radii[i] + m->radii[j] + m->pair) return 0;
     }
     return 1;

@@ -11,7 +11,7 @@ double segment_gap(const Surfaces *surfaces, const double *segment, double reach
 
 typedef struct {
     int64_t links, fed, first_link; /* links before the first are not looked at */
-    const int64_t *first_pair;      /* as in arm_motion.c */
+    const int32_t *next_pair;       /* as in arm_motion.c */
     int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
     const double *lengths, *mount;  /* of the links, and the share of each inside the mount, (links,) */
     const double *radii;            /* (links,) */
@@ -283,8 +283,8 @@ static int64_t near_pairs(const ProofQuery *q, const Place *first, const Place *
 {
     int64_t count = 0;
     for (int64_t i = 0; i < q->links; i++) {
-        int64_t j = next_in_reach(first->points, q->links, i, q->first_pair[i], reach, q->longest);
-        for (; j < q->links; j = next_in_reach(first->points, q->links, i, j + 1, reach, q->longest)) {
+        int64_t j = next_in_reach(first->points, q->links, q->next_pair, i, 0, reach, q->longest);
+        for (; j < q->links; j = next_in_reach(first->points, q->links, q->next_pair, i, j + 1, reach, q->longest)) {
             double s, t, apart = links_apart(first->points, i, j, &s, &t);
             if (apart >= reach) continue;
             if (pairs) {

@@ -459,7 +459,7 @@ def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
     """
     arm = problem.arm
     # Self-contact is checked between distant links only, so the last links in the guide tube are left out.
-    held = int(np.argmax(np.append(arm.first_self_pairs > first, True)))
+    held = int(np.argmin(np.append(arm.distant_links[:, first], False)))
     if held < 1 or not arm.self_collision:
         return problem.workspace
     ends = arm.base + np.outer([feed, feed + arm.joint_places[held]], arm.direction)

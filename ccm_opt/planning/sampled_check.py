@@ -227,7 +227,7 @@ class SampledCheck:
         link, at = arm.mount_end
         return {
             "links": arm.links, "mount_link": link, "mount_at": at, "parts": self.parts, "stride": _STRIDE,
-            "first_self_pair": arm.first_self_pairs, "lengths": arm.lengths,
+            "next_pair": arm.next_self_pairs, "lengths": arm.lengths,
             "mean_length": arm.link_length, "longest": float(np.max(arm.lengths)),
             "radii": arm.radii, "thickest": arm.radius, "base_x": arm.base[0], "base_y": arm.base[1],
             "side": raster.blocked.shape[0], "cell": raster.cell,

@@ -81,7 +81,7 @@ class SampledMotions:
         link, share = arm.mount_end
         spared = _SPARED * arm.length
         return {
-            "links": arm.links, "first_link": link, "first_pair": arm.first_self_pairs,
+            "links": arm.links, "first_link": link, "next_pair": arm.next_self_pairs,
             "lengths": arm.lengths, "mount": share, "longest": float(np.max(arm.lengths)),
             "wall": self.kept + spared, "radii": arm.radii, "pair": spared,
             "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,

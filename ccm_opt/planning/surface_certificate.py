@@ -70,7 +70,7 @@ class SpaceCertificate:
         return NativeCall(
             "prove_interval",
             links=arm.links, fed=len(arm.base_axes), lengths=arm.lengths, mount=arm.free_shares,
-            first_link=arm.whole_mount_links, first_pair=arm.first_self_pairs, radii=arm.radii,
+            first_link=arm.whole_mount_links, next_pair=arm.next_self_pairs, radii=arm.radii,
             longest=float(np.max(arm.lengths)), thickest=arm.radius,
             wall=self.kept, pair=self.pair_gap, slack=self.settings.slack,
             start=arm.base, base=arm.base_rotation, before=self._ends[0], after=self._ends[1],

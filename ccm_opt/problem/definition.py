@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arguments import expect, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import LengthUnit, file_length, long_length, words_in
+from ccm_opt.core.length_words import LengthUnit, long_length, words_in
 from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
 from ccm_opt.problem.options import (
     CONTACT_SHARE_OF_LENGTH,
@@ -23,8 +23,9 @@ from ccm_opt.problem.options import (
     VerificationOptions,
 )
 from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
-from ccm_opt.robot.arm import Arm, Axes, MappingName, Proportions
+from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import PlaneShape, Workspace
 
@@ -84,8 +85,6 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
     if arm.proportions is not None:
         found = tuple(_proportion_defects(arm.proportions, arm.links, d - 1))
         yield from found
-        if not found and arm.self_collision and arm.link_length > 0.0 and (pair := arm.overlooked_pair) is not None:
-            yield f"arm.proportions.radii: {overlooked_words(arm, *pair)}"
         if not found and d == 2 and arm.base_axes and not np.all(arm.proportions.limits):
             yield f"arm.proportions.limits: {LOCKED_ON_FEED}"
     yield from array_defects("arm.base", arm.base, (d,), positive=False)
@@ -115,23 +114,6 @@ def _proportion_defects(proportions: Proportions, links: int, bends_a_joint: int
 
 LOCKED_ON_FEED = "locked joints are not supported for an arm in the plane with a feed axis"
 """What a problem with such joints is refused with."""
-
-
-def overlooked_words(arm: Arm, i: int, j: int, radius: float) -> str:
-    """Return the message that a pair of links that could collide would not be checked, and how to correct that.
-
-    Args:
-        arm: the arm.
-        i: index of the link nearer to the base.
-        j: index of the other link.
-        radius: radius that no link beyond j may exceed for the pair to be checked [m].
-    """
-    thick = j + 1 + int(np.argmax(arm.radii[j + 1 :]))
-    return (
-        f"link {thick + 1} is so much thicker than those before it (radius {file_length(float(arm.radii[thick]), 5)}) "
-        f"that links {i + 1} and {j + 1} would not be checked for self-collision, which is not supported; expected at "
-        f"most {file_length(0.9999 * radius, 5)}, or as large a radius from link {i + 1} on"
-    )
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The jointed arm in the plane or in space: equal links, each with a joint at its base."""
+"""The jointed arm in the plane or in space: links, each with a joint at its base."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,18 +8,16 @@ from typing import Literal, get_args
 import numpy as np
 
 from ccm_opt.core.arguments import Arguments, is_number
-from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
+from ccm_opt.robot.link_layout import LinkLayout, Proportions, fixed
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
-LINK_MARGIN_SHARE = 0.2
-"""Margin that planning keeps between two links that could collide, if they are too close along the arm for the full
-margin, as a fraction of the gap between them when the arm is straight. Heuristic."""
 HELD_TOLERANCE = ROUNDING
 """Distance before the end of the guide tube within which a joint counts as having left the tube [m]."""
 
@@ -41,24 +39,8 @@ class Feed:
     hole: float
 
 
-@dataclass(frozen=True, eq=False)
-class Proportions:
-    """Lengths, radii and joint limits of an arm with unequal links, as multiples of the arm's values.
-
-    Attributes:
-        lengths: length of each link over ``Arm.link_length``, shape (links,), with mean 1.
-        radii: radius of each link over ``Arm.radius``, shape (links,), at most 1.
-        limits: limit of each bend over ``Arm.joint_limit``, over ``Arm.base_limit`` for the first joint, joint by
-            joint, shape (k links,) for k bends per joint, at most 1; 0 locks a bend.
-    """
-
-    lengths: FloatArray
-    radii: FloatArray
-    limits: FloatArray
-
-
 @dataclass(frozen=True)
-class Arm:
+class Arm(LinkLayout):
     """An arm with its dynamic parameters; angles in radians, lengths in metres, points with d coordinates (2 or 3).
 
     A configuration q is a row of the arm's ``coordinates``: the bends of the joints, followed by the positions of the
@@ -218,51 +200,9 @@ class Arm:
         """Number of bends of every joint, 1 in the plane, 2 in space."""
         return self.dimension - 1
 
-    @cached_property
-    def lengths(self) -> FloatArray:
-        """Length of each link, shape (links,) [m]."""
-        return _fixed(self.link_length * self.length_shares)
-
-    @cached_property
-    def radii(self) -> FloatArray:
-        """Radius of each link, shape (links,) [m]."""
-        shares = np.ones(self.links) if self.proportions is None else self.proportions.radii
-        return _fixed(self.radius * shares)
-
     def key(self, name: str) -> str:
         """Return the key of problem files, for messages, that gives a value of links: the arm's or its sections'."""
         return f"arm.{name}" if self.proportions is None else f"{name} in arm.sections"
-
-    @property
-    def tip_radius(self) -> float:
-        """Radius of the last link [m]."""
-        return float(self.radii[-1])
-
-    @cached_property
-    def joint_places(self) -> FloatArray:
-        """Arc lengths of the joints and the tip from the base, shape (links + 1,) [m]."""
-        return _fixed(self.link_length * self.place_shares)
-
-    @cached_property
-    def places_from_tip(self) -> FloatArray:
-        """Arc lengths of the joints and the tip, measured back from the tip, shape (links + 1,) [m]."""
-        return _fixed(self.link_length * (self.place_shares[-1] - self.place_shares))
-
-    @cached_property
-    def link_middles(self) -> FloatArray:
-        """Arc lengths from the base to the midpoints of the links, shape (links,) [m]."""
-        return _fixed(self.link_length * (self.place_shares[:-1] + 0.5 * self.length_shares))
-
-    @cached_property
-    def length_shares(self) -> FloatArray:
-        """Length of each link over the mean length, shape (links,)."""
-        return np.ones(self.links) if self.proportions is None else self.proportions.lengths
-
-    @cached_property
-    def place_shares(self) -> FloatArray:
-        """Arc lengths of the joints and the tip over the mean length of links, shape (links + 1,)."""
-        # Sums of ones are exact, so that equal links end at multiples of their length.
-        return np.concatenate(([0.0], np.cumsum(self.length_shares)))
 
     def with_links(self, links: int) -> "Arm":
         """Return an arm of the same length and total mass with another number of links, all of them equal."""
@@ -346,7 +286,7 @@ class Arm:
         """Mean limit of each joint's bends over the arm's joint limit, shape (links,); for guesses, not for checks."""
         if self.proportions is None:
             return np.ones(self.links)
-        return _fixed(self.proportions.limits.reshape(self.links, -1).mean(axis=1))
+        return fixed(self.proportions.limits.reshape(self.links, -1).mean(axis=1))
 
     @cached_property
     def lower_limits(self) -> FloatArray:
@@ -486,11 +426,6 @@ class Arm:
         return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
 
     @property
-    def length(self) -> float:
-        """Total length L = links · l [m]."""
-        return self.links * self.link_length
-
-    @property
     def base_axes(self) -> tuple[Feed, ...]:
         """Linear axes that carry the base, in the order of their coordinates; empty if the base is fixed."""
         return () if self.feed is None else (self.feed,)
@@ -519,133 +454,6 @@ class Arm:
         along = np.asarray(feed)[..., None] + self.joint_places[:-1]
         held: BoolArray = along < self.hole - HELD_TOLERANCE
         return held
-
-    @property
-    def mount_end(self) -> tuple[int, float]:
-        """Index of the link in which the mount ends, and the fraction of that link that belongs to the mount.
-
-        The mount is the first part of the arm, which may touch obstacles. A fraction of 1 for the last link means that
-        the whole arm is mount.
-        """
-        link = min(self.whole_mount_links, self.links - 1)
-        return link, float(self.free_shares[link])
-
-    @property
-    def whole_mount_links(self) -> int:
-        """Number of links that belong to the mount as a whole."""
-        # The small number stops rounding from placing the end of a mount of whole links on the previous link.
-        shares = self.place_shares[1:]
-        return int(np.searchsorted(shares, self.mount_length / self.link_length + 1e-9, side="right"))
-
-    @property
-    def first_free_joint(self) -> int:
-        """Index of the first joint at or beyond the end of the mount; the tip's is ``links``."""
-        within = self.mount_length / self.link_length - 1e-9
-        return min(int(np.searchsorted(self.place_shares, within, side="left")), self.links)
-
-    @property
-    def free_shares(self) -> FloatArray:
-        """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
-        within = self.mount_length / self.link_length - self.place_shares[:-1]
-        return np.clip(within / self.length_shares, 0.0, 1.0)
-
-    def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
-        """Return the index of the first link that extends beyond the mount, and the link axes without the mount.
-
-        The axis of a link that belongs to the mount in part is cut at the end of the mount.
-
-        Args:
-            points: joints and tip of one or more poses, shape (..., links + 1, d) [m].
-
-        Returns:
-            The index, and the two end points of the axis of each of the k links from there on, shape (..., k, 2, d)
-            [m]; k = 0 if the whole arm is mount.
-        """
-        first, share = self.mount_end
-        if share > 1.0 - ROUNDING:
-            return self.links, np.zeros((*points.shape[:-2], 0, 2, points.shape[-1]))
-        axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
-        axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
-        return first, axes
-
-    @property
-    def first_self_pairs(self) -> IntArray:
-        """Index, for each link, of the first later link that must not touch it, shape (links,); ``links`` if none."""
-        return self.first_distant if self.self_collision else np.full(self.links, self.links)
-
-    @cached_property
-    def first_distant(self) -> IntArray:
-        """Index, for each link, of the first later link far enough along the arm to collide with it, shape (links,).
-
-        Links i < j are far enough apart if at least two links and a length of π r lie between them, where r is the
-        maximum radius from link i on; closer ones count as neighbours around a bend. The value is ``links`` if no later
-        link is far enough.
-        """
-        reach = np.pi * np.maximum.accumulate(self.radii[::-1])[::-1] / self.link_length - 1e-9
-        ends = self.place_shares[1:]
-        long_enough = np.searchsorted(self.place_shares[:-1], ends + reach, side="left")
-        first = np.minimum(np.maximum(long_enough, np.arange(self.links) + 3), self.links)
-        first.flags.writeable = False
-        return first
-
-    @property
-    def overlooked_pair(self) -> tuple[int, int, float] | None:
-        """Links i < j that could collide but do not count as far enough apart, since a link beyond j is thicker.
-
-        Such links have at least two links and π times the greatest radius from i to j between them. The third number is
-        the radius [m] that no link beyond j may exceed for the pair to count. The value is None if there is no such
-        pair, as on arms that become nowhere thicker toward the tip.
-        """
-        overlooked: list[tuple[float, int, int]] = []
-        for i in np.flatnonzero(self.first_distant > np.arange(self.links) + 3).tolist():
-            between = self.place_shares[i + 3 : self.first_distant[i]] - self.place_shares[i + 1]
-            thickest = np.maximum.accumulate(self.radii[i : self.first_distant[i]])[3:] / self.link_length
-            far = np.flatnonzero(between >= np.pi * thickest - 1e-9)
-            if len(far):
-                overlooked.append((float(between[far[0]]), i, i + 3 + int(far[0])))
-        if not overlooked:
-            return None
-        least, i, j = min(overlooked)
-        return i, j, least * self.link_length / np.pi
-
-    @cached_property
-    def distant_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links i < j far enough apart along the arm to collide, as two arrays of indices, shape (p,)."""
-        number = np.arange(self.links)
-        first, second = np.nonzero(number >= self.first_distant[:, None])
-        return first, second
-
-    @property
-    def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Indices i and j > i of the p pairs of links that must not touch each other, two arrays of shape (p,).
-
-        They are all pairs that are far enough apart along the arm, or none if self-collision is switched off.
-        """
-        if self.self_collision:
-            return self.distant_pairs
-        none = np.zeros(0, dtype=np.intp)
-        return none, none
-
-    def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
-        """Return the gap that planning keeps between the surfaces of each of p pairs of links, shape (p,) [m].
-
-        Links that are close together along the arm cannot keep the full margin around a tight bend. So the gap is the
-        margin or, if smaller, the fraction ``LINK_MARGIN_SHARE`` of the gap between the two when the arm is straight.
-
-        Args:
-            first: indices of the links nearer to the base, shape (p,).
-            second: indices of the links farther from the base, shape (p,).
-            margin: full margin, which planning keeps from walls [m].
-        """
-        between = self.link_length * (self.place_shares[second] - self.place_shares[first + 1])
-        between = between - (self.radii[first] + self.radii[second])
-        return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
-
-
-def _fixed(values: FloatArray) -> FloatArray:
-    """Make an array read-only, and return it."""
-    values.flags.writeable = False
-    return values
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:

@@ -102,19 +102,20 @@ static inline double longest_link(const double *points, int64_t links)
     return sqrt(most);
 }
 
-/* The next second link, after link j, whose nearest point may be within a reach of link i: no link is longer than the
-   longest, so that one whose start is farther off than the reach and twice that is too far, and those that follow start
-   at most that much farther on. */
-static inline int64_t next_in_reach(const double *points, int64_t links, int64_t i, int64_t j, double reach,
-                                    double longest)
+/* The next second link, from link j on, that must not touch link i and whose nearest point may be within a reach of it:
+   no link is longer than the longest, so that one whose start is farther off than the reach and twice that is too far,
+   and those that follow start at most that much farther on. */
+static inline int64_t next_in_reach(const double *points, int64_t links, const int32_t *next_pair, int64_t i, int64_t j,
+                                    double reach, double longest)
 {
     const double *p = points + 3 * i;
-    for (; j < links; j++) {
+    const int32_t *next = next_pair + i * (links + 1);
+    for (j = next[j]; j < links; j = next[j + 1]) {
         const double *r = points + 3 * j;
         double apart[3] = {r[0] - p[0], r[1] - p[1], r[2] - p[2]};
         double square = dot(apart, apart), most = reach + 2.0 * longest;
         if (square <= most * most) return j;
-        j += whole_within((sqrt(square) - most) / fmax(longest, 1e-300) - 1.0, 0, links);
+        j += whole_within((sqrt(square) - most) / fmax(longest, 1e-300) - 1.0, 0, links - 1 - j);
     }
     return links;
 }

@@ -23,6 +23,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_layout import NextPairs
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, CertificateSettings
 from ccm_opt.scene.workspace import Workspace
 
@@ -88,12 +89,12 @@ class PairProofs:
     """A proof method for pairs of links that must stay apart.
 
     Attributes:
-        first_apart: for each link, the first link beyond it that must stay apart from it, shape (links,).
+        next_pair: as ``Arm.next_self_pairs``, shape (links, links + 1).
         least: contribution of each link to the required distance between the axes of two links, which is the sum of
             theirs, shape (links,) [m].
     """
 
-    first_apart: IntArray
+    next_pair: NextPairs
     least: FloatArray
 
     def unproved(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
@@ -106,7 +107,7 @@ class PairProofs:
         arm = parts.arm
         call = NativeCall(
             "pair_proofs",
-            stretches=len(parts.owner), links=arm.links, first_apart=self.first_apart,
+            stretches=len(parts.owner), links=arm.links, next_pair=self.next_pair,
             longest=float(np.max(arm.lengths)), least=self.least, start=parts.a, end=parts.b,
             middle=parts.middle, sag=parts.chord_deviation, moved=parts.moved,
             asked=-1 if pairs is None else len(pairs[0]),
@@ -262,7 +263,7 @@ class Certificate:
         failed: list[IntArray] = []
         for level in range(depth + 1):
             links, touching_links = self._wall_proofs.unproved(parts, links)
-            pairs, touching_pairs = self._unproved_pairs(parts, pairs)
+            pairs, touching_pairs = self._pair_proofs.unproved(parts, pairs)
             # Tests with contact half-way have failed; tests that are merely unproved fail after the last bisection.
             last = level == depth
             bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
@@ -302,17 +303,6 @@ class Certificate:
         twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), np.tile(pairs[1], 2), np.tile(pairs[2], 2))
         return halves, twice_links, twice_pairs
 
-    def _unproved_pairs(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the pairs of links not proved apart, and the motion parts in which a pair is too close half-way.
-
-        All pairs that must stay apart are tested if `pairs` is None. Both results are empty if the arm may touch
-        itself.
-        """
-        if not self.arm.self_collision:
-            none = np.zeros(0, dtype=np.intp)
-            return (none, none, none), none
-        return self._pair_proofs.unproved(parts, pairs)
-
     @cached_property
     def _rounding(self) -> float:
         """Distance added to required distances so that rounding errors cannot make proofs false [m]."""
@@ -322,7 +312,7 @@ class Certificate:
     def _pair_proofs(self) -> PairProofs:
         arm = self.arm
         touch = max(self.settings.touch, 2.0 * self._rounding)
-        return PairProofs(arm.first_distant, 0.5 * (2.0 * arm.radii + self.spare + touch))
+        return PairProofs(arm.next_self_pairs, 0.5 * (2.0 * arm.radii + self.spare + touch))
 
     @cached_property
     def _wall_proofs(self) -> WallProofs:

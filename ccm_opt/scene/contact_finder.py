@@ -9,7 +9,8 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.native import NativeCall
-from ccm_opt.robot.arm import LINK_MARGIN_SHARE, Arm
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_layout import LINK_MARGIN_SHARE
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.walls import Walls
 
@@ -167,7 +168,7 @@ class WallFinder(ContactFinder):
             "near_pairs",
             links=arm.links, mount_link=link, mount_at=at, mean_length=arm.link_length, lengths=arm.lengths,
             longest=float(np.max(arm.lengths)), radii=arm.radii, thickest=arm.radius,
-            first_self_pair=arm.first_self_pairs, reach=reach, margin=margin,
+            next_pair=arm.next_self_pairs, reach=reach, margin=margin,
             places=arm.place_shares, pair_share=LINK_MARGIN_SHARE,
             edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
             edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,
@@ -231,7 +232,7 @@ class SurfaceFinder(ContactFinder):
         super().__init__(arm, names, margin, reach)
         self.tree = tree
         self.kept = arm.radii + clearance
-        self._pairs = NativeCall("near_links", links=arm.links, first_pair=arm.first_self_pairs)
+        self._pairs = NativeCall("near_links", links=arm.links, next_pair=arm.next_self_pairs)
         self._grow_capacity(256)
 
     def find(self, points: FloatArray) -> Contacts:
@@ -319,7 +320,7 @@ def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
     nearest = NearestLinks(first, second, np.full(poses, float(reach)))
     NativeCall(
         "nearest_links",
-        links=arm.links, first_pair=arm.first_self_pairs, poses=poses, reach=reach, radii=arm.radii,
+        links=arm.links, next_pair=arm.next_self_pairs, poses=poses, reach=reach, radii=arm.radii,
         points=points, **vars(nearest),
     )()  # fmt: skip
     return nearest

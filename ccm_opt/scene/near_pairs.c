@@ -10,7 +10,7 @@
 
 typedef struct {
     int64_t links, mount_link;
-    const int64_t *first_self_pair; /* the first link beyond each one that may not meet it, (links,) */
+    const int32_t *next_pair; /* the first link from j on that must not touch i, (links, links + 1) */
     double mount_at, mean_length, longest, thickest, reach, margin;
     const double *lengths, *radii; /* of the links, (links,) */
     const double *places;          /* of joints and tip along the arm, in mean lengths, (links + 1,) */
@@ -231,18 +231,18 @@ static void links_with_links(Query *q)
             }
     }
     for (int64_t i = 0; i < n; i++) {
-        if (q->first_self_pair[i] == n) continue; /* the first pairs of unequal links need not increase */
+        const int32_t *next = q->next_pair + i * (n + 1);
+        if (next[0] == n) continue;
         const double *p = q->points + 2 * i;
         double mx = 0.5 * (p[0] + p[2]), my = 0.5 * (p[1] + p[3]);
-        for (int64_t k = q->first_self_pair[i] / RUN; k < runs; k++) {
+        for (int64_t k = next[0] / RUN; k < runs; k++) {
             const double *box = q->runs + 4 * k;
             double apart = q->radii[i] + q->thickest + q->reach;
             double far = apart + 0.5 * q->lengths[i];
             if (mx < box[0] - far || my < box[1] - far || mx > box[2] + far || my > box[3] + far) continue;
             double middles = far + 0.5 * q->longest;
-            int64_t begin = q->first_self_pair[i] > RUN * k ? q->first_self_pair[i] : RUN * k;
             int64_t end = RUN * (k + 1) < n ? RUN * (k + 1) : n;
-            for (int64_t j = begin; j < end; j++) {
+            for (int64_t j = next[RUN * k]; j < end; j = next[j + 1]) {
                 const double *r = q->points + 2 * j;
                 double x = 0.5 * (r[0] + r[2]) - mx, y = 0.5 * (r[1] + r[3]) - my;
                 if (x * x + y * y < middles * middles) link_with_link(q, i, j);

@@ -4,7 +4,7 @@
 
 typedef struct {
     int64_t stretches, links;
-    const int64_t *first_apart;          /* the first link beyond each one that counts with it, (links,) */
+    const int32_t *next_pair;            /* the first link from j on that must not touch i, (links, links + 1) */
     double longest;                      /* length of a link */
     const double *least;                 /* what each link adds to the distance to be kept, (links,) */
     const double *start, *end, *middle;  /* joints, (stretches, links + 1, 2) */
@@ -84,7 +84,8 @@ static void look_at_all(Proofs *q)
         for (int64_t i = 0; i < q->links; i++) {
             double x = 0.25 * (a[2 * i] + a[2 * i + 2] + b[2 * i] + b[2 * i + 2]);
             double y = 0.25 * (a[2 * i + 1] + a[2 * i + 3] + b[2 * i + 1] + b[2 * i + 3]);
-            for (int64_t j = q->first_apart[i]; j < q->links; j++) {
+            const int32_t *next = q->next_pair + i * (q->links + 1);
+            for (int64_t j = next[0]; j < q->links; j = next[j + 1]) {
                 double dx = 0.25 * (a[2 * j] + a[2 * j + 2] + b[2 * j] + b[2 * j + 2]) - x;
                 double dy = 0.25 * (a[2 * j + 1] + a[2 * j + 3] + b[2 * j + 1] + b[2 * j + 3]) - y;
                 double reach = q->least[i] + q->least[j] + q->longest + 2.0 * q->moved[s];

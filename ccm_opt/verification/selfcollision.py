@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, lengths_of
@@ -77,28 +77,29 @@ def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.cross(first, second)
 
 
-def first_distant(arm: Arm) -> IntArray:
-    """Return, for each link, the first link beyond it that must stay apart from it, shape (links,).
+def far_along_arm(arm: Arm) -> BoolArray:
+    """Return a mask of the pairs of links i < j that must stay apart, shape (links, links).
 
-    At least two links, of a total length of at least π r, lie between the two; r is the greatest radius from the first
-    of the two links to the tip. If there is no such link, the value is ``links``.
-    ``Arm.first_distant`` implements the same rule; the verifier deliberately does not use it.
+    At least two links, of a total length of at least π r, lie between the two; r is the greatest radius from link i to
+    link j. ``Arm.distant_links`` implements the same rule; the verifier deliberately does not use it.
     """
     # Links closer along the arm than two links, or than π r, the tightest half turn of an arm of radius r, are
     # unavoidably close in space.
     starts = np.concatenate(([0.0], np.cumsum(arm.lengths)))
-    first = np.full(arm.links, arm.links)
-    for link in range(arm.links - 3):
-        between = starts[link + 3 : -1] - starts[link + 1]
-        # The small number keeps rounding from counting one link too many.
-        far = between >= np.pi * float(np.max(arm.radii[link:])) - 1e-9 * arm.link_length
-        first[link] = link + 3 + int(np.argmax(far)) if far.any() else arm.links
-    return first
+    far = np.zeros((arm.links, arm.links), dtype=bool)
+    thickest = np.array(arm.radii)  # from each link to the one that lies `apart` links beyond it
+    for apart in range(1, arm.links):
+        thickest = np.maximum(thickest[:-1], arm.radii[apart:])
+        if apart > 2:
+            # The small number keeps rounding from counting one link too few.
+            between = starts[apart:-1] - starts[1:-apart] + 1e-9 * arm.link_length
+            np.fill_diagonal(far[:, apart:], between >= np.pi * thickest)
+    return far
 
 
 def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:
     """Return the first and second links of all pairs that are far enough apart along the arm to collide, each (P,)."""
-    first, second = np.nonzero(np.arange(arm.links) >= first_distant(arm)[:, None])
+    first, second = np.nonzero(far_along_arm(arm))
     return first, second
 
 
@@ -285,13 +286,15 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)
     total = np.concatenate((np.zeros((len(bends), 1)), np.cumsum(bends, axis=1)), axis=1)
     found = [np.zeros((3, 0), dtype=np.intp)]
-    beyond = first_distant(motion.arm) - np.arange(links)
-    for apart in range(2, int(np.max(beyond))):
+    far = far_along_arm(motion.arm)
+    for apart in range(2, links):
+        if np.diagonal(far, apart).all():
+            continue
         between = total[:, 1 + apart :] - total[:, 1:-apart]
         # Magnitudes of bends are convex in time between samples, so their maximum is at a sample.
         interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
-        both = apart < beyond[link]
-        interval, link = interval[both], link[both]
+        close = ~far[link, link + apart]
+        interval, link = interval[close], link[close]
         found.append(np.stack((interval, link, link + apart)))
     interval, first, second = np.concatenate(found, axis=1)
     if len(interval) == 0:

@@ -76,7 +76,7 @@ class SweptScene:
         values = (arm.base, arm.bend_limits, np.vstack(edges), np.concatenate(rounding))
         arrays = tuple(np.ascontiguousarray(value) for value in values)
         struct = SceneStruct(
-            arm.links, len(arrays[2]), int(arm.first_distant[0]) if arm.self_collision else 0, link,
+            arm.links, len(arrays[2]), int(arm.next_self_pairs[0, 0]) if arm.self_collision else 0, link,
             arm.link_length, arm.radius, arm.radius + problem.workspace.clearance, arm.base_heading, share,
             *(array.ctypes.data for array in arrays),
         )  # fmt: skip

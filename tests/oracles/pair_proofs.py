@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.robot.link_layout import NextPairs
 from ccm_opt.scene.certificate import MotionParts, Pairs
 from tests.oracles.plane_segments import closest_on_segments
 
@@ -14,11 +15,11 @@ class InterpretedProofs:
     """Proofs with the results of ``PairProofs``, by NumPy.
 
     Attributes:
-        first_apart: index of the first later link that is checked against each link, shape (links,).
+        next_pair: as of ``PairProofs``, shape (links, links + 1).
         least: contribution of each link to the minimum distance between the axes of two links, shape (links,) [m].
     """
 
-    first_apart: IntArray
+    next_pair: NextPairs
     least: FloatArray
 
     def unproved(self, parts: MotionParts, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
@@ -64,7 +65,7 @@ class InterpretedProofs:
             dx = x[:, apart:] - x[:, :-apart]
             dy = y[:, apart:] - y[:, :-apart]
             both = self.least[apart:] + self.least[:-apart]
-            counts = np.arange(apart, parts.arm.links) >= self.first_apart[:-apart]
+            counts = np.diagonal(self.next_pair, apart)[:-1] == np.arange(apart, parts.arm.links)
             part, i = np.nonzero(counts & (dx * dx + dy * dy < (reach[:, None] + both) ** 2))
             found.append((part, i, i + apart))
         part, i, j = (np.concatenate(column) for column in zip(*found, strict=True))

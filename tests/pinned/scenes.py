@@ -351,8 +351,8 @@ def proved_motions(scale: float) -> None:
         asked = (room, least, (k % 3, 0.3))
         WallProofs(*asked).unproved(spans, None)
         WallProofs(*asked).unproved(spans, (np.array([0, 1, 1]), np.array([3, 3, 4])))
-        pairs, _ = PairProofs(arm.first_distant, least).unproved(spans, None)
-        PairProofs(arm.first_distant, least).unproved(spans, tuple(rows[:3] for rows in pairs))
+        pairs, _ = PairProofs(arm.next_self_pairs, least).unproved(spans, None)
+        PairProofs(arm.next_self_pairs, least).unproved(spans, tuple(rows[:3] for rows in pairs))
         spans.moved.sum()
 
 

@@ -86,7 +86,7 @@ def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
 def min_index_gap(arm: Arm) -> int:
     """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
-    ``Arm.first_distant`` says the same; the verifier counts for itself, on purpose.
+    ``Arm.distant_links`` says the same; the verifier counts for itself, on purpose.
     """
     # Links this near along the arm cannot help being near in space: two lengths of a link, or π r, the tightest half
     # turn that an arm of radius r can make.

@@ -1,0 +1,214 @@
+"""Where the links of an arm lie along it, which of them belong to its mount, and which pairs may collide."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+
+NextPairs: TypeAlias = npt.NDArray[np.int32]
+"""The first link from link j on that must not touch link i, for i and j, shape (links, links + 1); ``links`` if none.
+
+C reads from it the pairs to be checked, from any link on.
+"""
+LINK_MARGIN_SHARE = 0.2
+"""Margin that planning keeps between two links that could collide, if they are too close along the arm for the full
+margin, as a fraction of the gap between them when the arm is straight. Heuristic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proportions:
+    """Lengths, radii and joint limits of an arm with unequal links, as multiples of the arm's values.
+
+    Attributes:
+        lengths: length of each link over ``Arm.link_length``, shape (links,), with mean 1.
+        radii: radius of each link over ``Arm.radius``, shape (links,), at most 1.
+        limits: limit of each bend over ``Arm.joint_limit``, over ``Arm.base_limit`` for the first joint, joint by
+            joint, shape (k links,) for k bends per joint, at most 1; 0 locks a bend.
+    """
+
+    lengths: FloatArray
+    radii: FloatArray
+    limits: FloatArray
+
+
+class LinkLayout:
+    """Base class of arms: the places of links along the arm, as far as they do not depend on its pose.
+
+    Attributes:
+        links: number of links.
+        link_length: mean length of the links [m].
+        radius: maximum radius of the links [m].
+        mount_length: length of arm, measured from the base, that may touch obstacles [m].
+        self_collision: whether links that could collide must not touch.
+        proportions: lengths, radii and limits that differ between links; None if all links are equal.
+    """
+
+    links: int
+    link_length: float
+    radius: float
+    mount_length: float
+    self_collision: bool
+    proportions: Proportions | None
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Length of each link, shape (links,) [m]."""
+        return fixed(self.link_length * self.length_shares)
+
+    @cached_property
+    def radii(self) -> FloatArray:
+        """Radius of each link, shape (links,) [m]."""
+        shares = np.ones(self.links) if self.proportions is None else self.proportions.radii
+        return fixed(self.radius * shares)
+
+    @property
+    def tip_radius(self) -> float:
+        """Radius of the last link [m]."""
+        return float(self.radii[-1])
+
+    @cached_property
+    def joint_places(self) -> FloatArray:
+        """Arc lengths of the joints and the tip from the base, shape (links + 1,) [m]."""
+        return fixed(self.link_length * self.place_shares)
+
+    @cached_property
+    def places_from_tip(self) -> FloatArray:
+        """Arc lengths of the joints and the tip, measured back from the tip, shape (links + 1,) [m]."""
+        return fixed(self.link_length * (self.place_shares[-1] - self.place_shares))
+
+    @cached_property
+    def link_middles(self) -> FloatArray:
+        """Arc lengths from the base to the midpoints of the links, shape (links,) [m]."""
+        return fixed(self.link_length * (self.place_shares[:-1] + 0.5 * self.length_shares))
+
+    @cached_property
+    def length_shares(self) -> FloatArray:
+        """Length of each link over the mean length, shape (links,)."""
+        return np.ones(self.links) if self.proportions is None else self.proportions.lengths
+
+    @cached_property
+    def place_shares(self) -> FloatArray:
+        """Arc lengths of the joints and the tip over the mean length of links, shape (links + 1,)."""
+        # Sums of ones are exact, so that equal links end at multiples of their length.
+        return np.concatenate(([0.0], np.cumsum(self.length_shares)))
+
+    @property
+    def length(self) -> float:
+        """Total length L = links · l [m]."""
+        return self.links * self.link_length
+
+    @property
+    def mount_end(self) -> tuple[int, float]:
+        """Index of the link in which the mount ends, and the fraction of that link that belongs to the mount.
+
+        The mount is the first part of the arm, which may touch obstacles. A fraction of 1 for the last link means that
+        the whole arm is mount.
+        """
+        link = min(self.whole_mount_links, self.links - 1)
+        return link, float(self.free_shares[link])
+
+    @property
+    def whole_mount_links(self) -> int:
+        """Number of links that belong to the mount as a whole."""
+        # The small number stops rounding from placing the end of a mount of whole links on the previous link.
+        shares = self.place_shares[1:]
+        return int(np.searchsorted(shares, self.mount_length / self.link_length + 1e-9, side="right"))
+
+    @property
+    def first_free_joint(self) -> int:
+        """Index of the first joint at or beyond the end of the mount; the tip's is ``links``."""
+        within = self.mount_length / self.link_length - 1e-9
+        return min(int(np.searchsorted(self.place_shares, within, side="left")), self.links)
+
+    @property
+    def free_shares(self) -> FloatArray:
+        """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
+        within = self.mount_length / self.link_length - self.place_shares[:-1]
+        return np.clip(within / self.length_shares, 0.0, 1.0)
+
+    def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
+        """Return the index of the first link that extends beyond the mount, and the link axes without the mount.
+
+        The axis of a link that belongs to the mount in part is cut at the end of the mount.
+
+        Args:
+            points: joints and tip of one or more poses, shape (..., links + 1, d) [m].
+
+        Returns:
+            The index, and the two end points of the axis of each of the k links from there on, shape (..., k, 2, d)
+            [m]; k = 0 if the whole arm is mount.
+        """
+        first, share = self.mount_end
+        if share > 1.0 - ROUNDING:
+            return self.links, np.zeros((*points.shape[:-2], 0, 2, points.shape[-1]))
+        axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
+        axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
+        return first, axes
+
+    @cached_property
+    def distant_links(self) -> BoolArray:
+        """Mask of the pairs of links i < j far enough apart along the arm to collide, shape (links, links).
+
+        At least two links and a length of π r must lie between them, where r is the maximum radius from link i to link
+        j; closer ones count as neighbours around a bend.
+        """
+        number = np.arange(self.links)
+        distant = number >= number[:, None] + 3
+        for i in range(self.links - 3):
+            between = self.place_shares[i + 3 : -1] - self.place_shares[i + 1]
+            thickest = np.maximum.accumulate(self.radii[i:])[3:] / self.link_length
+            distant[i, i + 3 :] = between >= np.pi * thickest - 1e-9
+        return fixed(distant)
+
+    @cached_property
+    def distant_pairs(self) -> tuple[IntArray, IntArray]:
+        """Pairs of links i < j far enough apart along the arm to collide, as two arrays of indices, shape (p,)."""
+        first, second = np.nonzero(self.distant_links)
+        return first, second
+
+    @property
+    def self_pairs(self) -> tuple[IntArray, IntArray]:
+        """Indices i and j > i of the p pairs of links that must not touch each other, two arrays of shape (p,).
+
+        They are all pairs that are far enough apart along the arm, or none if self-collision is switched off.
+        """
+        if self.self_collision:
+            return self.distant_pairs
+        none = np.zeros(0, dtype=np.intp)
+        return none, none
+
+    @cached_property
+    def next_self_pairs(self) -> NextPairs:
+        """The next pairs of links that must not touch each other; there are none if self-collision is switched off."""
+        following = np.full((self.links, self.links + 1), self.links, dtype=np.int32)
+        if self.self_collision:
+            following[:, :-1][self.distant_links] = self.distant_pairs[1]
+        return fixed(np.minimum.accumulate(following[:, ::-1], axis=1)[:, ::-1].copy())
+
+    def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
+        """Return the gap that planning keeps between the surfaces of each of p pairs of links, shape (p,) [m].
+
+        Links that are close together along the arm cannot keep the full margin around a tight bend. So the gap is the
+        margin or, if smaller, the fraction ``LINK_MARGIN_SHARE`` of the gap between the two when the arm is straight.
+
+        Args:
+            first: indices of the links nearer to the base, shape (p,).
+            second: indices of the links farther from the base, shape (p,).
+            margin: full margin, which planning keeps from walls [m].
+        """
+        between = self.link_length * (self.place_shares[second] - self.place_shares[first + 1])
+        between = between - (self.radii[first] + self.radii[second])
+        return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
+
+
+_Values = TypeVar("_Values", FloatArray, BoolArray, NextPairs)
+
+
+def fixed(values: _Values) -> _Values:
+    """Make an array read-only, and return it."""
+    values.flags.writeable = False
+    return values
