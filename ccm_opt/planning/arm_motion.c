@@ -5,7 +5,8 @@
 
 typedef struct {
     int64_t links;
-    const double *lengths;   /* of the links, (links,) */
+    const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
+    const double *bends;     /* in the middle of the interval, (2 links,) */
     const double *rotations; /* of the links in the middle of the interval, (links, 3, 3) */
     const double *turns;    /* of the joints over the interval, (2 links,) */
     const double *base;     /* rotation of the base, (3, 3) */
@@ -15,7 +16,7 @@ typedef struct {
 
 PUBLIC void motion_bounds(MotionQuery *q)
 {
-    bound_motion(q->links, q->lengths, q->base, q->rotations, q->turns, q->speed, q->bow);
+    bound_motion(q->links, q->lengths, q->arcs, q->base, q->bends, q->rotations, q->turns, q->speed, q->bow);
 }
 
 typedef struct {

@@ -31,6 +31,7 @@ typedef struct {
 typedef struct {
     int64_t links, first_link;
     const int32_t *next_pair;                      /* as in arm_motion.c */
+    const double *arcs;                            /* as in link_places.h, or missing */
     const double *lengths, *radii;                 /* of the links, (links,) */
     const double *wall;                            /* that axes keep from surfaces, (links,) */
     double mount, longest, pair; /* share of the first link inside the mount, longest link, gap between links */
@@ -178,7 +179,7 @@ static double link_room(const Motions *m, int64_t link, const double *joint, dou
 /* Rooms of the links of a pose, (links,); returns whether it touches nothing. */
 static int pose_room(const Motions *m, const double *q, double *points, double *room)
 {
-    place_links(m->links, m->lengths, 0, m->place, m->base, q, points, points + 3 * (m->links + 1));
+    place_links(m->links, m->lengths, m->arcs, 0, m->place, m->base, q, points, points + 3 * (m->links + 1));
     /* The tip is what meets walls first. */
     for (int64_t j = m->links - 1; j >= m->first_link; j--) {
         room[j] = link_room(m, j, points + 3 * j, j == m->first_link ? m->mount : 0.0);
@@ -196,14 +197,15 @@ static int pose_room(const Motions *m, const double *q, double *points, double *
 }
 
 /* The share of a motion after which a pose has to be looked at again, from its rooms and how fast its links are. */
-static double next_step(const Motions *m, const double *moved, const double *points, const double *room)
+static double next_step(const Motions *m, const double *q, const double *moved, const double *points, const double *room)
 {
     const double *rotations = points + 3 * (m->links + 1);
     double rate[3] = {0.0, 0.0, 0.0}, velocity[3] = {0.0, 0.0, 0.0}, before = 0.0, step = 1.0, swing[3];
+    double about_a[3], about_b[3];
     for (int64_t j = 0; j < m->links; j++) {
         const double *frame = j ? rotations + 9 * (j - 1) : m->base, *after = rotations + 9 * j;
-        for (int d = 0; d < 3; d++)
-            rate[d] += moved[2 * j] * frame[3 * d + 2] + moved[2 * j + 1] * after[3 * d + 1];
+        joint_axes(m->arcs, frame, after, q + 2 * j, about_a, about_b);
+        for (int d = 0; d < 3; d++) rate[d] += moved[2 * j] * about_a[d] + moved[2 * j + 1] * about_b[d];
         double ahead[3] = {after[0], after[3], after[6]};
         cross(rate, ahead, swing);
         along(velocity, m->lengths[j], swing, velocity);
@@ -232,7 +234,7 @@ static double free_share(const Motions *m, const double *from, const double *to,
         if (!pose_room(m, q, points, room)) break;
         reached = share;
         if (share >= 1.0) break;
-        share = smaller(share + next_step(m, moved, points, room), 1.0);
+        share = smaller(share + next_step(m, q, moved, points, room), 1.0);
         if (share >= 1.0 && end_first) return 1.0;
     }
     return reached;

@@ -13,6 +13,7 @@ typedef struct {
     int64_t links, fed, first_link; /* links before the first are not looked at */
     const int32_t *next_pair;       /* as in arm_motion.c */
     int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
+    const double *arcs; /* as in link_places.h, or missing */
     const double *lengths, *mount;  /* of the links, and the share of each inside the mount, (links,) */
     const double *radii;            /* (links,) */
     const double *wall;             /* distances that the links' axes keep from surfaces, (links,) */
@@ -65,7 +66,7 @@ static Place place_in(const ProofQuery *q, double *memory)
 
 static void put(const ProofQuery *q, const Place *place)
 {
-    place_links(q->links, q->lengths, q->fed, q->start, q->base, place->bends, place->points, place->rotations);
+    place_links(q->links, q->lengths, q->arcs, q->fed, q->start, q->base, place->bends, place->points, place->rotations);
 }
 
 static Interval interval_between(const ProofQuery *q, const Place *first, const Place *last, double *memory)
@@ -79,7 +80,8 @@ static Interval interval_between(const ProofQuery *q, const Place *first, const 
         interval.middle.bends[k] = 0.5 * (first->bends[k] + last->bends[k]);
     put(q, &interval.middle);
     for (int64_t k = 0; k < 2 * n; k++) turns[k] = last->bends[k] - first->bends[k];
-    bound_motion(n, q->lengths, q->base, interval.middle.rotations, turns, rates, interval.bows);
+    bound_motion(n, q->lengths, q->arcs, q->base, interval.middle.bends, interval.middle.rotations, turns, rates,
+                 interval.bows);
     for (int64_t j = 0; j <= n; j++) {
         double *chord = interval.chords + 3 * j;
         for (int d = 0; d < 3; d++) chord[d] = last->points[3 * j + d] - first->points[3 * j + d];

@@ -82,7 +82,7 @@ class SampledMotions:
         spared = _SPARED * arm.length
         return {
             "links": arm.links, "first_link": link, "next_pair": arm.next_self_pairs,
-            "lengths": arm.lengths, "mount": share, "longest": float(np.max(arm.lengths)),
+            "lengths": arm.lengths, "arcs": arm.arcs, "mount": share, "longest": arm.longest_link,
             "wall": self.kept + spared, "radii": arm.radii, "pair": spared,
             "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,
             **{

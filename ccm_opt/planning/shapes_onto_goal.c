@@ -11,7 +11,7 @@
 typedef struct {
     int64_t links, size, shapes, directed, steps; /* whether the goal has a direction; most steps */
     double whole, largest;                        /* length of the arm; largest step */
-    const double *lengths;                        /* of the links, (links,) */
+    const double *lengths, *arcs;                 /* of the links, (links,); arcs as in link_places.h */
     const double *place, *base, *offset, *slopes; /* the last two: (c,) and (size, c) */
     const double *limit, *inverse;                /* of the bends, (c,); of the slopes, (c, size) */
     double position[3], direction[3];
@@ -44,7 +44,7 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
 {
     int64_t n = g->links;
     double *rotations = frames + 3 * (n + 1), size = g->whole, most = 0.0;
-    place_links(n, g->lengths, 0, g->place, g->base, q, frames, rotations);
+    place_links(n, g->lengths, g->arcs, 0, g->place, g->base, q, frames, rotations);
     const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
     double ahead[3] = {last[0], last[3], last[6]};
     for (int d = 0; d < 3; d++) {
@@ -53,13 +53,16 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
     }
     for (int d = 0; d < ROWS; d++) most = larger(most, fabs(error[d]));
     for (int64_t i = 0; i < 2 * n; i++) {
-        /* Axes of a joint: z of the link before it, then y of the link after it. */
         int64_t j = i / 2;
-        const double *frame = i % 2 ? rotations + 9 * j : j ? rotations + 9 * (j - 1) : g->base;
-        int64_t column = i % 2 ? 1 : 2;
-        double axis[3] = {frame[column], frame[3 + column], frame[6 + column]}, arm[3];
+        const double *frame = j ? rotations + 9 * (j - 1) : g->base, *after = rotations + 9 * j;
+        double axes[2][3], *axis = axes[i % 2], arm[3];
+        joint_axes(g->arcs, frame, after, q + 2 * j, axes[0], axes[1]);
         minus(tip, frames + 3 * j, arm);
         cross(axis, arm, by_bends + ROWS * i);
+        if (g->arcs) {
+            double grows = g->arcs[j] * tangent(hypot(q[2 * j], q[2 * j + 1])).slope * q[i];
+            for (int d = 0; d < 3; d++) by_bends[ROWS * i + d] += grows * (frame[3 * d] + after[3 * d]);
+        }
         cross(axis, ahead, by_bends + ROWS * i + 3);
         for (int d = 0; d < 3; d++) {
             by_bends[ROWS * i + d] /= size;

@@ -12,6 +12,7 @@ from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_layout import LinkLayout, Proportions, fixed
@@ -78,6 +79,9 @@ class Arm(LinkLayout):
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
         clamped_joints: number of joints, counted from the base, whose bends are limited to zero.
         proportions: lengths, radii and limits that differ between links; None if all links are equal.
+        sections: division of an arm in space into sections that bend evenly, whose joints turn by the rotation vector
+            (0, b, a) and whose links are tangents of arcs; None if joints bend independently. Radii then include the
+            distance of the arcs from the links.
     """
 
     links: int
@@ -101,6 +105,7 @@ class Arm(LinkLayout):
     friction: FloatArray | float = 0.0
     clamped_joints: int = 0
     proportions: Proportions | None = None
+    sections: ArcSections | None = None
 
     def __post_init__(self) -> None:
         # A value that is not a number or a vector is refused later, by the problem that uses the arm.
@@ -199,6 +204,16 @@ class Arm(LinkLayout):
     def bends_a_joint(self) -> int:
         """Number of bends of every joint, 1 in the plane, 2 in space."""
         return self.dimension - 1
+
+    @property
+    def arcs(self) -> FloatArray | None:
+        """Half the length of the arc about each joint, 0 for the tip, shape (links + 1,) [m]; None without sections."""
+        return None if self.sections is None else self.sections.arcs
+
+    @property
+    def longest_link(self) -> float:
+        """Greatest length of a link within the joint limits [m]."""
+        return float(np.max(self.lengths if self.sections is None else self.sections.longest_links()))
 
     def key(self, name: str) -> str:
         """Return the key of problem files, for messages, that gives a value of links: the arm's or its sections'."""
@@ -380,7 +395,7 @@ class Arm(LinkLayout):
         NativeCall(
             "places",
             poses=q.size // q.shape[-1], links=links, fed=len(self.base_axes), lengths=self.lengths,
-            start=self.base, base=self.base_rotation, q=q, points=positions, rotations=rotations,
+            arcs=self.arcs, start=self.base, base=self.base_rotation, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
 

@@ -5,7 +5,7 @@
 
 typedef struct {
     int64_t poses, links, fed; /* fed is 1 where the last coordinate carries the base, else 0 */
-    const double *lengths;       /* of the links, (links,) */
+    const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
     const double *start, *base;  /* place of the first joint without feed, (3,), and rotation of the base, (3, 3) */
     const double *q;             /* two bends a joint, then the feed, (poses, 2 links + fed) */
     double *points, *rotations;  /* out: (poses, links + 1, 3) and (poses, links, 3, 3) */
@@ -15,13 +15,13 @@ PUBLIC void places(PlacesQuery *q)
 {
     int64_t n = q->links;
     for (int64_t pose = 0; pose < q->poses; pose++)
-        place_links(n, q->lengths, q->fed, q->start, q->base, q->q + pose * (2 * n + q->fed),
+        place_links(n, q->lengths, q->arcs, q->fed, q->start, q->base, q->q + pose * (2 * n + q->fed),
                     q->points + pose * 3 * (n + 1), q->rotations + pose * 9 * n);
 }
 
 typedef struct {
     int64_t links, unknowns, fed; /* fed is 1 where the last coordinate carries the base, else 0 */
-    const double *lengths;        /* of the links, (links,) */
+    const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
     const double *start, *base;   /* place of the first joint without feed, (3,), and rotation of the base, (3, 3) */
     const double *q;              /* coordinates: two bends a joint, then the feed, (2 links + fed,) */
     const double *slopes;         /* derivatives of the coordinates by the unknowns, (2 links + fed, unknowns) */
@@ -29,11 +29,25 @@ typedef struct {
     double *turning, *moving;     /* out: derivatives of turns, (links, 3, unknowns), of places, (links + 1, 3, unknowns) */
 } ChainQuery;
 
+/* Length of a link that consists of tangents of two arcs, and its derivatives by the bends of the joints at its ends. */
+static double grown(const double *arcs, const double *bends, int64_t link, int64_t links, double *of_own,
+                    double *of_next)
+{
+    const double *own = bends + 2 * link, none[2] = {0.0, 0.0}, *next = link + 1 < links ? own + 2 : none;
+    Tangent first = tangent(hypot(own[0], own[1])), last = tangent(hypot(next[0], next[1]));
+    for (int i = 0; i < 2; i++) {
+        of_own[i] = arcs[link] * first.slope * own[i];
+        of_next[i] = arcs[link + 1] * last.slope * next[i];
+    }
+    return arcs[link] * first.length + arcs[link + 1] * last.length;
+}
+
 PUBLIC void chain(ChainQuery *q)
 {
     int64_t p = q->unknowns, n = q->links;
+    double axis_a[3], axis_b[3];
     const double *feed = q->slopes + 2 * n * p;
-    place_links(n, q->lengths, q->fed, q->start, q->base, q->q, q->points, q->rotations);
+    place_links(n, q->lengths, q->arcs, q->fed, q->start, q->base, q->q, q->points, q->rotations);
     for (int d = 0; d < 3; d++)
         for (int64_t k = 0; k < p; k++) q->moving[d * p + k] = q->fed ? q->base[3 * d] * feed[k] : 0.0;
     for (int64_t j = 0; j < n; j++) {
@@ -41,15 +55,25 @@ PUBLIC void chain(ChainQuery *q)
         const double *after = q->rotations + 9 * j;
         const double *about_a = q->slopes + 2 * j * p, *about_b = about_a + p;
         double *turn = q->turning + 3 * j * p, *move = q->moving + 3 * (j + 1) * p;
+        double length = q->lengths[j], of_next[2] = {0.0, 0.0}, of_own[2] = {0.0, 0.0};
+        joint_axes(q->arcs, before, after, q->q + 2 * j, axis_a, axis_b);
+        if (q->arcs) length = grown(q->arcs, q->q, j, n, of_own, of_next);
         for (int d = 0; d < 3; d++)
             for (int64_t k = 0; k < p; k++)
-                turn[d * p + k] = (j ? turn[(d - 3) * p + k] : 0.0) + before[3 * d + 2] * about_a[k]
-                                  + after[3 * d + 1] * about_b[k];
+                turn[d * p + k] = (j ? turn[(d - 3) * p + k] : 0.0) + axis_a[d] * about_a[k] + axis_b[d] * about_b[k];
         for (int d = 0; d < 3; d++) {
             int e = (d + 1) % 3, f = (d + 2) % 3;
-            double te = q->lengths[j] * after[3 * e], tf = q->lengths[j] * after[3 * f];
+            double te = length * after[3 * e], tf = length * after[3 * f];
             for (int64_t k = 0; k < p; k++)
                 move[d * p + k] = move[(d - 3) * p + k] + turn[e * p + k] * tf - turn[f * p + k] * te;
+            if (!q->arcs) continue;
+            for (int i = 0; i < 2; i++) {
+                double own = of_own[i] * after[3 * d], next = of_next[i] * after[3 * d];
+                const double *bend = about_a + i * p, *bend_after = bend + 2 * p;
+                for (int64_t k = 0; k < p; k++) move[d * p + k] += own * bend[k];
+                if (j + 1 == n) continue;
+                for (int64_t k = 0; k < p; k++) move[d * p + k] += next * bend_after[k];
+            }
         }
     }
 }

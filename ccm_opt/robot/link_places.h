@@ -1,17 +1,96 @@
-/* Where the links of an arm of universal joints are, how far they move while its joints turn evenly, and how near two
-   links are to each other. */
+/* Where the links of an arm are, how far they move while its joints turn evenly, and how near two links are to each
+   other. Joints are universal, R' = R Rz(a) Ry(b); or each is the vertex of two equal tangents of an arc, and turns by
+   the rotation vector (0, b, a), so that links are the tangents of arcs of constant length and grow with the turns. */
 
 #ifndef LINK_PLACES_H
 #define LINK_PLACES_H
 
 #include "vectors.h"
 
+#define MOST_TURN 3.0 /* of an arc whose tangents meet */
+
+/* Twice the ratio of the tangents of an arc to its length, tan(x) / x of half its turn x, and how it changes with the
+   turn: first derivative over the turn, and second derivative. */
+typedef struct {
+    double length, slope, curve;
+} Tangent;
+
+static inline Tangent tangent(double turn)
+{
+    double x = 0.5 * turn, s = x * x;
+    if (s < 1e-4) {
+        Tangent series = {1.0 + s / 3.0 + 2.0 / 15.0 * s * s, 1.0 / 6.0 + 2.0 / 15.0 * s + 17.0 / 210.0 * s * s,
+                          1.0 / 6.0 + 0.4 * s + 17.0 / 42.0 * s * s};
+        return series;
+    }
+    double t = tan(x), u = 1.0 + t * t;
+    Tangent exact = {t / x, 0.25 * (x * u - t) / (s * x), 0.5 * (u * (s * t - x) + t) / (s * x)};
+    return exact;
+}
+
+/* Axes about which an arc's joint turns everything beyond it while its bends a and b change, from the rotation of the
+   link before it: those of the left Jacobian of the rotation vector (0, b, a). */
+static inline void arc_axes(const double *before, double a, double b, double *about_a, double *about_b)
+{
+    double s = a * a + b * b, turn = sqrt(s);
+    double half = s < 1e-4 ? 0.5 - s / 24.0 + s * s / 720.0 : (1.0 - cos(turn)) / s;
+    double third = s < 1e-4 ? 1.0 / 6.0 - s / 120.0 + s * s / 5040.0 : (turn - sin(turn)) / (s * turn);
+    for (int d = 0; d < 3; d++) {
+        double x = before[3 * d], y = before[3 * d + 1], z = before[3 * d + 2];
+        about_a[d] = half * b * x + third * a * b * y + (1.0 - third * b * b) * z;
+        about_b[d] = -half * a * x + (1.0 - third * a * a) * y + third * a * b * z;
+    }
+}
+
+/* The same of joints of either kind: z of the link before a universal joint, and y of the link after it. */
+static inline void joint_axes(const double *arcs, const double *before, const double *after, const double *bends,
+                              double *about_a, double *about_b)
+{
+    if (arcs) {
+        arc_axes(before, bends[0], bends[1], about_a, about_b);
+        return;
+    }
+    for (int d = 0; d < 3; d++) {
+        about_a[d] = before[3 * d + 2];
+        about_b[d] = after[3 * d + 1];
+    }
+}
+
+/* Places and rotations of links that are tangents of arcs, as below. */
+static inline void place_tangents(int64_t links, const double *arcs, const double *base, const double *bends,
+                                  double *points, double *rotations)
+{
+    double leg = 0.0; /* of the link before a joint, from the end of the arc before it */
+    for (int64_t j = 0; j < links; j++) {
+        const double *before = j ? rotations + 9 * (j - 1) : base;
+        double *after = rotations + 9 * j;
+        double a = bends[2 * j], b = bends[2 * j + 1], s = a * a + b * b, turn = sqrt(s);
+        double sine = s < 1e-4 ? 1.0 - s / 6.0 + s * s / 120.0 : sin(turn) / turn;
+        double half = s < 1e-4 ? 0.5 - s / 24.0 + s * s / 720.0 : (1.0 - cos(turn)) / s, next[2] = {0.0, 0.0};
+        if (j + 1 < links) next[0] = bends[2 * j + 2], next[1] = bends[2 * j + 3];
+        leg = arcs[j] * tangent(turn).length;
+        double length = leg + arcs[j + 1] * tangent(hypot(next[0], next[1])).length;
+        for (int d = 0; d < 3; d++) {
+            double x = before[3 * d], y = before[3 * d + 1], z = before[3 * d + 2];
+            after[3 * d] = x * (1.0 - half * s) + sine * (a * y - b * z);
+            after[3 * d + 1] = y * (1.0 - half * a * a) - sine * a * x + half * a * b * z;
+            after[3 * d + 2] = z * (1.0 - half * b * b) + sine * b * x + half * a * b * y;
+            points[3 * (j + 1) + d] = points[3 * j + d] + length * after[3 * d];
+        }
+    }
+}
+
 /* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the feed,
-   which carries the start along the base's direction where the arm is fed. */
-static inline void place_links(int64_t links, const double *lengths, int64_t fed, const double *start,
+   which carries the start along the base's direction where the arm is fed. Of the arcs about the joints, if there are
+   any, half the lengths are given, and zero for the tip, (links + 1,). */
+static inline void place_links(int64_t links, const double *lengths, const double *arcs, int64_t fed, const double *start,
                                const double *base, const double *bends, double *points, double *rotations)
 {
     for (int d = 0; d < 3; d++) points[d] = start[d] + (fed ? base[3 * d] * bends[2 * links] : 0.0);
+    if (arcs) {
+        place_tangents(links, arcs, base, bends, points, rotations);
+        return;
+    }
     for (int64_t j = 0; j < links; j++) {
         const double *before = j ? rotations + 9 * (j - 1) : base;
         double *after = rotations + 9 * j;
@@ -26,24 +105,56 @@ static inline void place_links(int64_t links, const double *lengths, int64_t fed
     }
 }
 
-/* Bounds on the rates of turning of the links, (links,), and on the second derivatives of joints and tip, (links + 1,),
-   from the rotations in the middle of the interval and the turns of the joints over it. Axes of a joint: z of the link
-   before it, and y of that after the turn about z, which is y of the link after it. */
-static inline void bound_motion(int64_t links, const double *lengths, const double *base,
-                                const double *rotations, const double *turns, double *speed, double *bow)
+/* Bounds on the length of a tangent of an arc, and on its first two derivatives, while its joint turns evenly. */
+typedef struct {
+    double length, rate, curve;
+} LegGrowth;
+
+static const LegGrowth no_growth = {0.0, 0.0, 0.0};
+
+static inline LegGrowth leg_growth(double arc, const double *middle, const double *turns)
 {
-    double rate[3] = {0.0, 0.0, 0.0}, drift = 0.0, before = 0.0;
+    /* All three grow with the turn of the joint. */
+    double change = hypot(turns[0], turns[1]), most = hypot(middle[0], middle[1]) + 0.5 * change;
+    if (!(most < MOST_TURN)) {
+        LegGrowth unbounded = {INFINITY, INFINITY, INFINITY};
+        return arc > 0.0 ? unbounded : no_growth;
+    }
+    Tangent at_most = tangent(most);
+    LegGrowth growth = {arc * at_most.length, arc * most * at_most.slope * change, arc * at_most.curve * change * change};
+    return growth;
+}
+
+/* Bounds on the rates of turning of the links, (links,), and on the second derivatives of joints and tip, (links + 1,),
+   from the bends and rotations in the middle of the interval and the turns of the joints over it. A joint's own axes
+   turn by |da db| at most where it is universal, and by half of da² + db² where it is of an arc: its Jacobian is the mean
+   of the rotations by shares u of its vector, which turn by u times the change of the vector at most. */
+static inline void bound_motion(int64_t links, const double *lengths, const double *arcs, const double *base,
+                                const double *bends, const double *rotations, const double *turns, double *speed,
+                                double *bow)
+{
+    double rate[3] = {0.0, 0.0, 0.0}, drift = 0.0, before = 0.0, about_a[3], about_b[3];
+    LegGrowth leg = arcs ? leg_growth(arcs[0], bends, turns) : no_growth;
     bow[0] = 0.0;
     for (int64_t j = 0; j < links; j++) {
         const double *frame = j ? rotations + 9 * (j - 1) : base;
         const double *after = rotations + 9 * j;
         double da = turns[2 * j], db = turns[2 * j + 1];
-        for (int d = 0; d < 3; d++) rate[d] += da * frame[3 * d + 2] + db * after[3 * d + 1];
-        drift += before * hypot(da, db) + fabs(da * db);
+        joint_axes(arcs, frame, after, bends + 2 * j, about_a, about_b);
+        for (int d = 0; d < 3; d++) rate[d] += da * about_a[d] + db * about_b[d];
+        drift += before * hypot(da, db) + (arcs ? 0.5 * (da * da + db * db) : fabs(da * db));
         double norm = sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]);
         double most = norm + 0.5 * drift;
         speed[j] = most;
-        bow[j + 1] = bow[j] + lengths[j] * (most * most + drift);
+        if (arcs) {
+            LegGrowth next = no_growth;
+            if (j + 1 < links) next = leg_growth(arcs[j + 1], bends + 2 * j + 2, turns + 2 * j + 2);
+            bow[j + 1] = bow[j] + (leg.length + next.length) * (most * most + drift)
+                         + 2.0 * (leg.rate + next.rate) * most + leg.curve + next.curve;
+            leg = next;
+        } else {
+            bow[j + 1] = bow[j] + lengths[j] * (most * most + drift);
+        }
         before = most;
     }
 }

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.consistency import point_rounding
 from ccm_opt.verification.drives import as_revolutes
@@ -36,8 +36,9 @@ class LinkFrames:
     """Orientations of the links in T configurations, as unit vectors in the world frame, each of shape (T, links, 3).
 
     Attributes:
-        first_axes: first rotation axes of the joints, which are the z axes of the preceding links.
-        second_axes: second rotation axes of the joints, which are the y axes of the links themselves.
+        first_axes: axes about which links turn for a unit rate of their joint's first bend: the z axes of the preceding
+            links, unless joints are those of arcs.
+        second_axes: likewise of the second bend: the y axes of the links themselves.
         along: directions (x axes) of the links.
         across: z axes of the links.
     """
@@ -52,6 +53,8 @@ class LinkFrames:
         """Compute the link frames of configurations, shape (T, c)."""
         if arm.dimension == 2:
             return cls._in_plane(arm, positions)
+        if arm.sections is not None:
+            return cls._of_arcs(arm, positions)
         shape = (len(positions), arm.links, 3)
         frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
         # The base frame is right-handed: ahead × left = up.
@@ -71,6 +74,30 @@ class LinkFrames:
             up = cosine * up + sine * turned
             frames.along[:, link] = ahead
             frames.across[:, link] = up
+        return frames
+
+    @classmethod
+    def _of_arcs(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
+        """Compute the link frames where every joint turns by its bends b about y and a about z at the same time.
+
+        A turn by θ about a unit vector k takes v to cos θ v + sin θ k × v + (1 − cos θ) (k · v) k; at constant rates of
+        the bends, the mean of such turns by 0 to θ takes the rate of the rotation vector to the angular velocity.
+        """
+        shape = (len(positions), arm.links, 3)
+        frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
+        basis = np.broadcast_to(arm.base_rotation.T, (len(positions), 3, 3))
+        bends = bend_pairs(arm, positions)
+        for link in range(arm.links):
+            vector = np.einsum("tb,tbd->td", bends[:, link, ::-1], basis[:, 1:])
+            angle = lengths_of(vector)[:, None, None]
+            about = vector[:, None] / np.maximum(angle, TINY)
+            along = np.sum(basis * about, axis=-1, keepdims=True) * about
+            across = np.cross(about, basis)
+            rates = np.sinc(angle / np.pi)
+            turning = rates * basis + 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2 * across + (1.0 - rates) * along
+            frames.second_axes[:, link], frames.first_axes[:, link] = turning[:, 1], turning[:, 2]
+            basis = np.cos(angle) * basis + np.sin(angle) * across + (1.0 - np.cos(angle)) * along
+            frames.along[:, link], frames.across[:, link] = basis[:, 0], basis[:, 2]
         return frames
 
     @classmethod
@@ -98,12 +125,40 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
     points[:, 0] = arm.base + base_displacement(arm, positions)[:, None] * arm.direction
-    if arm.proportions is not None:
+    if arm.sections is not None:
+        along = along * (tangent_lengths(arm, arc_turns(arm, positions)) / arm.link_length)[..., None]
+    elif arm.proportions is not None:
         along = along * arm.proportions.lengths[:, None]
     np.cumsum(along, axis=1, out=points[:, 1:])
     points[:, 1:] *= arm.link_length
     points[:, 1:] += points[:, :1]
     return points
+
+
+def arc_turns(arm: Arm, values: FloatArray) -> FloatArray:
+    """Return the turns of the arcs about all joints in configurations, or their changes, (T, c); (T, links) [rad]."""
+    return lengths_of(bend_pairs(arm, values))
+
+
+def tangent_lengths(arm: Arm, turns: FloatArray) -> FloatArray:
+    """Return the lengths of links that are tangents of arcs which turn by angles (T, links), shape (T, links) [m].
+
+    An arc of length h that turns by θ has the radius h / θ, and its tangents are h / θ tan(θ / 2) long.
+    """
+    arcs = _arc_lengths(arm)
+    half = np.maximum(0.5 * turns, 1e-8)  # of smaller turns the tangents are half of the arc to the last digit
+    legs = 0.5 * arcs * np.tan(half) / half
+    legs = np.concatenate((legs, np.zeros((len(legs), 1))), axis=1)
+    return np.asarray(legs[:, :-1] + legs[:, 1:])
+
+
+def _arc_lengths(arm: Arm) -> FloatArray:
+    """Return the length of the arc about each joint, 0 of the first, which is at the base, shape (links,) [m]."""
+    sections = arm.sections
+    if sections is None:
+        return np.zeros(arm.links)
+    each = [np.full(count, length / count) for count, length in zip(sections.counts, sections.lengths, strict=True)]
+    return np.concatenate(([0.0], *each))
 
 
 def lengths_of(vectors: FloatArray) -> FloatArray:
@@ -192,6 +247,14 @@ class ChainMotion:
     def points(self) -> FloatArray:
         """Positions of all joints, base first, and of the tip at the samples, shape (T, links + 1, d) [m]."""
         return chain_points(self.arm, self.positions)
+
+    @cached_property
+    def longest_links(self) -> FloatArray:
+        """Greatest length of each link over the motion, shape (links,) [m]."""
+        if self.arm.sections is None:
+            return self.arm.lengths
+        # Turns are convex in time between samples, and lengths grow with them.
+        return np.asarray(np.max(tangent_lengths(self.arm, arc_turns(self.arm, self.positions)), axis=0))
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -307,7 +370,8 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of joint j move with the preceding link;
     S_j = |ω_j at s = ½| + ½ D_j is an upper bound on |ω_j|. A link of length l along the unit vector t adds
     l (ω' × t + ω × (ω × t)) to the second derivative of every point beyond it. In the plane no axis turns, and ω' is
-    zero.
+    zero. The axes of an arc's joint turn themselves by half of the squared change of its rotation vector at most, in
+    the place of |Δa Δb|. Its link grows by l' and l'', which adds |l''| + 2 |l'| |ω|, with the greatest lengths.
 
     Args:
         arm: the arm.
@@ -325,13 +389,45 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     rates = lengths_of(np.cumsum(turns, axis=1))
     each = np.hypot(bends[..., 0], bends[..., 1])
     both = np.abs(bends[..., 0] * bends[..., 1])
+    lengths = np.broadcast_to(arm.lengths, each.shape)
+    growing, bending = np.zeros((2, *each.shape))
+    if arm.sections is not None:
+        both = 0.5 * each**2
+        lengths, growing, bending = _growth_bounds(arm, arc_turns(arm, middle) + 0.5 * each, each)
     fastest = np.zeros(len(bends))
     gain = np.zeros(len(bends))
     for link in range(arm.links):
         gain = gain + fastest * each[:, link] + both[:, link]
         fastest = rates[:, link] + 0.5 * gain
-        second_derivatives[:, link + 1] = second_derivatives[:, link] + arm.lengths[link] * (fastest**2 + gain)
+        added = lengths[:, link] * (fastest**2 + gain) + 2.0 * growing[:, link] * fastest + bending[:, link]
+        second_derivatives[:, link + 1] = second_derivatives[:, link] + added
     return second_derivatives
+
+
+def _growth_bounds(arm: Arm, most: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return bounds on the lengths of tangents of arcs and their first and second derivatives, each (N, links) [m].
+
+    A tangent is h / θ tan(θ / 2) long. With x = θ / 2 its first derivative by θ is h (x sec² x − tan x) / (4 x²), its
+    second h (x² sec² x tan x − x sec² x + tan x) / (4 x³), which bounds that in any direction of the rotation vector.
+    All grow with θ; those of 0.02 rad stand for those of smaller angles, whose differences would lose digits.
+
+    Args:
+        arm: the arm.
+        most: greatest turn of each arc, shape (N, links) [rad].
+        changes: greatest change of each rotation vector, shape (N, links) [rad].
+    """
+    x = 0.5 * np.maximum(most, 0.02)
+    x = np.where(x < 0.5 * np.pi, x, np.inf)
+    with np.errstate(invalid="ignore"):
+        tan = np.where(np.isfinite(x), np.tan(x), np.inf)
+    square = 1.0 + tan**2
+    arcs = _arc_lengths(arm)
+    first = np.where(np.isfinite(x), 0.25 * (x * square - tan) / x**2, np.inf) * changes
+    second = np.where(np.isfinite(x), 0.25 * (x**2 * square * tan - x * square + tan) / x**3, np.inf) * changes**2
+    legs = [np.where(arcs > 0.0, arcs * each, 0.0) for each in (first, second)]
+    ends = [np.concatenate((leg, np.zeros((len(leg), 1))), axis=1) for leg in legs]
+    growing, bending = (end[:, :-1] + end[:, 1:] for end in ends)
+    return tangent_lengths(arm, most), growing, bending
 
 
 def half_travels(chords: FloatArray, second_derivatives: FloatArray) -> FloatArray:

@@ -178,7 +178,7 @@ class LinkProof:
             + motion.deviation_bounds(intervals, k, i)
             + motion.deviation_bounds(intervals, k, j)
         )
-        lengths = motion.arm.lengths
+        lengths = motion.longest_links
         low = most - 0.5 * (lengths.take(i) + lengths.take(j)) * (1.0 + 1e-9) - taken
         exact = low - travel < cutoff
         k, i, j = k[exact], i[exact], j[exact]
@@ -230,6 +230,8 @@ def travels_in_frame(
         j: indices of the moving links, shape (P,).
     """
     arm = motion.arm
+    if arm.sections is not None:  # links grow while joints turn
+        return np.full(len(k), np.inf)
     turns = [motion.turned(at) for at in (intervals.low, intervals.middle, intervals.high)]
     turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
     # Arc lengths in mean lengths of links.
@@ -259,7 +261,7 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
     """
     first, second = distant_pairs(arm)
     middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
-    farthest = float(np.max(arm.lengths)) * (1.0 + 1e-9) + reach + 2.0 * arm.radius
+    farthest = float(np.max(lengths_of(np.diff(poses, axis=1)), initial=0.0)) * (1.0 + 1e-9) + reach + 2.0 * arm.radius
     pose, number = np.nonzero(lengths_of(middles[:, first] - middles[:, second]) <= farthest)
     pairs = Pairs(pose, first[number], second[number])
     k, i, j = pairs.interval, pairs.link, pairs.other

@@ -12,19 +12,21 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
-def bows(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatArray:
+def bows(arm: Arm, rotations: FloatArray, turns: FloatArray, middle: FloatArray | None = None) -> FloatArray:
     """Bounds of the proof on the second derivatives of joints and tip, in C, shape (links + 1,) [m].
 
     Args:
         arm: the arm.
         rotations: of the links in the middle of the interval, shape (links, 3, 3).
         turns: of the joints over the interval, shape (2 links,) [rad].
+        middle: bends in the middle of the interval, shape (2 links,) [rad]; they matter for joints of arcs only.
     """
     bow = np.zeros(arm.links + 1)
     NativeCall(
         "motion_bounds",
         links=arm.links, lengths=arm.lengths, base=arm.base_rotation, speed=np.zeros(arm.links), bow=bow,
         rotations=rotations, turns=turns,
+        bends=np.zeros(2 * arm.links) if middle is None else middle, arcs=arm.arcs,
     )()  # fmt: skip
     return bow
 

@@ -1,0 +1,48 @@
+"""Arms of sections that bend evenly, for tests."""
+
+import numpy as np
+
+from ccm_opt.robot.arc_sections import ArcSections
+from ccm_opt.robot.arm import Arm, Proportions
+
+
+def arc_arm(
+    counts: tuple[int, ...] = (6, 5, 8),
+    lengths: tuple[float, ...] = (0.3, 0.25, 0.2),
+    limit: float = 2.0,
+    radius: float = 0.01,
+    **changes: object,
+) -> Arm:
+    """Return an arm at the origin, straight along x, whose sections each bend by up to a limit about either axis.
+
+    Args:
+        counts: number of arcs of each section.
+        lengths: length of each section [m].
+        limit: bound on each of the two bends of a section [rad].
+        radius: radius of the body about the arcs [m].
+        **changes: further fields of the arm.
+    """
+    sections = ArcSections(np.array(counts), np.array(lengths), np.full(len(counts), limit))
+    n = sections.links
+    mean = float(np.mean(sections.link_lengths))
+    radii = radius + sections.deviations()
+    limits = np.repeat(sections.joint_limits, 2)
+    shares = Proportions(sections.link_lengths / mean, radii / np.max(radii), limits / np.max(limits))
+    values: dict[str, object] = {
+        "links": n,
+        "link_length": mean,
+        "radius": float(np.max(radii)),
+        "base": np.zeros(3),
+        "direction": np.array([1.0, 0.0, 0.0]),
+        "up": np.array([0.0, 0.0, 1.0]),
+        "joint_limit": float(np.max(limits)),
+        "base_limit": 3.0,
+        "self_collision": True,
+        "mount_length": radius,
+        "masses": np.full(n, 0.1),
+        "inertia_axial": np.full(n, 3e-5),
+        "inertia_transverse": np.full(n, 4e-5),
+        "proportions": shares,
+        "sections": sections,
+    }
+    return Arm(**(values | changes))  # type: ignore[arg-type]

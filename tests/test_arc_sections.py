@@ -1,0 +1,99 @@
+"""Sections that bend evenly: their links are the tangents of true arcs, and bounds on their motion hold."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.robot.arc_sections import arc_deviation
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.distances.enclosures import segment_distances
+from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
+from tests.arc_arms import arc_arm
+from tests.oracles.space_certificate import bows
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def tip_of_arcs(arm: Arm, bends: FloatArray) -> FloatArray:
+    """Pose (4, 4) of the tip for bends of the sections, as a product of exponentials of constant twists."""
+    assert arm.sections is not None
+    pose = np.eye(4)
+    pose[:3, :3] = arm.base_rotation
+    for (a, b), length in zip(bends.reshape(-1, 2), arm.sections.lengths, strict=True):
+        pose = pose @ expm(np.array([[0.0, -a, b, length], [a, 0.0, 0.0, 0.0], [-b, 0.0, 0.0, 0.0], [0.0] * 4]))
+    return pose
+
+
+def bent(arm: Arm, seed: int, share: float = 1.0) -> FloatArray:
+    """Random configuration of an arm with independent joints, within a share of the limits, shape (c,)."""
+    return share * np.random.default_rng(seed).uniform(-arm.bend_limits, arm.bend_limits)
+
+
+@given(SEEDS, st.sampled_from([1e-9, 1e-3, 1.0]))
+def test_tip_is_that_of_the_true_arcs(seed: int, share: float) -> None:
+    """Position and rotation of the last link's end are those of arcs of constant curvature, however few the links."""
+    arm = arc_arm((1, 2, 7))
+    assert arm.sections is not None
+    bends = share * np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
+    q = arm.sections.coupling @ bends
+    expected = tip_of_arcs(arm, bends)
+    np.testing.assert_allclose(arm.joint_positions_at(q)[-1], expected[:3, 3], atol=1e-13)
+    np.testing.assert_allclose(arm.link_rotations(q)[-1], expected[:3, :3], atol=1e-13)
+    np.testing.assert_allclose(arm.sections.drives(q), bends, atol=1e-14)
+
+
+@given(st.floats(0.01, 1.0), st.floats(1e-6, 1.5))
+def test_arc_is_within_its_deviation_of_its_tangents(length: float, turn: float) -> None:
+    """The deviation is the greatest distance of an arc from the two tangents at its ends."""
+    s = np.linspace(0.0, 1.0, 201)
+    angle = s * turn
+    arc = length * np.stack(
+        (s * np.sinc(angle / np.pi), s * np.sin(0.5 * angle) * np.sinc(0.5 * angle / np.pi)), axis=1
+    )
+    arc = np.column_stack((arc, np.zeros(len(s))))
+    leg = 0.5 * length * np.tan(0.5 * turn) / (0.5 * turn)
+    corner = np.array([leg, 0.0, 0.0])
+    gaps = [segment_distances(arc, arc, *(np.broadcast_to(p, arc.shape) for p in ends))[2]
+            for ends in ((np.zeros(3), corner), (corner, arc[-1]))]  # fmt: skip
+    np.testing.assert_allclose(np.max(np.minimum(*gaps)), arc_deviation(length, turn), rtol=2e-4, atol=1e-12)
+
+
+@given(SEEDS, st.sampled_from([1e-4, 1.0]))
+def test_derivatives_are_those_of_the_places(seed: int, share: float) -> None:
+    """Derivatives of points and rotations agree with differences, also where links grow."""
+    arm = arc_arm((2, 3), (0.2, 0.3))
+    q = bent(arm, seed, share)
+    pose = pose_with(arm, np.zeros(len(q)), q, np.eye(len(q)))
+    step = 1e-6 * np.eye(len(q))
+    moving = (arm.joint_positions_at(q + step) - arm.joint_positions_at(q - step)) / 2e-6
+    np.testing.assert_allclose(pose.moving, np.moveaxis(moving, 0, -1), atol=1e-8)
+    turning = (arm.link_rotations(q + step) - arm.link_rotations(q - step)) / 2e-6
+    spin = np.einsum("pnij,nkj->nikp", turning, pose.frames)
+    np.testing.assert_allclose(pose.turning, np.stack((spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]), axis=1), atol=1e-8)
+
+
+@given(SEEDS, st.sampled_from([0.01, 0.3, 1.0]))
+def test_bounds_hold_for_second_derivatives(seed: int, share: float) -> None:
+    """No point of the arm is accelerated by more than planner and verifier bound, while its joints turn evenly."""
+    arm = arc_arm((3, 4), (0.2, 0.3), limit=1.2)
+    middle, turns = bent(arm, seed, 1.0 - share), bent(arm, seed + 1, share)
+    u = np.linspace(-0.5, 0.5, 31)[:, None]
+    step = 2e-4
+    points = [arm.joint_positions_at(middle + (u + shift) * turns) for shift in (-step, 0.0, step)]
+    seen = np.max(np.linalg.norm(points[0] - 2.0 * points[1] + points[2], axis=2), axis=0) / step**2
+    assert np.all(seen <= bows(arm, arm.link_rotations(middle), turns, middle) + 1e-7)
+    assert np.all(seen <= acceleration_bounds(arm, middle[None], turns[None])[0] + 1e-7)
+
+
+@given(SEEDS, st.sampled_from([0.0, 1e-7, 1.0]))
+def test_verifier_has_the_same_links(seed: int, share: float) -> None:
+    """The verifier's own kinematics of arcs give the same places and directions of the links."""
+    arm = arc_arm()
+    q = bent(arm, seed, share)
+    np.testing.assert_allclose(chain_points(arm, q[None])[0], arm.joint_positions_at(q), atol=1e-13)
+    frames = LinkFrames.from_configurations(arm, q[None])
+    np.testing.assert_allclose(frames.along[0], arm.link_rotations(q)[:, :, 0], atol=1e-13)
+    np.testing.assert_allclose(frames.across[0], arm.link_rotations(q)[:, :, 2], atol=1e-13)
