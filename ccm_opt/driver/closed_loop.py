@@ -211,13 +211,8 @@ def _at_a_smaller_step(motion: SimulatedMotion, requested: SimulationVerdict) ->
     """
     verdict = motion.verdict
     if verdict.followed:
-        # Details of the run at too long a step say nothing about an arm that follows.
-        failed = (
-            "the integration diverged"
-            if requested.outcome == "diverged"
-            else f"{requested.outcome}: {requested.reason}"
-        )
-        reason = f"with steps of {verdict.step:g} s; with simulation.step = {requested.step:g} s, {failed}"
+        # Details of the run at too long a step say nothing about an arm that follows, and are not reproducible.
+        reason = f"with steps of {verdict.step:g} s, but not with simulation.step = {requested.step:g} s"
         return replace(motion, verdict=replace(verdict, reason=reason))
     before = f"with simulation.step = {requested.step:g} s, {requested.outcome}: {requested.reason}"
     return replace(motion, verdict=replace(verdict, reason=f"{verdict.reason}; {before}" if verdict.reason else before))

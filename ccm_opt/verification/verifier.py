@@ -116,8 +116,7 @@ def left_unchecked(
 
 
 def _mount_note(arm: Arm) -> str:
-    # A link that the mount covers up to rounding is checked against walls at its end only, so it counts as covered.
-    whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
+    whole = int((exposed_starts(arm) == 1.0).sum())
     if whole == arm.links:
         return "clearance to walls was not checked: the whole arm counts as its mount"
     return f"clearance to walls was not checked for links 1 to {whole}, which belong to the mount" if whole else ""

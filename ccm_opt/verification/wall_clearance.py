@@ -257,7 +257,9 @@ def exposed_starts(arm: Arm) -> FloatArray:
     """
     shares = arm.lengths / arm.link_length
     starts = np.concatenate(([0.0], np.cumsum(shares)[:-1]))
-    return np.clip((arm.mount_length / arm.link_length - starts) / shares, 0.0, 1.0)
+    within = np.clip((arm.mount_length / arm.link_length - starts) / shares, 0.0, 1.0)
+    # What rounding leaves of a link whose end is that of the mount is not there.
+    return np.where(within > 1.0 - 1e-9, 1.0, within)
 
 
 def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
