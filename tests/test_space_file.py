@@ -32,7 +32,8 @@ def refusals(text: str) -> list[tuple[int, str, str]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "obstacles"), [("elbow", 9), ("wing-box", 11), ("blade-row", 4), ("swan-neck-in-space", 2)]
+    ("name", "obstacles"),
+    [("elbow", 9), ("wing-box", 11), ("blade-row", 4), ("borescope", 4), ("swan-neck-in-space", 2)],
 )
 def test_shipped_problems_are_read(name: str, obstacles: int) -> None:
     """The problems in space that come along are read, with their meshes hashed."""
