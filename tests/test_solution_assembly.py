@@ -198,11 +198,11 @@ def refuse_steps_above(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_smaller_step_is_tried_first(swing: Solution, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half the step, and half of that, are tried until the arm follows; the verdict says what was used."""
+    """Half the step, and half of that, are tried until the arm follows twice; the verdict says what was used."""
     refuse_steps_above(0.3e-3, monkeypatch)
     motion, _ = simulate_and_check(swing.problem, swing.trajectory, swing.joints)
     assert motion.verdict.followed
-    assert motion.verdict.step == 0.25e-3
+    assert motion.verdict.step == 0.125e-3
     assert "but not with simulation.step = 0.001 s" in motion.verdict.reason
 
 
@@ -222,7 +222,7 @@ def test_where_a_step_too_long_leads_is_not_told_of_an_arm_that_follows(
     monkeypatch.setattr(closed_loop, "simulated_once", diverges)
     motion, _ = simulate_and_check(swing.problem, swing.trajectory, swing.joints)
     assert motion.verdict.followed
-    assert motion.verdict.reason == "with steps of 0.0005 s, but not with simulation.step = 0.001 s"
+    assert motion.verdict.reason == "with steps of 0.00025 s, but not with simulation.step = 0.001 s"
 
 
 def test_what_no_step_mends_is_a_verdict(swing: Solution, monkeypatch: pytest.MonkeyPatch) -> None:

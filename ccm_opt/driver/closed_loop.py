@@ -102,8 +102,8 @@ def simulate_and_check(
     """Return the simulation of a plan and its figures of merit; an arm that does not follow the plan raises no error.
 
     If the arm does not follow the plan, the simulation is repeated with smaller steps, since the integration may be at
-    fault. The result is the first run in which the arm follows, else the run with the problem's step, unless a smaller
-    step gives a better outcome.
+    fault, until it follows twice in a row. The result is the last run in which the arm follows, else the run with the
+    problem's step, unless a smaller step gives a better outcome.
 
     Args:
         problem: the problem, which gives arm, limits, obstacles and simulation options.
@@ -117,16 +117,15 @@ def simulate_and_check(
     best = requested
     before = requested
     step = problem.simulation.step
-    for _ in range(_STEP_HALVINGS):
-        if best.rank == 0:
-            break
+    # A step with which the arm only just follows may amplify rounding, so it has to follow with half of that too.
+    for _ in range(_STEP_HALVINGS if requested.rank else 0):
         step = 0.5 * step
         finer = replace(problem, simulation=replace(problem.simulation, step=step))
         judged = simulated_once(finer, trajectory, joints)
         # Among equals the smaller step is the more exact one.
         if judged.rank < requested.rank and judged.rank <= best.rank:
             best = judged
-        if _alike(before, judged, _SAME_ERROR):
+        if before.rank == judged.rank == 0 or _alike(before, judged, _SAME_ERROR):
             break
         before = judged
     motion = best.motion if best is requested else _at_a_smaller_step(best.motion, requested.motion.verdict)
