@@ -7,7 +7,8 @@ import shapely
 
 from ccm_opt.planning.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .arms import plain_arm

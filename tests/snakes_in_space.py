@@ -9,7 +9,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.space_task import SpaceTask, tip_box
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.rigid_motions import turn_towards
 

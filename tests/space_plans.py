@@ -10,7 +10,7 @@ from ccm_opt.dynamics.retiming import retime
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.problem import JointPose, Problem, SimulationOptions, TipGoal, Tolerances
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners

@@ -16,7 +16,8 @@ from ccm_opt.cli.compare.space_clutter import arm_of_links, axes_of, links_apart
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.solution import Check, JointTrajectory
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
@@ -24,7 +24,7 @@ def checks(case: Case, time: FloatArray, positions: FloatArray, accelerations: F
     coordinates = case.problem.arm.coordinates
     motion = JointTrajectory(time, positions, np.zeros_like(positions), accelerations, coordinates)
     states = replace(case.states, base_forces=np.zeros((len(time), 1)))
-    found = check_base_axes(case.problem, motion, states, (np.zeros((len(time), 3 * LINKS)), np.zeros(len(time))))
+    found = check_base_axes(case.problem, motion, states, (np.zeros((len(time), 3 * LINKS)), np.zeros((len(time), 1))))
     return {check.name: check for check in found}
 
 

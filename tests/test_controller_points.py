@@ -169,7 +169,7 @@ def test_what_efforts_do_between_looks_is_within_the_bound(seed: int, quintic: b
         torques, force = drive_efforts(
             arm, problem.simulation.gravity, *(message.at(segments, at, order) for order in range(3))
         )
-        for values in (torques, force[:, None]):
+        for values in (torques, force):
             bowed = np.abs(values[1] - 0.5 * (values[0] + values[2]))
             assert np.all(bowed <= steps.length[k] ** 2 / 8.0 * bow[k] + 1e-9)
 

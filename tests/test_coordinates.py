@@ -12,7 +12,8 @@ from ccm_opt.core.errors import RetimingError
 from ccm_opt.dynamics.retiming import joined, retime, reversed_trajectory
 from ccm_opt.problem import JointPose, Limits
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 from ccm_opt.robot.frames import revolute_angles
 from tests.retiming_paths import even_limits, make_path, random_control, slim_arm

@@ -40,7 +40,7 @@ from ccm_opt.driver.legs import recorded_path
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .diagnosis_families import FAMILIES, GRAVITY, Case, make_case, string_round

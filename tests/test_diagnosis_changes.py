@@ -18,7 +18,7 @@ from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 

@@ -21,7 +21,8 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
 )
 from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
-from ccm_opt.robot.arm import Arm, Axes, Feed
+from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.jacobians import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction

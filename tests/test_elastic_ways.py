@@ -18,7 +18,8 @@ from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.planning.tip_ways import SpaceTipWays
 from ccm_opt.planning.way_strategies import SpaceRun
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.biarc import free_before
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -8,7 +8,7 @@ from ccm_opt.driver.pipeline import solve
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 
 from .conftest import SMALL_PROBLEM
 

@@ -23,7 +23,7 @@ from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.benchmarks.feed_families import short_range

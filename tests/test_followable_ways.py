@@ -24,7 +24,7 @@ from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.planning.tip_ways import bend_allowances
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.planning.withdrawals import withdrawal_poses
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.arms import limits_at
 from tests.oracles.followable_ways import SearchByPython

@@ -17,7 +17,7 @@ from ccm_opt.planning.baseline.operators import Shapes
 from ccm_opt.planning.baseline.plans import Follower
 from ccm_opt.planning.baseline.schemas import scm_0
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 

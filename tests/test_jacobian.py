@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.robot.arm import Arm, Axes, Feed
+from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
 from ccm_opt.robot.inverse_kinematics import ball_angles
 from ccm_opt.robot.jacobians import point_jacobians, tip_jacobian

@@ -11,7 +11,7 @@ from ccm_opt.cli.commands import app
 from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.limits.following import leaders_path
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from tests.snakes_in_space import snake
 
 THERE_AND_BACK = """

@@ -15,7 +15,7 @@ from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.leader_motion import keyframes_behind_tip, tube_bound
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.biarc import straight_at_exit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from tests.snakes_in_space import snake

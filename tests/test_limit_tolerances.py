@@ -8,7 +8,7 @@ import pytest
 
 from ccm_opt.problem import JointPose, Problem, SimulationOptions, Tolerances
 from ccm_opt.problem.solution import Check, JointTrajectory
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
 from tests.pinned.scenes import LINKS, plan_of, states_of

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.certificate import Certificate, MotionParts, PairProofs, allowed_contact
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.cli.compare.ompl_peer import SampledJoints
 from ccm_opt.cli.compare.space_clutter import space_clutter
 from ccm_opt.planning.surface_certificate import SpaceCertificate
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.arms import held_bends
 from tests.snakes_in_space import snake

@@ -12,7 +12,7 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_
 from ccm_opt.dynamics.algorithms.in_plane import free, in_plane
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, DynamicsKind
 from ccm_opt.dynamics.simulation.controller import CompiledLoop
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from tests.dynamics_arms import swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
 

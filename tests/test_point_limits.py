@@ -23,7 +23,8 @@ from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.points import point_at_arc_length
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.limits import check_points

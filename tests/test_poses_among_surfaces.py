@@ -16,7 +16,7 @@ from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.pose_settings import DEFAULT_POSES
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace

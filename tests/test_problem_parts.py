@@ -17,7 +17,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.problem import SimulationOptions, VerificationOptions
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 
 from .conftest import PROBLEMS
 from .test_problem_data import assert_same

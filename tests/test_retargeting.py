@@ -12,7 +12,8 @@ from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.problem import JointPose, Limits, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from tests.dynamics_arms import carried, smooth_trajectory, swan_neck
 
 WEIGHT = np.array([0.0, 0.0, -9.81])

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.robot_models import mjcf_text, scene_meshes, triangles_stl, urdf_text
 from ccm_opt.io.scene_solids import SolidScene, convex_parts, prism_mesh, solid_scene
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.dynamics_arms import loose_limits, swan_neck

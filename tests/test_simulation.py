@@ -18,7 +18,8 @@ from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_loop import InterpretedLoop

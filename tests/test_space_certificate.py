@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.settings import SpaceCertificateSettings
 from ccm_opt.planning.surface_certificate import SpaceCertificate
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -12,7 +12,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from tests.snakes_in_space import balls, snake, task_of
 

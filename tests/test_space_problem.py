@@ -8,7 +8,7 @@ import pytest
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
 from ccm_opt.scene.workspace import Obstacle
 

@@ -11,7 +11,7 @@ from ccm_opt.planning.limits.limit_stack import ContactLimit
 from ccm_opt.planning.limits.surface_rows import clearance_shortfall, motion_rows
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from tests.snakes_in_space import balls, snake, task_of
 
 WANTED = 0.02

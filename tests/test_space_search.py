@@ -23,7 +23,7 @@ from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Weights
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
 from tests.arms import held_bends

@@ -8,7 +8,7 @@ import pytest
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import JointPose, Stop, TipGoal
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.solution import JointTrajectory, ToleratedError
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.tolerance.error_model import (

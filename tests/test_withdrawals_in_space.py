@@ -11,7 +11,7 @@ from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.planning.withdrawals import turned_over, withdrawal_poses
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of

@@ -7,7 +7,8 @@ import numpy as np
 
 from ccm_opt.cli.compare.space_clutter import arm_of_links
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, RigidPlacement
 
 from .space_shapes import ORIGIN, Bodies, Route, UselessDraw, bands, outline_about, sheet, thick_plate, unit

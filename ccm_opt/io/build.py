@@ -37,7 +37,8 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.robot.arm import Arm, Feed, MappingName
+from ccm_opt.robot.arm import Arm, MappingName
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
 from ccm_opt.robot.link_layout import Proportions

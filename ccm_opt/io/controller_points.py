@@ -110,13 +110,13 @@ def slowed(
     velocities, accelerations = plan.velocities / factor, plan.accelerations / factor**2
     slower = replace(plan, time=factor * plan.time, velocities=velocities, accelerations=accelerations)
     states = (plan.positions, velocities, accelerations)
-    torques, force = drive_efforts(problem.arm, problem.simulation.gravity, *states)
+    torques, forces = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     return slower, replace(
         joints,
         velocities=joints.velocities / factor,
         accelerations=joints.accelerations / factor**2,
         torques=torques,
-        base_forces=np.repeat(force[:, None], joints.base_forces.shape[1], axis=1),
+        base_forces=forces,
     )
 
 
@@ -335,12 +335,14 @@ class _Choice:
         return used if used > 1.0 else max(used, *self._efforts_used(q, v, a))
 
     def _efforts_used(self, *states: FloatArray) -> tuple[float, float]:
-        limits = self.problem.limits
-        if limits.torque is None and limits.feed_force is None:
+        problem = self.problem
+        limits = problem.limits.of_drives(problem.arm.coordinates).effort
+        if not np.any(np.isfinite(limits)):
             return 0.0, 0.0
-        torques, force = drive_efforts(self.problem.arm, self.problem.simulation.gravity, *states)
-        torque = 0.0 if limits.torque is None else float(np.max(np.abs(torques) / limits.torque))
-        return torque / _USED, float(np.max(np.abs(force))) / (limits.feed_force or np.inf) / _USED
+        efforts = np.column_stack(drive_efforts(problem.arm, problem.simulation.gravity, *states))
+        shares = np.max(np.abs(efforts) / limits, axis=0) / _USED
+        revolutes = problem.arm.coordinates.revolutes
+        return float(np.max(shares[:revolutes])), float(np.max(shares[revolutes:], initial=0.0))
 
 
 def _unit_curve(orders: int) -> FloatArray:

@@ -6,17 +6,17 @@
 typedef struct {
     int64_t links;
     const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
-    const double *bends;     /* in the middle of the interval, (2 links,) */
+    const double *bends;     /* coordinates in the middle of the interval, (2 links + count,) */
     const double *rotations; /* of the links in the middle of the interval, (links, 3, 3) */
-    const double *turns;    /* of the joints over the interval, (2 links,) */
-    const double *base;     /* rotation of the base, (3, 3) */
+    const double *turns;     /* changes of the coordinates over the interval, (2 links + count,) */
+    Carrier carrier;
     double *speed;          /* out: bounds on the rates of turning of the links, (links,) */
     double *bow;            /* out: bounds on the second derivatives of joints and tip, (links + 1,) */
 } MotionQuery;
 
 PUBLIC void motion_bounds(MotionQuery *q)
 {
-    bound_motion(q->links, q->lengths, q->arcs, q->base, q->bends, q->rotations, q->turns, q->speed, q->bow);
+    bound_motion(q->links, q->lengths, q->arcs, &q->carrier, q->bends, q->rotations, q->turns, q->speed, q->bow);
 }
 
 typedef struct {

@@ -179,7 +179,8 @@ static double link_room(const Motions *m, int64_t link, const double *joint, dou
 /* Rooms of the links of a pose, (links,); returns whether it touches nothing. */
 static int pose_room(const Motions *m, const double *q, double *points, double *room)
 {
-    place_links(m->links, m->lengths, m->arcs, 0, m->place, m->base, q, points, points + 3 * (m->links + 1));
+    Carrier fixed = {0, NULL, m->place, m->base};
+    place_links(m->links, m->lengths, m->arcs, &fixed, q, points, points + 3 * (m->links + 1));
     /* The tip is what meets walls first. */
     for (int64_t j = m->links - 1; j >= m->first_link; j--) {
         room[j] = link_room(m, j, points + 3 * j, j == m->first_link ? m->mount : 0.0);

@@ -10,7 +10,7 @@
 double segment_gap(const Surfaces *surfaces, const double *segment, double reach, double slack);
 
 typedef struct {
-    int64_t links, fed, first_link; /* links before the first are not looked at */
+    int64_t links, first_link;      /* links before the first are not looked at */
     const int32_t *next_pair;       /* as in arm_motion.c */
     int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
     const double *arcs; /* as in link_places.h, or missing */
@@ -19,7 +19,8 @@ typedef struct {
     const double *wall;             /* distances that the links' axes keep from surfaces, (links,) */
     double longest, thickest, pair; /* length and radius; gap that links keep from each other */
     double slack;         /* share of a link's motion by which distances may be told too small at first */
-    const double *start, *base, *before, *after;
+    Carrier carrier;
+    const double *before, *after;
     const Surfaces *surfaces; /* may be missing */
     double *end, *told; /* for the next call: where this one ends, and (2, 2, links) distances there */
 } ProofQuery;
@@ -52,11 +53,11 @@ typedef struct {
     double *first, *last;
 } Pairs;
 
-static int64_t coordinates(const ProofQuery *q) { return 2 * q->links + q->fed; }
+static int64_t coordinates(const ProofQuery *q) { return 2 * q->links + q->carrier.count; }
 
 static int64_t place_size(const ProofQuery *q) { return coordinates(q) + 3 * (q->links + 1) + 9 * q->links; }
 
-static int64_t interval_size(const ProofQuery *q) { return place_size(q) + 5 * (q->links + 1) + 3 * q->links; }
+static int64_t interval_size(const ProofQuery *q) { return place_size(q) + 5 * (q->links + 1) + q->links + coordinates(q); }
 
 static Place place_in(const ProofQuery *q, double *memory)
 {
@@ -66,7 +67,7 @@ static Place place_in(const ProofQuery *q, double *memory)
 
 static void put(const ProofQuery *q, const Place *place)
 {
-    place_links(q->links, q->lengths, q->arcs, q->fed, q->start, q->base, place->bends, place->points, place->rotations);
+    place_links(q->links, q->lengths, q->arcs, &q->carrier, place->bends, place->points, place->rotations);
 }
 
 static Interval interval_between(const ProofQuery *q, const Place *first, const Place *last, double *memory)
@@ -75,12 +76,12 @@ static Interval interval_between(const ProofQuery *q, const Place *first, const 
     Interval interval = {place_in(q, memory), memory + place_size(q), NULL, NULL};
     interval.bows = interval.chords + 3 * (n + 1);
     interval.speeds = interval.bows + n + 1;
-    double *turns = interval.speeds + n + 1, *rates = turns + 2 * n;
+    double *turns = interval.speeds + n + 1, *rates = turns + coordinates(q);
     for (int64_t k = 0; k < coordinates(q); k++)
         interval.middle.bends[k] = 0.5 * (first->bends[k] + last->bends[k]);
     put(q, &interval.middle);
-    for (int64_t k = 0; k < 2 * n; k++) turns[k] = last->bends[k] - first->bends[k];
-    bound_motion(n, q->lengths, q->arcs, q->base, interval.middle.bends, interval.middle.rotations, turns, rates,
+    for (int64_t k = 0; k < coordinates(q); k++) turns[k] = last->bends[k] - first->bends[k];
+    bound_motion(n, q->lengths, q->arcs, &q->carrier, interval.middle.bends, interval.middle.rotations, turns, rates,
                  interval.bows);
     for (int64_t j = 0; j <= n; j++) {
         double *chord = interval.chords + 3 * j;

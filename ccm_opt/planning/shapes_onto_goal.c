@@ -44,7 +44,8 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
 {
     int64_t n = g->links;
     double *rotations = frames + 3 * (n + 1), size = g->whole, most = 0.0;
-    place_links(n, g->lengths, g->arcs, 0, g->place, g->base, q, frames, rotations);
+    Carrier fixed = {0, NULL, g->place, g->base};
+    place_links(n, g->lengths, g->arcs, &fixed, q, frames, rotations);
     const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
     double ahead[3] = {last[0], last[3], last[6]};
     for (int d = 0; d < 3; d++) {

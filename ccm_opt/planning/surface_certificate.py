@@ -69,11 +69,11 @@ class SpaceCertificate:
         arm = self.arm
         return NativeCall(
             "prove_interval",
-            links=arm.links, fed=len(arm.base_axes), lengths=arm.lengths, arcs=arm.arcs, mount=arm.free_shares,
+            links=arm.links, carrier=arm.carrier_for_c, lengths=arm.lengths, arcs=arm.arcs, mount=arm.free_shares,
             first_link=arm.whole_mount_links, next_pair=arm.next_self_pairs, radii=arm.radii,
             longest=arm.longest_link, thickest=arm.radius,
             wall=self.kept, pair=self.pair_gap, slack=self.settings.slack,
-            start=arm.base, base=arm.base_rotation, before=self._ends[0], after=self._ends[1],
+            before=self._ends[0], after=self._ends[1],
             surfaces=None if self.tree.search is None else self.tree.search.for_c,
             # Results at the end of the previous interval: none at first.
             end=np.full(len(arm.coordinates), np.nan), told=np.zeros((2, 2, arm.links)),

@@ -9,7 +9,8 @@ from ccm_opt.core.arguments import in_words, is_number
 from ccm_opt.core.length_words import file_length
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions, Weights
 from ccm_opt.problem.poses import JointPose, Stop, TipGoal, Tolerances
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.workspace import Obstacle, Workspace
 

@@ -9,10 +9,12 @@ import numpy as np
 
 from ccm_opt.core.arguments import Arguments, is_number
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.arc_sections import ArcSections
+from ccm_opt.robot.base_axes import MOST_AXES, BaseAxis, BaseFrames, Feed, axis_reaches, axis_rows, base_frames
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_layout import LinkLayout, Proportions, fixed
@@ -21,23 +23,6 @@ Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
 HELD_TOLERANCE = ROUNDING
 """Distance before the end of the guide tube within which a joint counts as having left the tube [m]."""
-
-
-@dataclass(frozen=True)
-class Feed:
-    """A linear axis that carries an arm's base through a guide tube, along the heading of the straight arm.
-
-    Positions on the axis are measured from ``Arm.base``.
-
-    Attributes:
-        low: lower bound on the position of the base [m].
-        high: upper bound on the position of the base [m].
-        hole: position of the far end of the guide tube [m]; joints still inside the tube are held straight.
-    """
-
-    low: float
-    high: float
-    hole: float
 
 
 @dataclass(frozen=True)
@@ -73,7 +58,9 @@ class Arm(LinkLayout):
             plane it follows from the heading if that is given.
         up: z axis of the first joint in space, a unit vector perpendicular to the direction, shape (3,).
         axes: order of the three revolute axes of a ball joint; in space only ``zyx`` keeps the roll at zero.
-        feed: the axis that moves the base along the direction, or None if the base is fixed.
+        feed: the axis that moves the base along the direction through a guide tube, or None if there is none.
+        carrier: up to six axes between the ground and the base, from the ground, each prismatic or revolute; base,
+            direction and up are then those where all of them are at zero. Not together with ``feed``.
         payload: point mass carried at the tip [kg].
         rotor_inertia: inertia of the drives, reflected to the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
@@ -100,6 +87,7 @@ class Arm(LinkLayout):
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     axes: Axes = "zyx"
     feed: Feed | None = None
+    carrier: tuple[BaseAxis, ...] = ()
     payload: float = 0.0
     rotor_inertia: FloatArray | float = 0.0
     friction: FloatArray | float = 0.0
@@ -277,7 +265,15 @@ class Arm(LinkLayout):
     @property
     def coordinates(self) -> Coordinates:
         """Layout of the arm's configurations, with name, unit and drive of each of their c coordinates."""
-        return joint_coordinates(self.links, self.bends_a_joint, tuple(FEED for _ in self.base_axes))
+        names = tuple(f"axis {number}" for number in range(1, len(self.carrier) + 1)) or tuple(
+            FEED for _ in self.base_axes
+        )
+        units = tuple(axis.unit for axis in self.base_axes)
+        return joint_coordinates(self.links, self.bends_a_joint, names, units, self._axis_reaches)
+
+    @cached_property
+    def _axis_reaches(self) -> tuple[float, ...]:
+        return axis_reaches(self.carrier, self.base_position, self.length) if self.carrier else ()
 
     @cached_property
     def bend_limits(self) -> FloatArray:
@@ -342,14 +338,15 @@ class Arm(LinkLayout):
             return points
         return np.stack((points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]), axis=-1)
 
-    def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
+    def configuration(self, bends: FloatArray, feed: FloatArray | float) -> FloatArray:
         """Return the configuration with given bends and a given position of the base, shape (c,) [rad, m].
 
         Args:
             bends: bends of the joints, shape (links,) in the plane and (links, 2) in space [rad].
-            feed: position of the base on its feed axis [m]; ignored if the base is fixed.
+            feed: position of the base on its feed axis [m], or of the axes that carry it, shape (k,) [m, rad]; ignored
+                if the base is fixed.
         """
-        return np.append(np.ravel(bends), [feed for _ in self.base_axes])
+        return np.append(np.ravel(bends), np.broadcast_to(feed, len(self.base_axes)) if self.base_axes else [])
 
     def joint_positions_at(self, q: FloatArray) -> FloatArray:
         """Return the positions of the joints and the tip, shape (..., links + 1, d) [m].
@@ -357,9 +354,13 @@ class Arm(LinkLayout):
         Args:
             q: configurations, shape (..., c) [rad, m].
         """
-        if self.dimension == 2:
-            return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
-        return self._in_space(q)[0]
+        if self.dimension == 3:
+            return self._in_space(q)[0]
+        if self.carrier:
+            base = self.carried(q)
+            headings = self.headings(q[..., : self.links]) + (self.turned_base(q) - self.base_heading)[..., None]
+            return self.joint_positions(headings) + (base.place[..., None, [0, 2]] - self.base)
+        return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
 
     def link_rotations(self, q: FloatArray) -> FloatArray:
         """Return the rotation matrices of the links; the first column of each is the direction of the link.
@@ -375,6 +376,8 @@ class Arm(LinkLayout):
         if self.dimension == 3:
             return self._in_space(q)[1]
         headings = self.headings(q[..., : self.links])
+        if self.carrier:
+            headings = headings + (self.turned_base(q) - self.base_heading)[..., None]
         cos = np.cos(headings)
         sin = np.sin(headings)
         return np.stack((np.stack((cos, -sin), axis=-1), np.stack((sin, cos), axis=-1)), axis=-2)
@@ -394,8 +397,8 @@ class Arm(LinkLayout):
         rotations = np.empty((*q.shape[:-1], links, 3, 3))
         NativeCall(
             "places",
-            poses=q.size // q.shape[-1], links=links, fed=len(self.base_axes), lengths=self.lengths,
-            arcs=self.arcs, start=self.base, base=self.base_rotation, q=q, points=positions, rotations=rotations,
+            poses=q.size // q.shape[-1], links=links, lengths=self.lengths, arcs=self.arcs,
+            carrier=self.carrier_for_c, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
 
@@ -441,19 +444,52 @@ class Arm(LinkLayout):
         return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
 
     @property
-    def base_axes(self) -> tuple[Feed, ...]:
-        """Linear axes that carry the base, in the order of their coordinates; empty if the base is fixed."""
-        return () if self.feed is None else (self.feed,)
+    def base_axes(self) -> tuple[Feed | BaseAxis, ...]:
+        """Axes that carry the base, in the order of their coordinates; empty if the base is fixed."""
+        return self.carrier if self.feed is None else (self.feed,)
+
+    @cached_property
+    def axis_rows(self) -> FloatArray:
+        """Kind, direction and point of each axis that carries the base, in the world, shape (k, 7); see ``axis_rows``.
+
+        Raises:
+            ProblemError: there are too many.
+        """
+        if len(self.carrier) > MOST_AXES:
+            raise ProblemError(f"an arm has at most {MOST_AXES} base axes, got {len(self.carrier)}")
+        along = self.base_rotation[:, 0]
+        if self.feed is None:
+            return axis_rows(self.carrier)
+        return axis_rows([BaseAxis(along, self.feed.low, self.feed.high, revolute=False)])
+
+    @cached_property
+    def carrier_for_c(self) -> dict[str, object]:
+        """The axes that carry the base as the fields of ``Carrier`` in link_places.h."""
+        return {
+            "count": len(self.axis_rows),
+            "axes": self.axis_rows,
+            "start": self.base_position,
+            "rotation": self.base_rotation,
+        }
+
+    def carried(self, q: FloatArray) -> BaseFrames:
+        """Return where the base, and the axes that carry it, are in the world in configurations of shape (..., c)."""
+        return base_frames(self.axis_rows, self.base_position, self.base_rotation, q[..., self.coordinates.base])
+
+    def turned_base(self, q: FloatArray) -> FloatArray:
+        """Return the heading of the base of a planar arm in configurations (..., c), shape (...) [rad]."""
+        sense = -self.axis_rows[:, 2] * self.axis_rows[:, 0]  # counter-clockwise in the plane is about -y of the world
+        return np.asarray(self.base_heading + q[..., self.coordinates.base] @ sense)
 
     @property
     def base_range(self) -> tuple[float, float]:
-        """Minimum and maximum displacement of the base along its heading [m]; both 0 if the base is fixed."""
-        return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
+        """Minimum and maximum feed of the base along its heading [m]; both 0 without a feed axis."""
+        return (0.0, 0.0) if self.feed is None else (self.feed.low, self.feed.high)
 
     @property
     def hole(self) -> float:
         """Distance from ``base`` to the end of the last guide tube [m]; −∞ if there is none."""
-        return max((axis.hole for axis in self.base_axes), default=-np.inf)
+        return -np.inf if self.feed is None else self.feed.hole
 
     def held(self, feed: FloatArray | float) -> BoolArray:
         """Return for each joint whether it is still inside the guide tube, which holds it straight.

@@ -4,30 +4,51 @@
 #include "link_places.h"
 
 typedef struct {
-    int64_t poses, links, fed; /* fed is 1 where the last coordinate carries the base, else 0 */
+    int64_t poses, links;
     const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
-    const double *start, *base;  /* place of the first joint without feed, (3,), and rotation of the base, (3, 3) */
-    const double *q;             /* two bends a joint, then the feed, (poses, 2 links + fed) */
-    double *points, *rotations;  /* out: (poses, links + 1, 3) and (poses, links, 3, 3) */
+    Carrier carrier;
+    const double *q;              /* two bends a joint, then the axes of the base, (poses, 2 links + count) */
+    double *points, *rotations;   /* out: (poses, links + 1, 3) and (poses, links, 3, 3) */
 } PlacesQuery;
 
 PUBLIC void places(PlacesQuery *q)
 {
     int64_t n = q->links;
     for (int64_t pose = 0; pose < q->poses; pose++)
-        place_links(n, q->lengths, q->arcs, q->fed, q->start, q->base, q->q + pose * (2 * n + q->fed),
+        place_links(n, q->lengths, q->arcs, &q->carrier, q->q + pose * (2 * n + q->carrier.count),
                     q->points + pose * 3 * (n + 1), q->rotations + pose * 9 * n);
 }
 
 typedef struct {
-    int64_t links, unknowns, fed; /* fed is 1 where the last coordinate carries the base, else 0 */
+    int64_t links, unknowns;
     const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
-    const double *start, *base;   /* place of the first joint without feed, (3,), and rotation of the base, (3, 3) */
-    const double *q;              /* coordinates: two bends a joint, then the feed, (2 links + fed,) */
-    const double *slopes;         /* derivatives of the coordinates by the unknowns, (2 links + fed, unknowns) */
+    Carrier carrier;
+    const double *q;              /* coordinates: two bends a joint, then the axes of the base, (2 links + count,) */
+    const double *slopes;         /* derivatives of the coordinates by the unknowns, (2 links + count, unknowns) */
     double *points, *rotations;   /* out: (links + 1, 3) and (links, 3, 3) */
     double *turning, *moving;     /* out: derivatives of turns, (links, 3, unknowns), of places, (links + 1, 3, unknowns) */
+    double *base_turning;         /* working memory, (3, unknowns) */
 } ChainQuery;
+
+/* Derivatives of the turn, (3, unknowns), and place, (3, unknowns), of the base by the unknowns. */
+static void move_base(const ChainQuery *q, double *rotation, double *turning, double *moving)
+{
+    int64_t p = q->unknowns;
+    double place[3], now[6 * MOST_AXES];
+    place_base(&q->carrier, q->q + 2 * q->links, place, rotation, now);
+    for (int64_t k = 0; k < 3 * p; k++) turning[k] = moving[k] = 0.0;
+    for (int64_t axis = 0; axis < q->carrier.count; axis++) {
+        const double *slopes = q->slopes + (2 * q->links + axis) * p, *z = now + 6 * axis;
+        int turns = q->carrier.axes[AXIS * axis] != 0.0;
+        double off[3] = {place[0] - z[3], place[1] - z[4], place[2] - z[5]};
+        for (int d = 0; d < 3; d++) {
+            int e = (d + 1) % 3, f = (d + 2) % 3;
+            double moved = turns ? z[e] * off[f] - z[f] * off[e] : z[d];
+            for (int64_t k = 0; k < p; k++) moving[d * p + k] += moved * slopes[k];
+            for (int64_t k = 0; turns && k < p; k++) turning[d * p + k] += z[d] * slopes[k];
+        }
+    }
+}
 
 /* Length of a link that consists of tangents of two arcs, and its derivatives by the bends of the joints at its ends. */
 static double grown(const double *arcs, const double *bends, int64_t link, int64_t links, double *of_own,
@@ -45,13 +66,11 @@ static double grown(const double *arcs, const double *bends, int64_t link, int64
 PUBLIC void chain(ChainQuery *q)
 {
     int64_t p = q->unknowns, n = q->links;
-    double axis_a[3], axis_b[3];
-    const double *feed = q->slopes + 2 * n * p;
-    place_links(n, q->lengths, q->arcs, q->fed, q->start, q->base, q->q, q->points, q->rotations);
-    for (int d = 0; d < 3; d++)
-        for (int64_t k = 0; k < p; k++) q->moving[d * p + k] = q->fed ? q->base[3 * d] * feed[k] : 0.0;
+    double base[9], axis_a[3], axis_b[3];
+    place_links(n, q->lengths, q->arcs, &q->carrier, q->q, q->points, q->rotations);
+    move_base(q, base, q->base_turning, q->moving);
     for (int64_t j = 0; j < n; j++) {
-        const double *before = j ? q->rotations + 9 * (j - 1) : q->base;
+        const double *before = j ? q->rotations + 9 * (j - 1) : base;
         const double *after = q->rotations + 9 * j;
         const double *about_a = q->slopes + 2 * j * p, *about_b = about_a + p;
         double *turn = q->turning + 3 * j * p, *move = q->moving + 3 * (j + 1) * p;
@@ -60,7 +79,7 @@ PUBLIC void chain(ChainQuery *q)
         if (q->arcs) length = grown(q->arcs, q->q, j, n, of_own, of_next);
         for (int d = 0; d < 3; d++)
             for (int64_t k = 0; k < p; k++)
-                turn[d * p + k] = (j ? turn[(d - 3) * p + k] : 0.0) + axis_a[d] * about_a[k] + axis_b[d] * about_b[k];
+                turn[d * p + k] = (j ? turn - 3 * p : q->base_turning)[d * p + k] + axis_a[d] * about_a[k] + axis_b[d] * about_b[k];
         for (int d = 0; d < 3; d++) {
             int e = (d + 1) % 3, f = (d + 2) % 3;
             double te = length * after[3 * e], tf = length * after[3 * f];

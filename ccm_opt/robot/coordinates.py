@@ -35,6 +35,8 @@ class Coordinates:
             that carry the base.
         revolutes: number of revolutes.
         bends_a_joint: number of consecutive coordinates that bend the same joint: 1 in the plane, 2 in space.
+        reaches: bound on the displacement of any point of the arm by a unit of each coordinate that carries the base: 1
+            for a prismatic axis, the greatest distance from its axis for a revolute one [m].
         sense: 1 if a bend equals the angle of its revolute, -1 if it is its negative, as in the plane: there bends are
             counter-clockwise in (x, y), which is world x-z, while the revolutes turn about +y.
     """
@@ -46,6 +48,7 @@ class Coordinates:
     revolutes: int
     bends_a_joint: int = 1
     sense: float = -1.0
+    reaches: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -66,6 +69,11 @@ class Coordinates:
         return self.names[self.base]
 
     @property
+    def base_units(self) -> tuple[str, ...]:
+        """Units of the coordinates that carry the base, "m" or "rad"."""
+        return self.units[self.base]
+
+    @property
     def drive_numbers(self) -> IntArray:
         """Index of the drive of each coordinate, shape (c,)."""
         return np.array(self.drives, dtype=np.intp)
@@ -82,7 +90,12 @@ class Coordinates:
 
         Args:
             q: configurations, shape (..., c).
+
+        Raises:
+            ValueError: other axes than a feed axis carry the base.
         """
+        if self.base_names not in {(), (FEED,)}:
+            raise ValueError(f"the axes {', '.join(self.base_names)} do not just move the base along its heading")
         return np.asarray(np.sum(q[..., self.base], axis=-1))
 
     def travel(self, change: FloatArray, lengths: FloatArray | float) -> FloatArray:
@@ -103,11 +116,18 @@ class Coordinates:
         if self.bends_a_joint > 1:
             bends = np.linalg.norm(bends.reshape(*bends.shape[:-1], -1, self.bends_a_joint), axis=-1)
         moved = (lengths * np.abs(np.cumsum(bends, axis=-1))).sum(axis=-1)
-        return np.asarray(moved + np.abs(change[..., self.base]).sum(axis=-1))
+        carried = np.abs(change[..., self.base])
+        return np.asarray(moved + (carried * self.reaches if self.reaches else carried).sum(axis=-1))
 
 
 @lru_cache(maxsize=64)
-def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] = ()) -> Coordinates:
+def joint_coordinates(
+    links: int,
+    bends_a_joint: int = 1,
+    axes: tuple[str, ...] = (),
+    units: tuple[str, ...] = ("m",),
+    reaches: tuple[float, ...] = (),
+) -> Coordinates:
     """Return the layout of an arm's configurations: the bends of its joints, then the axes that carry its base.
 
     Ball joint i has the revolutes 3 i to 3 i + 2, in the order of ``joint_names``. The planar bend is the angle of the
@@ -117,7 +137,9 @@ def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] 
     Args:
         links: number of links.
         bends_a_joint: 1 in the plane, 2 in space.
-        axes: names of the axes that carry the base along its direction.
+        axes: names of the axes that carry the base.
+        units: units of these axes, "m" or "rad".
+        reaches: how far a unit of each of these axes moves the arm at most; by default 1 each.
     """
     revolutes = 3 * links
     in_space = bends_a_joint == 2
@@ -125,12 +147,13 @@ def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] 
     called = (" a", " b") if in_space else ("",)
     return Coordinates(
         names=(*(f"joint {number}{bend}" for number in range(1, links + 1) for bend in called), *axes),
-        units=("rad",) * (bends_a_joint * links) + ("m",) * len(axes),
+        units=("rad",) * (bends_a_joint * links) + units[: len(axes)],
         joints=bends_a_joint * links,
         drives=(*(3 * ball + bend for ball in range(links) for bend in bent), *range(revolutes, revolutes + len(axes))),
         revolutes=revolutes,
         bends_a_joint=bends_a_joint,
         sense=1.0 if in_space else -1.0,
+        reaches=reaches,
     )
 
 
@@ -170,6 +193,7 @@ class Limits:
         jerk: bounds on the jerks of the revolutes [rad/s³], or None for no limit.
         feed_jerk: bound on the jerk of the feed axis [m/s³], or None for no limit.
         points: limits of points of the arm, such as its tip.
+        axes: limits of the axes that carry the base, where they are others than a feed axis.
     """
 
     velocity: FloatArray
@@ -181,20 +205,23 @@ class Limits:
     jerk: FloatArray | None = None
     feed_jerk: float | None = None
     points: tuple[PointLimit, ...] = ()
+    axes: "DriveLimits | None" = None
 
     def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
         """Return the limits of every drive of an arm: all revolutes, then the axes that carry the base."""
-        axes = len(coordinates.base_names)
+        count = len(coordinates.base_names)
+        axes = self.axes
 
-        def both(of_revolutes: FloatArray | None, of_axes: float | None) -> FloatArray:
+        def both(of_revolutes: FloatArray | None, of_feed: float | None, of_axes: FloatArray | None) -> FloatArray:
             joints = np.full(coordinates.revolutes, np.inf) if of_revolutes is None else of_revolutes
-            return np.append(joints, np.full(axes, np.inf if of_axes is None else of_axes))
+            carried = np.full(count, np.inf if of_feed is None else of_feed) if of_axes is None else of_axes
+            return np.append(joints, carried)
 
         return DriveLimits(
-            velocity=both(self.velocity, self.feed_velocity),
-            acceleration=both(self.acceleration, self.feed_acceleration),
-            jerk=both(self.jerk, self.feed_jerk),
-            effort=both(self.torque, self.feed_force),
+            velocity=both(self.velocity, self.feed_velocity, None if axes is None else axes.velocity),
+            acceleration=both(self.acceleration, self.feed_acceleration, None if axes is None else axes.acceleration),
+            jerk=both(self.jerk, self.feed_jerk, None if axes is None else axes.jerk),
+            effort=both(self.torque, self.feed_force, None if axes is None else axes.effort),
         )
 
     def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":

@@ -7,6 +7,65 @@
 
 #include "vectors.h"
 
+#define AXIS 7 /* numbers of an axis */
+#define MOST_AXES 6
+
+/* The axes between the ground and an arm, in order, and the arm's base where all of them are at zero. Of each axis, in
+   the world and at zero: 1 where it is revolute and 0 where it is prismatic, its direction, and a point on it. */
+typedef struct {
+    int64_t count;
+    const double *axes;             /* (count, AXIS) */
+    const double *start, *rotation; /* of the base: the place of the first joint, (3,), and its rotation, (3, 3) */
+} Carrier;
+
+/* Turn a vector by an angle, given by its cosine and sine, about a unit vector. */
+static inline void turn_about(const double *unit, double c, double s, double *v)
+{
+    double along = (1.0 - c) * dot(unit, v);
+    double x = v[0], y = v[1], z = v[2];
+    v[0] = c * x + s * (unit[1] * z - unit[2] * y) + along * unit[0];
+    v[1] = c * y + s * (unit[2] * x - unit[0] * z) + along * unit[1];
+    v[2] = c * z + s * (unit[0] * y - unit[1] * x) + along * unit[2];
+}
+
+/* Move a point by an axis of a carrier. */
+static inline void move_point(const double *axis, double value, double c, double s, double *p)
+{
+    if (axis[0] == 0.0) {
+        for (int d = 0; d < 3; d++) p[d] += axis[1 + d] * value;
+        return;
+    }
+    double off[3] = {p[0] - axis[4], p[1] - axis[5], p[2] - axis[6]};
+    turn_about(axis + 1, c, s, off);
+    for (int d = 0; d < 3; d++) p[d] = axis[4 + d] + off[d];
+}
+
+/* Place of the first joint, (3,), and rotation of the base, (3, 3), at given positions of the axes, and where wanted
+   (else NULL) the directions and points of the axes there, (count, 6). */
+static inline void place_base(const Carrier *carrier, const double *values, double *place, double *rotation, double *now)
+{
+    for (int d = 0; d < 3; d++) place[d] = carrier->start[d];
+    for (int k = 0; k < 9; k++) rotation[k] = carrier->rotation[k];
+    for (int64_t k = carrier->count - 1; k >= 0; k--) {
+        const double *axis = carrier->axes + AXIS * k;
+        int turns = axis[0] != 0.0;
+        double c = turns ? cos(values[k]) : 1.0, s = turns ? sin(values[k]) : 0.0;
+        move_point(axis, values[k], c, s, place);
+        if (turns)
+            for (int column = 0; column < 3; column++) {
+                double v[3] = {rotation[column], rotation[3 + column], rotation[6 + column]};
+                turn_about(axis + 1, c, s, v);
+                for (int d = 0; d < 3; d++) rotation[3 * d + column] = v[d];
+            }
+        if (!now) continue;
+        for (int d = 0; d < 6; d++) now[6 * k + d] = axis[1 + d];
+        for (int64_t later = k + 1; later < carrier->count; later++) {
+            if (turns) turn_about(axis + 1, c, s, now + 6 * later);
+            move_point(axis, values[k], c, s, now + 6 * later + 3);
+        }
+    }
+}
+
 #define MOST_TURN 3.0 /* of an arc whose tangents meet */
 
 /* Twice the ratio of the tangents of an arc to its length, tan(x) / x of half its turn x, and how it changes with the
@@ -80,13 +139,14 @@ static inline void place_tangents(int64_t links, const double *arcs, const doubl
     }
 }
 
-/* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the feed,
-   which carries the start along the base's direction where the arm is fed. Of the arcs about the joints, if there are
+/* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the
+   positions of the axes that carry the base. Of the arcs about the joints, if there are
    any, half the lengths are given, and zero for the tip, (links + 1,). */
-static inline void place_links(int64_t links, const double *lengths, const double *arcs, int64_t fed, const double *start,
-                               const double *base, const double *bends, double *points, double *rotations)
+static inline void place_links(int64_t links, const double *lengths, const double *arcs, const Carrier *carrier,
+                               const double *bends, double *points, double *rotations)
 {
-    for (int d = 0; d < 3; d++) points[d] = start[d] + (fed ? base[3 * d] * bends[2 * links] : 0.0);
+    double base[9];
+    place_base(carrier, bends + 2 * links, points, base, NULL);
     if (arcs) {
         place_tangents(links, arcs, base, bends, points, rotations);
         return;
@@ -125,26 +185,70 @@ static inline LegGrowth leg_growth(double arc, const double *middle, const doubl
     return growth;
 }
 
+/* Bounds on the motion of a frame: its rate of turning in the middle of an interval, and bounds on how much that
+   changes, on its norm, and on the second derivative of the frame's origin. */
+typedef struct {
+    double rate[3], drift, most, bow;
+} FrameMotion;
+
+static inline void turn_frame(FrameMotion *frame, double own_drift)
+{
+    frame->drift += own_drift;
+    const double *w = frame->rate;
+    frame->most = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) + 0.5 * frame->drift;
+}
+
+/* The motion of the base, from the positions of the axes in the middle of the interval and their changes over it. The
+   way from the ground to the first joint leads over the points of the revolute axes, which turn with the axis before,
+   and along the prismatic axes, by as much as they are moved out at most. */
+static inline FrameMotion base_motion(const Carrier *carrier, const double *values, const double *steps, double *rotation)
+{
+    FrameMotion frame = {{0.0, 0.0, 0.0}, 0.0, 0.0, 0.0};
+    double place[3], now[6 * MOST_AXES];
+    place_base(carrier, values, place, rotation, now);
+    const double *last = NULL; /* the point of the last revolute axis, at zero: nothing moves before the first */
+    for (int64_t k = 0; k < carrier->count; k++) {
+        const double *axis = carrier->axes + AXIS * k;
+        double step = fabs(steps[k]), swing = frame.most * frame.most + frame.drift;
+        if (axis[0] == 0.0) {
+            frame.bow += (fabs(values[k]) + 0.5 * step) * swing + 2.0 * frame.most * step;
+            continue;
+        }
+        if (last) {
+            double way[3] = {axis[4] - last[0], axis[5] - last[1], axis[6] - last[2]};
+            frame.bow += sqrt(dot(way, way)) * swing;
+        }
+        last = axis + 4;
+        for (int d = 0; d < 3; d++) frame.rate[d] += steps[k] * now[6 * k + d];
+        turn_frame(&frame, frame.most * step);
+    }
+    if (last) {
+        double way[3] = {carrier->start[0] - last[0], carrier->start[1] - last[1], carrier->start[2] - last[2]};
+        frame.bow += sqrt(dot(way, way)) * (frame.most * frame.most + frame.drift);
+    }
+    return frame;
+}
+
 /* Bounds on the rates of turning of the links, (links,), and on the second derivatives of joints and tip, (links + 1,),
-   from the bends and rotations in the middle of the interval and the turns of the joints over it. A joint's own axes
+   from the coordinates and rotations in the middle of the interval and the changes of the coordinates over it. A joint's own axes
    turn by |da db| at most where it is universal, and by half of da² + db² where it is of an arc: its Jacobian is the mean
    of the rotations by shares u of its vector, which turn by u times the change of the vector at most. */
-static inline void bound_motion(int64_t links, const double *lengths, const double *arcs, const double *base,
+static inline void bound_motion(int64_t links, const double *lengths, const double *arcs, const Carrier *carrier,
                                 const double *bends, const double *rotations, const double *turns, double *speed,
                                 double *bow)
 {
-    double rate[3] = {0.0, 0.0, 0.0}, drift = 0.0, before = 0.0, about_a[3], about_b[3];
+    double base[9], about_a[3], about_b[3];
+    FrameMotion motion = base_motion(carrier, bends + 2 * links, turns + 2 * links, base);
     LegGrowth leg = arcs ? leg_growth(arcs[0], bends, turns) : no_growth;
-    bow[0] = 0.0;
+    bow[0] = motion.bow;
     for (int64_t j = 0; j < links; j++) {
         const double *frame = j ? rotations + 9 * (j - 1) : base;
         const double *after = rotations + 9 * j;
         double da = turns[2 * j], db = turns[2 * j + 1];
         joint_axes(arcs, frame, after, bends + 2 * j, about_a, about_b);
-        for (int d = 0; d < 3; d++) rate[d] += da * about_a[d] + db * about_b[d];
-        drift += before * hypot(da, db) + (arcs ? 0.5 * (da * da + db * db) : fabs(da * db));
-        double norm = sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]);
-        double most = norm + 0.5 * drift;
+        for (int d = 0; d < 3; d++) motion.rate[d] += da * about_a[d] + db * about_b[d];
+        turn_frame(&motion, motion.most * hypot(da, db) + (arcs ? 0.5 * (da * da + db * db) : fabs(da * db)));
+        double most = motion.most, drift = motion.drift;
         speed[j] = most;
         if (arcs) {
             LegGrowth next = no_growth;
@@ -155,7 +259,6 @@ static inline void bound_motion(int64_t links, const double *lengths, const doub
         } else {
             bow[j + 1] = bow[j] + lengths[j] * (most * most + drift);
         }
-        before = most;
     }
 }
 

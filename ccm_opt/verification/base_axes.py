@@ -1,13 +1,14 @@
-"""Checks of the linear axes that carry the base: range, limits, consistency, and straight joints in the guide tube."""
+"""Checks of the axes that carry the base: range, limits, consistency, and straight joints in the guide tube."""
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import BaseAxis, Feed
 from ccm_opt.verification.consistency import check_efforts, check_rates
-from ccm_opt.verification.drives import Efforts, bends_a_ball, sample_words
+from ccm_opt.verification.drives import Efforts, axis_limits, bends_a_ball, sample_words
 from ccm_opt.verification.limits import check_sources, finite_jerks, largest_magnitude, less_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -19,49 +20,51 @@ def check_base_axes(
     needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check ranges, limits and consistency of the linear axes that carry the base; return [] for a fixed base.
+    """Check ranges, limits and consistency of the axes that carry the base; return [] for a fixed base.
 
     Args:
         problem: the problem that the motion is to solve.
         trajectory: sampled motion in the arm's coordinates.
         joints: angles, rates and efforts of the drives at the same samples, as the plan reports them.
-        needed: torques and base force from the verifier's own inverse dynamics.
+        needed: torques and efforts of the base axes from the verifier's own inverse dynamics.
         settings: tolerances.
     """
     checks: list[Check] = []
-    limits = problem.limits
+    limits = axis_limits(problem)
+    bounds = np.stack((limits.velocity, limits.acceleration, limits.jerk, limits.effort), axis=1)
     time = trajectory.time
-    columns = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations, joints.base_forces)
-    for name, axis, *column in zip(
-        trajectory.coordinates.base_names, problem.arm.base_axes, *(each.T for each in columns), strict=True
+    motion = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations)
+    columns = (*motion, joints.base_forces, needed[1])
+    for name, axis, bound, *column in zip(
+        trajectory.coordinates.base_names, problem.arm.base_axes, bounds, *(each.T for each in columns), strict=True
     ):
-        place, speed, gain, force = column
+        place, speed, gain, force, own = column
+        unit = axis.unit
+        effort, effort_unit = ("force", "N") if unit == "m" else ("torque", "N m")
         checks.append(_range(name, axis, time, place, settings))
-        checks.append(_held(problem.arm, axis, place, trajectory, settings))
+        if isinstance(axis, Feed):
+            checks.append(_held(problem.arm, axis, place, trajectory, settings))
         found = [
-            ("velocity", "m/s", limits.feed_velocity or np.inf, [(speed, time), (_slopes(place, time), time[:-1])]),
-            (
-                "acceleration",
-                "m/s²",
-                limits.feed_acceleration or np.inf,
-                [(gain, time), (_slopes(speed, time), time[:-1])],
-            ),
-            ("jerk", "m/s³", limits.feed_jerk, [(finite_jerks(gain, time), np.append(time, time[-1]))]),
-            ("force", "N", limits.feed_force, [(force, time)]),
+            ("velocity", f"{unit}/s", [(speed, time), (_slopes(place, time), time[:-1])]),
+            ("acceleration", f"{unit}/s²", [(gain, time), (_slopes(speed, time), time[:-1])]),
+            ("jerk", f"{unit}/s³", [(finite_jerks(gain, time), np.append(time, time[-1]))]),
+            (effort, effort_unit, [(force, time)]),
         ]
         checks += [
-            check_sources(f"{name} {kind}", unit, limit, sources, settings)
-            for kind, unit, limit, sources in found
-            if limit is not None
+            check_sources(f"{name} {kind}", of_kind, float(limit), sources, settings)
+            for (kind, of_kind, sources), limit in zip(found, bound, strict=True)
+            if np.isfinite(limit) or kind in {"velocity", "acceleration"}
         ]
-        most = limits.feed_acceleration or 0.0
-        checks.append(check_rates(f"{name} velocity against positions", "m/s", (time, place, speed), most))
-        against = f"{name} force against dynamics"
-        checks.append(check_efforts(against, "N", force - needed[1], needed[1], sample_words(time), settings))
+        most = float(bound[1]) if np.isfinite(bound[1]) else 0.0
+        checks.append(check_rates(f"{name} velocity against positions", f"{unit}/s", (time, place, speed), most))
+        against = f"{name} {effort} against dynamics"
+        checks.append(check_efforts(against, effort_unit, force - own, own, sample_words(time), settings))
     return checks
 
 
-def _range(name: str, axis: Feed, time: FloatArray, place: FloatArray, settings: VerificationSettings) -> Check:
+def _range(
+    name: str, axis: Feed | BaseAxis, time: FloatArray, place: FloatArray, settings: VerificationSettings
+) -> Check:
     # Positions are linear between samples, so the samples decide.
     beyond = np.maximum(axis.low - place, place - axis.high)
     k = int(np.argmax(beyond))
@@ -69,7 +72,7 @@ def _range(name: str, axis: Feed, time: FloatArray, place: FloatArray, settings:
     # The nearer end of the range is the one to report.
     bound = axis.high if worst > 0.5 * (axis.low + axis.high) else axis.low
     passed = bool(beyond[k] <= settings.range_tolerance)
-    return Check(f"{name} range", worst, bound, "m", f"t = {time[k]:.4f} s", passed=passed)
+    return Check(f"{name} range", worst, bound, axis.unit, f"t = {time[k]:.4f} s", passed=passed)
 
 
 def _held(

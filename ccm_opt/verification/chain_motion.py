@@ -11,6 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.verification.base_motion import BaseMotion, base_bounds, lengths_of
 from ccm_opt.verification.consistency import point_rounding
 from ccm_opt.verification.drives import as_revolutes
 
@@ -24,10 +25,12 @@ def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
 
 
 def base_displacement(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Convert coordinates (T, c) to the displacement of the base along its direction, shape (T,) [m].
+    """Convert coordinates (T, c) to the displacement of the base along its direction by a feed axis, shape (T,) [m].
 
     The map is linear, so rates and differences of coordinates are converted alike.
     """
+    if arm.carrier:
+        raise ValueError("the base of this arm does not just move along its direction")
     return np.asarray(np.sum(positions[:, arm.coordinates.base], axis=1))
 
 
@@ -58,7 +61,8 @@ class LinkFrames:
         shape = (len(positions), arm.links, 3)
         frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
         # The base frame is right-handed: ahead × left = up.
-        ahead, left, up = (np.broadcast_to(axis, (len(positions), 3)) for axis in arm.base_rotation.T)
+        base = BaseMotion.from_configurations(arm, positions)
+        ahead, left, up = base.ahead, base.left, base.up
         bends = np.ascontiguousarray(bend_pairs(arm, positions).reshape(len(positions), -1).T)
         cosines = np.cos(bends)[:, :, None]
         sines = np.sin(bends)[:, :, None]
@@ -103,7 +107,7 @@ class LinkFrames:
     @classmethod
     def _in_plane(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
         ahead, left, up = arm.base_rotation.T
-        turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)[:, :, None]
+        turned = _turned_in_plane(arm, positions)[:, :, None]
         cosine, sine = np.cos(turned), np.sin(turned)
         across = cosine * up - sine * ahead
         first = np.concatenate((np.broadcast_to(up, (len(across), 1, 3)), across[:, :-1]), axis=1)
@@ -114,17 +118,31 @@ def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
     if arm.dimension == 3:
         return LinkFrames.from_configurations(arm, positions).along
-    turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
+    turned = _turned_in_plane(arm, positions)
     cosine, sine = np.cos(turned), np.sin(turned)
     x, y = arm.direction
     return np.stack((x * cosine - y * sine, y * cosine + x * sine), axis=-1)
+
+
+def _turned_in_plane(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Return the turns of the links of a planar arm from its direction where all base axes are at zero, (T, links)."""
+    turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
+    for axis, value in zip(arm.carrier, positions[:, arm.coordinates.base].T, strict=bool(arm.carrier)):
+        if axis.revolute:
+            # Counter-clockwise in the plane is about minus y of the world.
+            turned = turned - (axis.direction[1] * value)[:, None]
+    return np.asarray(turned)
 
 
 def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the positions of joints, base first, and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
-    points[:, 0] = arm.base + base_displacement(arm, positions)[:, None] * arm.direction
+    if arm.carrier:
+        place = BaseMotion.from_configurations(arm, positions).place
+        points[:, 0] = place if arm.dimension == 3 else place[:, ::2]
+    else:
+        points[:, 0] = arm.base + base_displacement(arm, positions)[:, None] * arm.direction
     if arm.sections is not None:
         along = along * (tangent_lengths(arm, arc_turns(arm, positions)) / arm.link_length)[..., None]
     elif arm.proportions is not None:
@@ -159,11 +177,6 @@ def _arc_lengths(arm: Arm) -> FloatArray:
         return np.zeros(arm.links)
     each = [np.full(count, length / count) for count, length in zip(sections.counts, sections.lengths, strict=True)]
     return np.concatenate(([0.0], *each))
-
-
-def lengths_of(vectors: FloatArray) -> FloatArray:
-    """Return the Euclidean lengths of vectors (..., d), three times as fast as ``numpy.linalg.norm`` for small d."""
-    return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
 
 
 @dataclass(frozen=True)
@@ -371,7 +384,8 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     S_j = |ω_j at s = ½| + ½ D_j is an upper bound on |ω_j|. A link of length l along the unit vector t adds
     l (ω' × t + ω × (ω × t)) to the second derivative of every point beyond it. In the plane no axis turns, and ω' is
     zero. The axes of an arc's joint turn themselves by half of the squared change of its rotation vector at most, in
-    the place of |Δa Δb|. Its link grows by l' and l'', which adds |l''| + 2 |l'| |ω|, with the greatest lengths.
+    the place of |Δa Δb|. Its link grows by l' and l'', which adds |l''| + 2 |l'| |ω|, with the greatest lengths. Where
+    axes carry the base, ω_0, D_0 and S_0 are those of the base.
 
     Args:
         arm: the arm.
@@ -379,14 +393,19 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
         steps: changes of the coordinates from s = 0 to 1, shape (N, c) [rad, m].
     """
     second_derivatives = np.zeros((len(steps), arm.links + 1))
+    base = BaseMotion.from_configurations(arm, middle) if arm.carrier else None
+    if base is not None:
+        base_rate, gain, fastest, second_derivatives[:, 0] = base_bounds(arm, base, middle, steps)
     if arm.dimension == 2:
-        turned = np.cumsum(steps[:, arm.coordinates.bends], axis=1)
+        turned = _turned_in_plane(arm, steps)
         np.cumsum(arm.lengths * turned**2, axis=1, out=second_derivatives[:, 1:])
+        second_derivatives[:, 1:] += second_derivatives[:, :1]
         return second_derivatives
     bends = bend_pairs(arm, steps)
     frames = LinkFrames.from_configurations(arm, middle)
     turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
-    rates = lengths_of(np.cumsum(turns, axis=1))
+    turns = np.cumsum(turns, axis=1)
+    rates = lengths_of(turns if base is None else turns + base_rate[:, None])
     each = np.hypot(bends[..., 0], bends[..., 1])
     both = np.abs(bends[..., 0] * bends[..., 1])
     lengths = np.broadcast_to(arm.lengths, each.shape)
@@ -394,8 +413,8 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     if arm.sections is not None:
         both = 0.5 * each**2
         lengths, growing, bending = _growth_bounds(arm, arc_turns(arm, middle) + 0.5 * each, each)
-    fastest = np.zeros(len(bends))
-    gain = np.zeros(len(bends))
+    if base is None:
+        fastest, gain = np.zeros((2, len(bends)))
     for link in range(arm.links):
         gain = gain + fastest * each[:, link] + both[:, link]
         fastest = rates[:, link] + 0.5 * gain

@@ -258,8 +258,12 @@ def point_rounding(arm: Arm, positions: FloatArray) -> float:
     """
     sizes = np.abs(positions)
     turned = float(np.max(np.sum(sizes[:, arm.coordinates.bends], axis=1)))
-    reach = float(np.max(np.abs(arm.base)) + arm.length + np.max(np.sum(sizes[:, arm.coordinates.base], axis=1)))
-    return (arm.links + 4) * UNIT * (64.0 + 4.0 * turned) * reach
+    moved = float(np.max(np.sum(sizes[:, arm.coordinates.base], axis=1)))
+    if arm.carrier:
+        turned += moved
+        moved += 2.0 * float(np.sum([np.linalg.norm(axis.point) for axis in arm.carrier]))
+    reach = float(np.max(np.abs(arm.base)) + arm.length + moved)
+    return (arm.links + 4 + 4 * len(arm.carrier)) * UNIT * (64.0 + 4.0 * turned) * reach
 
 
 def distance_rounding(size: float) -> float:

@@ -13,11 +13,20 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.coordinates import Coordinates, DriveLimits
 from ccm_opt.robot.frames import joint_names
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
-"""Torques of all revolutes, shape (T, 3 * links) [N m], and force that moves the base, shape (T,) [N]."""
+"""Torques of all revolutes, shape (T, 3 * links) [N m], and efforts of the base axes, shape (T, k) [N, N m]."""
+
+
+def axis_limits(problem: Problem) -> DriveLimits:
+    """Return the limits of the k axes that carry the base, infinite where there is none."""
+    limits, count = problem.limits, len(problem.arm.base_axes)
+    if limits.axes is not None:
+        return limits.axes
+    of_feed = (limits.feed_velocity, limits.feed_acceleration, limits.feed_jerk, limits.feed_force)
+    return DriveLimits(*(np.full(count, np.inf if bound is None else bound) for bound in of_feed))
 
 
 def bends_a_ball(coordinates: Coordinates) -> int:

@@ -9,7 +9,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import ChainMotion, base_displacement, lengths_of
+from ccm_opt.verification.base_motion import lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, base_displacement
 
 _PLACES = 8
 """Number of parts into which a link is divided to measure its distance from the tip path. Heuristic."""

@@ -22,7 +22,8 @@ from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.drives import bend_revolutes, bends_a_ball, describe_bend_joints, largest_bends
+from ccm_opt.verification.base_motion import axis_levers, base_reach
+from ccm_opt.verification.drives import axis_limits, bend_revolutes, bends_a_ball, describe_bend_joints, largest_bends
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
@@ -183,11 +184,10 @@ def check_message_limits(
     found = _rate_shares(problem, steps, settings.bend_tolerance) + _effort_shares(problem, steps)
     dense = steps.trajectory(stops)
     states = (dense.positions, dense.velocities, dense.accelerations)
-    needed = (np.zeros((len(dense.time), 0)), np.zeros(len(dense.time)))
+    needed = (np.zeros((len(dense.time), 0)), np.zeros((len(dense.time), 0)))
     if problem.arm.base_axes:
         needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
-    forces = np.repeat(needed[1][:, None], len(problem.arm.base_axes), axis=1)
-    drives = JointStates((), *states, needed[0], forces)
+    drives = JointStates((), *states, *needed)
     others = [
         *check_points(problem.arm, problem.limits, dense, settings),
         *check_base_axes(problem, dense, drives, needed, settings),
@@ -212,18 +212,17 @@ def _rate_shares(problem: Problem, steps: _Steps, tolerance: float) -> list[tupl
     layout = steps.message.coordinates
     limits = problem.limits
     bends = bend_revolutes(layout)
-    axes = len(layout.base_names)
+    axes = axis_limits(problem)
 
-    def both(of_joints: FloatArray | None, of_axis: float | None) -> FloatArray:
-        joints = np.full(len(bends), np.inf) if of_joints is None else of_joints[bends]
-        return np.append(joints, np.full(axes, np.inf if of_axis is None else of_axis))
+    def both(of_joints: FloatArray | None, of_axes: FloatArray) -> FloatArray:
+        return np.append(np.full(len(bends), np.inf) if of_joints is None else of_joints[bends], of_axes)
 
     bounds = {
         # A locked joint may deviate by rounding.
-        "bend": np.append(np.maximum(largest_bends(problem.arm), tolerance), np.full(axes, np.inf)),
-        "velocity": both(limits.velocity, limits.feed_velocity),
-        "acceleration": both(limits.acceleration, limits.feed_acceleration),
-        "jerk": both(limits.jerk, limits.feed_jerk),
+        "bend": np.append(np.maximum(largest_bends(problem.arm), tolerance), np.full(len(axes.velocity), np.inf)),
+        "velocity": both(limits.velocity, axes.velocity),
+        "acceleration": both(limits.acceleration, axes.acceleration),
+        "jerk": both(limits.jerk, axes.jerk),
     }
     found = []
     names = (*describe_bend_joints(layout), *layout.base_names)
@@ -248,13 +247,17 @@ def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     no effort is limited.
     """
     limits = problem.limits
-    bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
-    if limits.torque is None and limits.feed_force is None:
+    on_axes = axis_limits(problem).effort
+    bounds = [np.inf if limits.torque is None else limits.torque, on_axes]
+    if limits.torque is None and not np.any(np.isfinite(on_axes)):
         return []
     gravity = problem.simulation.gravity
     at_ends = [drive_efforts(problem.arm, gravity, *(steps.ends[order][end] for order in range(3))) for end in (0, 1)]
     found = []
-    for name, bound, values in zip(("torque", "feed force"), bounds, zip(*at_ends, strict=True), strict=True):
+    of_base = "feed force" if problem.arm.feed is not None else "effort of a base axis"
+    for name, bound, values in zip(("torque", of_base), bounds, zip(*at_ends, strict=True), strict=True):
+        if values[0].shape[-1] == 0:
+            continue
         beyond = steps.length**2 / 8.0 * _effort_bow(problem, steps)
         greatest = np.max(np.abs(values), axis=0)
         share = np.max((greatest.T + beyond).T.reshape(len(beyond), -1) / bound, axis=1)
@@ -273,8 +276,9 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     """
     arm = problem.arm
     joints = steps.message.coordinates.joints
-    w, w1, w2, w3 = (np.sum(steps.greatest(order)[:, :joints], axis=1) for order in range(1, 5))
-    base_derivatives = [np.sum(steps.greatest(order)[:, joints:], axis=1) for order in range(2, 5)]
+    # Revolute base axes turn as joints do, at the end of the reach of the arm's own base; prismatic ones move along.
+    turns = np.append(np.ones(joints), [float(axis.unit == "rad") for axis in arm.base_axes])
+    w, w1, w2, w3 = (steps.greatest(order) @ turns for order in range(1, 5))
     # a: angular acceleration and its derivatives, including the rotation of the joint axes; e: those of unit vectors.
     a1 = w1 + w * w
     e1, e2 = w, a1 + w * w
@@ -282,9 +286,16 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     e3 = a2 + 3.0 * w * a1 + w**3
     a3 = w3 + 3.0 * e1 * w2 + 3.0 * e2 * w1 + e3 * w
     e4 = a3 + 4.0 * w * a2 + 3.0 * a1**2 + 6.0 * a1 * w**2 + w**4
+    q1, q2, q3, q4 = (steps.greatest(order) @ (1.0 - turns) for order in range(1, 5))
+    base_derivatives = [q2, q3, q4]
+    if arm.carrier:
+        # A prismatic axis may turn, and so the way along it, of a length q that changes.
+        base_derivatives[0] = q2 + 2.0 * e1 * q1
+        base_derivatives[1] = q3 + 3.0 * e2 * q1 + 3.0 * e1 * q2
+        base_derivatives[2] = q4 + 4.0 * e3 * q1 + 6.0 * e2 * q2 + 4.0 * e1 * q3
     masses = np.append(arm.masses, arm.payload)
     gyration = np.sqrt(np.append(np.maximum(arm.inertia_transverse, arm.inertia_axial) / arm.masses, 0.0))
-    reach = np.append(arm.joint_places[1:], arm.length) + gyration
+    reach = np.append(arm.joint_places[1:], arm.length) + gyration + base_reach(arm)
     gravity = float(np.linalg.norm(problem.simulation.gravity))
     remainder = np.zeros(len(w))
     for mass, lever in zip(masses, reach, strict=True):
@@ -297,8 +308,14 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
         moment = lever * pull
         moment1 = lever * (e1 * pull + pull1)
         moment2 = lever * (e2 * pull + 2.0 * e1 * pull1 + pull2)
+        if arm.carrier:
+            # The lever about an axis of the base changes in length as well.
+            moment1 = moment1 + q1 * pull
+            moment2 = moment2 + (2.0 * e1 * q1 + q2) * pull + 2.0 * q1 * pull1
         remainder += mass * np.maximum(moment2 + 2.0 * e1 * moment1 + e2 * moment, pull2)
+    of_axes = max((axis.inertia for axis in arm.base_axes), default=0.0)
     rotor, friction = (float(np.max(values)) for values in (arm.rotor_inertia, arm.friction))
+    rotor = max(rotor, of_axes)
     each = [np.max(steps.greatest(order), axis=1) for order in (3, 4)]
     return np.asarray(remainder + friction * each[0] + rotor * each[1])
 
@@ -389,7 +406,10 @@ def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
     moved = np.cumsum(arm.lengths * np.abs(np.cumsum(bends, axis=1)), axis=1)
-    return np.asarray(moved + np.sum(np.abs(change[:, layout.joints :]), axis=1, keepdims=True))
+    on_axes = np.abs(change[:, layout.joints :])
+    if arm.carrier:
+        on_axes = on_axes * axis_levers(arm)
+    return np.asarray(moved + np.sum(on_axes, axis=1, keepdims=True))
 
 
 def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:

@@ -15,9 +15,11 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit, Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs, lengths_of
+from ccm_opt.verification.base_motion import lengths_of
+from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs
 from ccm_opt.verification.drives import (
     as_revolutes,
+    axis_limits,
     check_worst,
     describe_bend_joint,
     describe_revolute_joints,
@@ -200,7 +202,8 @@ def check_points(
     checks: list[Check] = []
     time = trajectory.time
     frames = LinkFrames.from_configurations(arm, trajectory.positions)
-    rates = LinkRates.from_frames(arm, frames, trajectory.velocities, trajectory.accelerations)
+    states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    rates = LinkRates.from_frames(arm, frames, *states)
     for limit in limits.points:
         motion = _PointMotion(arm, limit, trajectory, frames, rates)
         if np.isfinite(limit.velocity):
@@ -386,7 +389,7 @@ def effort_limits(problem: Problem) -> FloatArray:
     """Return torque limits of all revolutes [N m], then force limits of the base axes [N]; inf where unlimited."""
     limits = problem.limits
     torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
-    return np.append(torque, [np.inf if limits.feed_force is None else limits.feed_force] * len(problem.arm.base_axes))
+    return np.append(torque, axis_limits(problem).effort)
 
 
 def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
@@ -398,5 +401,4 @@ def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
     if not np.any(np.isfinite(limit)):
         return np.zeros((len(positions), len(limit)))
     rest = np.zeros_like(positions)
-    torques, force = drive_efforts(problem.arm, problem.simulation.gravity, positions, rest, rest)
-    return np.column_stack((torques, *[force] * len(problem.arm.base_axes)))
+    return np.column_stack(drive_efforts(problem.arm, problem.simulation.gravity, positions, rest, rest))

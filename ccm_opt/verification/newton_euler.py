@@ -11,7 +11,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs
+from ccm_opt.verification.base_motion import BaseMotion
+from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs
 
 _AT_ONCE = 256
 """Number of samples per batch, so that the forces and moments of a batch stay in the processor's cache."""
@@ -35,13 +36,17 @@ class LinkRates:
 
     @classmethod
     def from_frames(
-        cls, arm: Arm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray
+        cls, arm: Arm, frames: LinkFrames, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
     ) -> "LinkRates":
-        """Compute the link rates from link frames and from rates and accelerations of the coordinates, each (T, c)."""
+        """Compute the link rates from link frames and from the coordinates and their derivatives, each (T, c)."""
         first, second = bend_pairs(arm, velocities).transpose(2, 0, 1)[..., None]
         first_gain, second_gain = bend_pairs(arm, accelerations).transpose(2, 0, 1)[..., None]
         turn = first * frames.first_axes + second * frames.second_axes
         rate = np.cumsum(turn, axis=1)
+        on = arm.coordinates.base
+        base = BaseMotion.from_configurations(arm, positions).rates(velocities[:, on], accelerations[:, on])
+        if arm.carrier:
+            rate = rate + base.rate[:, None]
         before = rate - turn
         gain = first_gain * frames.first_axes + second_gain * frames.second_axes
         if arm.dimension == 3:
@@ -49,17 +54,18 @@ class LinkRates:
             gain += first * np.cross(before, frames.first_axes)
             gain += second * np.cross(before + first * frames.first_axes, frames.second_axes)
         growth = np.cumsum(gain, axis=1)
+        if arm.carrier:
+            growth = growth + base.growth[:, None]
         swing = np.cross(growth, frames.along) + np.cross(rate, np.cross(rate, frames.along))
         step = arm.lengths[:, None] * swing
-        base = base_displacement(arm, accelerations)[:, None, None] * arm.base_rotation[:, 0]
-        ends = base + np.cumsum(step, axis=1)
+        ends = base.gain[:, None] + np.cumsum(step, axis=1)
         return cls(rate, growth, ends, ends - 0.5 * step)
 
 
 def drive_efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torques of all revolutes, and the force along the base's direction, that a motion requires.
+    """Return the torques of all revolutes, and the efforts of the axes that carry the base, that a motion requires.
 
     Args:
         arm: the arm, with masses, inertia, payload, rotor inertia and friction.
@@ -69,8 +75,8 @@ def drive_efforts(
         accelerations: accelerations of the coordinates, shape (T, c) [rad/s², m/s²].
 
     Returns:
-        The torques, shape (T, 3 * links) [N m], ordered by ball joint with three revolutes each, and the forces, shape
-        (T,) [N].
+        The torques, shape (T, 3 * links) [N m], ordered by ball joint with three revolutes each, and the efforts of the
+        axes, shape (T, k) [N, N m].
     """
     states = (positions, velocities, accelerations)
     starts = range(0, max(len(positions), 1), _AT_ONCE)
@@ -82,9 +88,9 @@ def drive_efforts(
 def _efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torques and base forces of ``drive_efforts`` for one batch of samples."""
+    """Return the torques and efforts of the base of ``drive_efforts`` for one batch of samples."""
     frames = LinkFrames.from_configurations(arm, positions)
-    rates = LinkRates.from_frames(arm, frames, velocities, accelerations)
+    rates = LinkRates.from_frames(arm, frames, positions, velocities, accelerations)
     needed = arm.masses[:, None] * (rates.middles - gravity)
     at_tip = arm.payload * (rates.ends[:, -1:] - gravity)
     # The force of all links beyond link i acts at its full length, the force of link i itself at half its length.
@@ -101,8 +107,10 @@ def _efforts(
     drives = (np.broadcast_to(values, 3 * arm.links).reshape(-1, 3) for values in (arm.rotor_inertia, arm.friction))
     for values, of_drives in zip((accelerations, velocities), drives, strict=True):
         torques[:, :, :2] += of_drives[:, :2] * bend_pairs(arm, values)
-    force = (np.sum(needed, axis=1) + at_tip[:, 0]) @ arm.base_rotation[:, 0]
-    return torques.reshape(len(positions), -1), np.asarray(force)
+    force = np.sum(needed, axis=1) + at_tip[:, 0]
+    on_axes = BaseMotion.from_configurations(arm, positions).efforts(force, moments[:, 0])
+    on_axes += np.array([axis.inertia for axis in arm.base_axes]) * accelerations[:, arm.coordinates.base]
+    return torques.reshape(len(positions), -1), on_axes
 
 
 def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArray:

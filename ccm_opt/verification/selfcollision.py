@@ -5,7 +5,8 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, lengths_of
+from ccm_opt.verification.base_motion import lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import UNIT, distance_rounding
 from ccm_opt.verification.gap_proof import (
     BLOCK,

@@ -12,6 +12,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
 from ccm_opt.verification.drives import (
+    axis_limits,
     bend_revolutes,
     check_worst,
     describe_bend_joint,
@@ -70,11 +71,12 @@ def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationS
     where = sample_words(trajectory.time[places], describe_bend_joints(layout))
     checks = [check_worst("rest", "rad/s", trajectory.bend_velocities[places], bound, where)]
 
-    # An arm with a fixed base has no feed velocity limit, and no axis to check.
-    most = settings.rest_share * (problem.limits.feed_velocity or 0.0)
-    for name, on_axis in zip(layout.base_names, trajectory.base_velocities[places].T, strict=True):
+    bounds = settings.rest_share * axis_limits(problem).velocity
+    on_axes = trajectory.base_velocities[places].T
+    for name, unit, most, on_axis in zip(layout.base_names, layout.base_units, bounds.tolist(), on_axes, strict=True):
         worst = float(np.max(np.abs(on_axis)))
-        checks.append(Check(f"{name} at rest", worst, most, "m/s", "at the ends and stops", passed=worst <= most))
+        when = "at the ends and stops"
+        checks.append(Check(f"{name} at rest", worst, most, f"{unit}/s", when, passed=worst <= most))
     return checks
 
 
@@ -110,10 +112,14 @@ def _whole_arm(
         where = describe_bend_joint(trajectory.coordinates, j)
         passed = worst <= of_joints + _ROUNDING
         checks = [Check(f"{name}joints", worst, of_joints, "rad", where, passed=passed)]
-    for axis, place in zip(trajectory.coordinates.base_names, trajectory.base_positions[sample], strict=True):
-        error = abs(float(place) - pose.feed)
-        passed = error <= of_places + settings.goal_rounding
-        checks.append(Check(f"{name}{axis}", error, of_places, "m", "base", passed=passed))
+    layout = trajectory.coordinates
+    places = np.broadcast_to(pose.feed, len(layout.base_names))
+    for axis, unit, place, wanted in zip(
+        layout.base_names, layout.base_units, trajectory.base_positions[sample], places, strict=True
+    ):
+        error, most = abs(float(place - wanted)), of_places if unit == "m" else of_joints
+        passed = error <= most + settings.goal_rounding
+        checks.append(Check(f"{name}{axis}", error, most, unit, "base", passed=passed))
     return checks
 
 
@@ -234,6 +240,5 @@ def _still(problem: Problem, trajectory: JointTrajectory, sample: int, settings:
     slow = np.all(np.abs(trajectory.bend_velocities) <= slowest, axis=1)
     # A fixed base has no columns, so these conditions hold trivially.
     there &= np.all(away[:, bends:] <= settings.range_tolerance, axis=1)
-    feed = settings.rest_share * (limits.feed_velocity or 0.0)
-    slow &= np.all(np.abs(trajectory.base_velocities) <= feed, axis=1)
+    slow &= np.all(np.abs(trajectory.base_velocities) <= settings.rest_share * axis_limits(problem).velocity, axis=1)
     return np.asarray(there & slow)

@@ -11,8 +11,9 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import ROOM_NAME, Workspace
+from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.body_sides import depth_enclosed, separations
-from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import distance_rounding
 from ccm_opt.verification.gap_proof import (
     BLOCK,

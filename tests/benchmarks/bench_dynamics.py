@@ -34,7 +34,8 @@ from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_stat
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.problem.solution import Solution
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
 from hatch_build import build

@@ -15,7 +15,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory, Solution
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from ccm_opt.verification.verifier import verify

@@ -24,9 +24,9 @@ def bows(arm: Arm, rotations: FloatArray, turns: FloatArray, middle: FloatArray 
     bow = np.zeros(arm.links + 1)
     NativeCall(
         "motion_bounds",
-        links=arm.links, lengths=arm.lengths, base=arm.base_rotation, speed=np.zeros(arm.links), bow=bow,
-        rotations=rotations, turns=turns,
-        bends=np.zeros(2 * arm.links) if middle is None else middle, arcs=arm.arcs,
+        links=arm.links, lengths=arm.lengths, carrier=arm.carrier_for_c, speed=np.zeros(arm.links), bow=bow,
+        rotations=rotations, turns=np.append(turns, np.zeros(len(arm.base_axes))), arcs=arm.arcs,
+        bends=np.append(np.zeros(2 * arm.links) if middle is None else middle, np.zeros(len(arm.base_axes))),
     )()  # fmt: skip
     return bow
 

@@ -28,7 +28,8 @@ from ccm_opt.problem import (
     VerificationOptions,
 )
 from ccm_opt.problem.solution import JointStates, JointTrajectory
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.bad_pose import clearance_advice, refuse_bad_pose
@@ -122,8 +123,7 @@ def states_of(problem: Problem, trajectory: JointTrajectory) -> JointStates:
     motion = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     torques, force = drive_efforts(problem.arm, problem.simulation.gravity, *motion)
     angles = [revolute_angles(problem.arm, values) for values in planar]
-    forces = force[:, None] if problem.arm.base_axes else np.zeros((len(trajectory.time), 0))
-    return JointStates(joint_names(problem.arm), *angles, torques, forces)
+    return JointStates(joint_names(problem.arm), *angles, torques, force)
 
 
 def plan_of(scale: float, *, fed: bool, strict: bool = False) -> tuple[Problem, JointTrajectory]:

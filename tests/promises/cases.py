@@ -10,7 +10,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -66,8 +67,7 @@ class Case:
         everything = motion.positions, motion.velocities, motion.accelerations
         gravity = self.problem.simulation.gravity
         torques, force = drive_efforts(arm, gravity, *everything)
-        forces = np.repeat(force[:, None], len(arm.base_axes), axis=1)
-        return JointStates(joint_names(arm), *(revolute_angles(arm, part) for part in planar), torques, forces)
+        return JointStates(joint_names(arm), *(revolute_angles(arm, part) for part in planar), torques, force)
 
     @property
     def failing(self) -> set[str]:

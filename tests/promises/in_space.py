@@ -10,7 +10,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.problem import JointPose, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointStates, JointTrajectory
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.workspace import Workspace

@@ -8,7 +8,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

@@ -24,7 +24,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.solution import Check, ToleratedError
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import lengths_of
+from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.gap_proof import Pairs
 
 ErrorName = Literal["joints", "base heading", "link lengths", "base position", "walls"]

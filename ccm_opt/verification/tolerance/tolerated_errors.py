@@ -15,8 +15,9 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory, ToleratedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
+from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.body_sides import nearest_lines
-from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, base_displacement, chain_points, lengths_of
+from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals, base_displacement, chain_points
 from ccm_opt.verification.gap_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.selfcollision import LinkProof, distant_pairs, segment_distances, travels_in_frame
 from ccm_opt.verification.tolerance.error_model import (

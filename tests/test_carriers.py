@@ -1,0 +1,133 @@
+"""Arms on axes of any kind: kinematics, their derivatives and bounds, and the verifier's own."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.native import NativeCall
+from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import BaseAxis
+from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
+from ccm_opt.verification.newton_euler import drive_efforts
+
+LINKS = 5
+seeds = st.integers(0, 2**32)
+counts = st.integers(1, 6)
+
+
+def unit_vector(rng: np.random.Generator) -> FloatArray:
+    """Return a random unit vector, shape (3,)."""
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def carried_arm(rng: np.random.Generator, axes: int, links: int = LINKS) -> Arm:
+    """Return an arm in space on random axes of both kinds."""
+    direction = unit_vector(rng)
+    across = np.cross(direction, unit_vector(rng))
+    carrier = tuple(
+        BaseAxis(
+            unit_vector(rng), -2.0, 2.0, revolute=bool(rng.integers(2)), point=rng.normal(size=3),
+            inertia=float(rng.uniform()),
+        )
+        for _ in range(axes)
+    )  # fmt: skip
+    masses, inertia = rng.uniform(0.1, 1.0, links), rng.uniform(1e-3, 1e-2, links)
+    return Arm(
+        links, 0.1, 0.01, rng.normal(size=3), 1.0, 1.0, self_collision=True, mount_length=0.0, masses=masses,
+        inertia_axial=inertia, inertia_transverse=2.0 * inertia,
+        direction=direction, up=across / np.linalg.norm(across), carrier=carrier, payload=0.3,
+    )  # fmt: skip
+
+
+@given(seed=seeds, axes=counts)
+def test_the_base_is_where_rigid_motions_bring_it(seed: int, axes: int) -> None:
+    """One after the other, by the package and by the verifier, as if the arm's fixed base were there."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    q = rng.uniform(-1.0, 1.0, len(arm.coordinates))
+    turn, shift = Rotation.identity(), np.zeros(3)
+    for axis, value in zip(arm.carrier, q[arm.coordinates.base], strict=True):
+        own = Rotation.from_rotvec(value * axis.direction) if axis.revolute else Rotation.identity()
+        moved = axis.point - own.apply(axis.point) if axis.revolute else value * axis.direction
+        turn, shift = turn * own, shift + turn.apply(moved)
+    up, direction = turn.apply(arm.up), turn.apply(arm.direction)
+    still = replace(arm, carrier=(), base=turn.apply(arm.base) + shift, direction=direction, up=up)
+    points = still.joint_positions_at(q[: 2 * LINKS])
+    np.testing.assert_allclose(arm.joint_positions_at(q), points, atol=1e-12)
+    np.testing.assert_allclose(arm.carried(q).place, points[0], atol=1e-12)
+    np.testing.assert_allclose(chain_points(arm, q[None])[0], points, atol=1e-12)
+    frames = LinkFrames.from_configurations(arm, q[None])
+    np.testing.assert_allclose(frames.along[0], arm.link_rotations(q)[..., 0], atol=1e-12)
+    np.testing.assert_allclose(frames.across[0], arm.link_rotations(q)[..., 2], atol=1e-12)
+
+
+@given(seed=seeds, axes=counts)
+def test_derivatives_are_those_of_the_places(seed: int, axes: int) -> None:
+    """Of all joints by all coordinates, by central differences."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    q = rng.uniform(-1.0, 1.0, len(arm.coordinates))
+    unit = np.eye(len(q))
+    pose = pose_with(arm, q, q, unit)
+    step = 1e-6
+    ahead, back = (arm.joint_positions_at(q + sign * step * unit) for sign in (1.0, -1.0))
+    np.testing.assert_allclose(pose.moving, np.moveaxis((ahead - back) / (2.0 * step), 0, -1), atol=1e-7)
+
+
+@given(seed=seeds, axes=counts)
+def test_no_point_accelerates_more_than_the_bounds(seed: int, axes: int) -> None:
+    """While all coordinates change evenly, by the bounds of planning and by those of the verifier."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    q, step = rng.uniform(-1.0, 1.0, len(arm.coordinates)), rng.normal(0.0, 0.4, len(arm.coordinates))
+    bow, speed = np.zeros(LINKS + 1), np.zeros(LINKS)
+    NativeCall(
+        "motion_bounds", links=LINKS, lengths=arm.lengths, carrier=arm.carrier_for_c, speed=speed, bow=bow,
+        rotations=arm.link_rotations(q), turns=step, bends=q, arcs=None,
+    )()  # fmt: skip
+    share = np.linspace(-0.5, 0.5, 201)
+    points = arm.joint_positions_at(q + share[:, None] * step)
+    second = np.diff(points, 2, axis=0) / (share[1] - share[0]) ** 2
+    most = np.max(np.linalg.norm(second, axis=2), axis=0)
+    assert np.all(most <= bow * (1.0 + 1e-9) + 1e-6)
+    assert np.all(most <= acceleration_bounds(arm, q[None], step[None])[0] * (1.0 + 1e-9) + 1e-6)
+
+
+@given(seed=seeds, axes=counts)
+def test_efforts_are_the_power_that_a_motion_takes(seed: int, axes: int) -> None:
+    """Efforts times rates are the change of kinetic and potential energy, which places alone give."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    gravity = rng.normal(0.0, 9.0, 3)
+    start, rate, gain = rng.uniform(-0.8, 0.8, (3, len(arm.coordinates)))
+    h = 1e-4
+    time = h * np.arange(-3, 4)[:, None]
+    states = (start + rate * time + 0.5 * gain * time**2, rate + gain * time, np.tile(gain, (len(time), 1)))
+    torques, on_axes = drive_efforts(arm, gravity, *states)
+    bends = torques.reshape(len(time), LINKS, 3)[..., :2].reshape(len(time), -1)
+    power = np.sum(np.hstack((bends, on_axes)) * states[1], axis=1)[3]
+
+    def energy(q: FloatArray, v: FloatArray) -> float:
+        ahead, back = q + 1e-6 * v, q - 1e-6 * v
+        speeds = (arm.joint_positions_at(ahead) - arm.joint_positions_at(back)) / 2e-6
+        turns = (arm.link_rotations(ahead) - arm.link_rotations(back)) / 2e-6
+        spins = np.einsum("lij,lkj->lik", turns, arm.link_rotations(q))
+        omega = 0.5 * np.stack((spins[:, 2, 1] - spins[:, 1, 2], spins[:, 0, 2] - spins[:, 2, 0],
+                                spins[:, 1, 0] - spins[:, 0, 1]), axis=1)  # fmt: skip
+        along = np.einsum("li,li->l", omega, arm.link_rotations(q)[..., 0]) ** 2
+        turning = arm.inertia_transverse * (np.sum(omega**2, axis=1) - along) + arm.inertia_axial * along
+        middles, places = 0.5 * (speeds[1:] + speeds[:-1]), arm.joint_positions_at(q)
+        moving = arm.masses @ np.sum(middles**2, axis=1) + arm.payload * speeds[-1] @ speeds[-1]
+        drives = np.array([axis.inertia for axis in arm.carrier]) @ v[arm.coordinates.base] ** 2
+        lifted = arm.masses @ (0.5 * (places[1:] + places[:-1])) + arm.payload * places[-1]
+        return float(0.5 * (moving + np.sum(turning) + drives) - gravity @ lifted)
+
+    energies = np.array([energy(q, v) for q, v in zip(states[0], states[1], strict=True)])
+    weights = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / (60.0 * h)
+    np.testing.assert_allclose(power, weights @ energies, rtol=1e-4, atol=1e-3)
