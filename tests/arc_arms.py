@@ -3,7 +3,8 @@
 import numpy as np
 
 from ccm_opt.robot.arc_sections import ArcSections
-from ccm_opt.robot.arm import Arm, Proportions
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_layout import Proportions
 
 
 def arc_arm(
@@ -22,10 +23,11 @@ def arc_arm(
         radius: radius of the body about the arcs [m].
         **changes: further fields of the arm.
     """
-    sections = ArcSections(np.array(counts), np.array(lengths), np.full(len(counts), limit))
+    both = np.full((len(counts), 2), radius)
+    sections = ArcSections(np.array(counts), np.array(lengths), np.full(len(counts), limit), both)
     n = sections.links
     mean = float(np.mean(sections.link_lengths))
-    radii = radius + sections.deviations()
+    radii = sections.link_radii
     limits = np.repeat(sections.joint_limits, 2)
     shares = Proportions(sections.link_lengths / mean, radii / np.max(radii), limits / np.max(limits))
     values: dict[str, object] = {

@@ -92,8 +92,11 @@ def motion_tolerance(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[ToleratedError, ...]:
-    """Return the joint error that a motion tolerates, as the only entry; empty if the motion is too long for this."""
-    if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
+    """Return the joint error that a motion tolerates, as the only entry; empty if the motion is too long for this.
+
+    Empty, too, for sections that bend evenly, whose joints do not err by themselves.
+    """
+    if problem.arm.sections is not None or len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
 

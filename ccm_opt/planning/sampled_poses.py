@@ -21,6 +21,7 @@ from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions
+from ccm_opt.planning.section_map import SectionMap
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.arm import Arm
@@ -240,6 +241,8 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
     The rotations of the base are normally distributed.
     """
     curve = stepper.space
+    if isinstance(curve, SectionMap):
+        return curve.drawn(rng, count)
     arm, knots = curve.arm, curve.knots
     # Curvature is linear between a random number of controls; those beyond the last have no effect.
     controls = rng.normal(size=(count, 2, _CONTROLS[1])) * rng.uniform(0.0, _BENT, (count, 1, 1))
@@ -261,6 +264,8 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
 def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
     """Return the unknowns of a curve with smooth random curvature, and a random feed or base rotation, shape (p,)."""
     curve = stepper.space
+    if isinstance(curve, SectionMap):
+        return np.asarray(curve.drawn(rng, 1)[0])
     arm = curve.arm
     k = curve.knots
     controls = rng.normal(size=(2, 4)) * rng.uniform(0.1, 1.0)

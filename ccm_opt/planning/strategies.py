@@ -437,7 +437,8 @@ def _chaining(number: int) -> Strategy[SpaceRun, SpaceMotion]:
     """
 
     def applies(run: SpaceRun) -> bool:
-        return run.task.goal_pose is None and _passes_none(run) and not _is_fed(run)
+        free = run.task.arm.sections is None  # chains of links bend each joint by itself
+        return free and run.task.goal_pose is None and _passes_none(run) and not _is_fed(run)
 
     return Strategy("chains of links", lambda run, failed: run.by_chains(number, failed), applies, costly=number > 0)
 

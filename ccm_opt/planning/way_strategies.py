@@ -28,6 +28,7 @@ from ccm_opt.planning.sampled_poses import (
 )
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.section_map import unknowns_through
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
@@ -94,7 +95,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
         ``knots`` is the number of knots of a new curve.
         """
-        curve, start = task.stage or CurveMap.through(task.arm, task.start, knots)
+        curve, start = task.stage or unknowns_through(task.arm, task.start, knots)
         goal = task.limited_goal
         if task.goal_pose is None:
             stepper = task.stepper(curve)
@@ -103,7 +104,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         stepper = task.stepper(curve)
         whole = stepper.pose(end)
         goal = replace(goal, position=whole.tip, direction=whole.tip_direction, coordinates=end)
-        return cls(task, stepper, stepper.pose(np.append(start, 0.0)), goal)
+        # A curve gets one more unknown, the weight of its blend.
+        return cls(task, stepper, stepper.pose(np.pad(start, (0, len(end) - len(start)))), goal)
 
     # ------------------------------------------------------------ led by the tip
     def find_along_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
@@ -382,8 +384,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             found = self.attempt(name, partial(self.led_to, pose.v, self.start), failures)
             if found is not None or task.deadline.passed():
                 return found
-        # A fed arm is instead retracted into its guide tube.
-        if task.arm.base_axes or not goals:
+        # A fed arm is instead retracted into its guide tube, and sections have no joint that turns the base.
+        if task.arm.base_axes or task.arm.sections is not None or not goals:
             return None
         ways = partial(swung, self.stepper, self._motions, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)

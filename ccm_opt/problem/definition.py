@@ -23,6 +23,7 @@ from ccm_opt.problem.options import (
     VerificationOptions,
 )
 from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.link_layout import Proportions
@@ -58,6 +59,8 @@ def defects(problem: "Problem") -> Iterator[str]:
         ),
     )
     yield from _pose_defects(problem, d)
+    if problem.arm.sections is not None:
+        yield from section_defects(problem, problem.arm.sections)
 
 
 _MOST_CONTACT_WORDS = "a thousandth of the arm's length"
@@ -114,6 +117,38 @@ def _proportion_defects(proportions: Proportions, links: int, bends_a_joint: int
 
 LOCKED_ON_FEED = "locked joints are not supported for an arm in the plane with a feed axis"
 """What a problem with such joints is refused with."""
+
+
+_MODELLED = "the dynamics of sections that bend evenly are not modelled; leave it out"
+_MISFIT = 1e-9
+"""Largest difference of a joint's bend from its share of its section's bend that is attributed to rounding [rad]."""
+
+
+def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
+    """Yield a sentence for everything in a problem that sections that bend evenly do not support."""
+    arm, limits = problem.arm, problem.limits
+    plain = not (arm.payload or np.any(arm.rotor_inertia) or np.any(arm.friction))
+    yield from _broken(
+        (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
+        (not arm.base_axes, "arm.feed is not supported for sections that bend evenly; leave it out"),
+        (limits.torque is None, f"limits.torque: {_MODELLED}"),
+        (plain, f"arm.payload, arm.rotor_inertia and arm.friction: {_MODELLED}"),
+        (not limits.points, "limits of points of the arm are not supported for sections that bend evenly"),
+        (problem.joint_error == 0.0, "tolerance.joint_error is not supported for sections that bend evenly"),
+        (problem.planner.method == "nlp", "planner.method must be 'nlp' for sections that bend evenly"),
+        (problem.planner.retiming == "toppra", "planner.retiming must be 'toppra' for sections that bend evenly"),
+    )
+    if arm.links != sections.links or np.any(arm.radii < sections.link_radii * (1.0 - UNIT_ROUNDING)):
+        yield "arm.sections differ from its number of links, or its radii do not contain their arcs"
+        return
+    poses = [("start", problem.start), ("goal", problem.goal)]
+    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    for name, pose in poses:
+        joints = pose.for_joints
+        if joints and np.shape(joints.bends) == (arm.links, 2):
+            misfit = sections.misfit(np.ravel(joints.bends))
+            if misfit > _MISFIT:
+                yield f"{name}.bends differ by up to {np.rad2deg(misfit):.3g}° from those of sections that bend evenly"
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:

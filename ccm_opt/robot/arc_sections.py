@@ -28,11 +28,13 @@ class ArcSections:
         counts: number of arcs of each section, shape (s,).
         lengths: length of each section along its axis, shape (s,) [m].
         limits: bound on the absolute value of each of the two bends of a whole section, shape (s,) [rad].
+        radii: radius of the body about the arcs at both ends of each section, between which it tapers, (s, 2) [m].
     """
 
     counts: IntArray
     lengths: FloatArray
     limits: FloatArray
+    radii: FloatArray
 
     @property
     def links(self) -> int:
@@ -94,10 +96,17 @@ class ArcSections:
         legs = self.arcs * np.tan(half) / half
         return np.asarray(legs[:-1] + legs[1:])
 
-    def deviations(self) -> FloatArray:
-        """Greatest distance of the true arcs from each link within the limits, shape (links,) [m]."""
-        each = arc_deviation(2.0 * self.arcs, self.turn_limits)
-        return np.maximum(each[:-1], each[1:])
+    @cached_property
+    def link_radii(self) -> FloatArray:
+        """Radius of a capsule about each link that contains the body about its true arcs, shape (links,) [m].
+
+        It is the radius of the body, plus the greatest distance of the arcs from the link within the limits.
+        """
+        tapers = zip(self.radii.tolist(), self.counts.tolist(), strict=True)
+        ends = [np.linspace(first, last, count + 1) for (first, last), count in tapers]
+        widest = np.concatenate([np.maximum(each[:-1], each[1:]) for each in ends])
+        beside = np.concatenate(([0.0], widest, [0.0])) + arc_deviation(2.0 * self.arcs, self.turn_limits)
+        return np.maximum(beside[:-1], beside[1:])
 
 
 def arc_deviation(length: FloatArray | float, turn: FloatArray | float) -> FloatArray:

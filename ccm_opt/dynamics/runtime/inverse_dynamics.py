@@ -254,12 +254,18 @@ class MassMatrix:
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
-    """Return motion and efforts of all drives along a trajectory: of the revolutes and of the axes of the base."""
+    """Return motion and efforts of all drives along a trajectory: of the revolutes and of the axes of the base.
+
+    The dynamics of sections that bend evenly are not modelled: their efforts are zero.
+    """
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
     carried = trajectory.coordinates.advance(trajectory.accelerations)
-    torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)
+    if arm.sections is None:
+        torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)
+    else:
+        torques, force = np.zeros_like(angles), np.zeros(len(angles))
     # All axes of the base run along the base heading, so each bears the whole force; a fixed base has no column.
     forces = np.repeat(force[:, None], len(trajectory.coordinates.base_names), axis=1)
     return JointStates(joint_names(arm), angles, velocities, accelerations, torques, forces)

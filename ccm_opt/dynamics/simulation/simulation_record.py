@@ -140,6 +140,8 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
     Raises:
         ProblemError: the options are unsuitable; the message names the setting and a remedy.
     """
+    if arm.sections is not None:  # is not simulated
+        return
     straight = np.zeros((1, 3 * arm.links))
     # An arm with two bends per joint may leave any plane; one with a single bend per joint does not leave its own.
     planar = arm.coordinates.bends_a_joint == 1 and falls_in_plane(arm, options.gravity)
