@@ -71,8 +71,8 @@ def test_a_drawing_read_at_another_size_than_it_states_is_warned_of(
     drawing = tmp_path / "row.svg"
     drawing.write_text(ROW.format(vanes=VANES).replace("<svg ", f'<svg width="{size}" viewBox="0 0 240 630" ', 1))
     told = run("describe", path).stderr
-    assert ("one unit of row.svg is 1 mm by the width that it states" in told) == warned
-    assert ("workspace.scale = 0.001 would give it the stated size" in told) == warned
+    assert ("one unit of row.svg is 1 mm by the size or unit that it states" in told) == warned
+    assert ('workspace.units = "file" would give it the stated size' in told) == warned
 
 
 def test_long_lists_are_cut_unless_asked(tmp_path: Path) -> None:

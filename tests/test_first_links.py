@@ -53,7 +53,7 @@ def test_a_post_before_the_base_is_named_with_what_helps() -> None:
     (found,) = failed(problem, CHEAP_CHECKS)
     assert (found.kind, found.obstacles, found.proved) == ("hemmed in", ("post",), True)
     assert "with joint 1 at 245.4°, a whole turn away, they lie the same way" in found.reason
-    assert not hemmed_in(replace(problem, workspace=problem.workspace.without("post")))
+    assert not hemmed_in(replace(problem, workspace=problem.workspace.without_obstacle("post")))
     # The bound is what the radius must fall below at least: an arm between it and the arm's own is shut off, too.
     thinner = replace(problem.arm, radius=0.5 * (found.bounds["arm.radius"] + problem.arm.radius))
     assert hemmed_in(replace(problem, arm=thinner))

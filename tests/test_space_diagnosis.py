@@ -226,7 +226,7 @@ def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
     (finding,) = failed(problem)
     assert (finding.kind, finding.obstacles[0]) == ("blocked", "shutter")
     assert finding.place == pytest.approx((0.425, 0.0, 0.0), abs=0.1)
-    assert failed(replace(problem, workspace=problem.workspace.without("shutter"))) == ()
+    assert failed(replace(problem, workspace=problem.workspace.without_obstacle("shutter"))) == ()
 
 
 @pytest.mark.planning

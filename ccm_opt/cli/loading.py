@@ -65,9 +65,9 @@ def _report_drawing(drawing: ImportedDrawing, problem: Problem) -> None:
     stated = drawing.stated_metres
     if stated is not None and abs(drawing.metres - stated) > _SAME_SIZE * stated:
         warn(
-            f"{problem.name}: one unit of {drawing.file} is {1e3 * stated:.6g} mm by the width that it states, but is "
-            f"read as {1e3 * drawing.metres:.6g} mm; units and workspace.scale decide, and workspace.scale = "
-            f"{stated / METRES[problem.length_unit]:.6g} would give it the stated size"
+            f"{problem.name}: one unit of {drawing.file} is {1e3 * stated:.6g} mm by the size or unit that it states, "
+            f"but is read as {1e3 * drawing.metres:.6g} mm; units and workspace.scale decide, and workspace.units = "
+            '"file" would give it the stated size'
         )
 
 
@@ -94,8 +94,6 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
     yield f"{drawing.file}: {count}, {size} {units.name}, {corners} {units.name}"
     if not shapely.covers(problem.workspace.boundary, shapely.box(*drawing.box)):
         yield "  parts of it lie outside the workspace"
-    if drawing.unit not in {"", units.name}:
-        yield f"  its unit is {drawing.unit}, the problem file's {units.name}; only workspace.scale counts"
     shown = None if output().verbose else _MOST_LEFT_OUT
     if drawing.layers:
         listed = ", ".join(f"{name} ({number})" for name, number in drawing.layers[:shown])

@@ -256,7 +256,7 @@ def _opening(cells: FirstLinkCells, start: NamedPose, goal: NamedPose) -> tuple[
     names = _by_distance(cells)[:_MOST_REMOVED]
 
     def opened(name: str) -> bool:
-        rest = cells.near.without(name)
+        rest = cells.near.without_obstacle(name)
         return FirstLinkCells(cells.arm, rest, cells.radius, cells.links).joined(start, goal)
 
     return tuple(name for name in names if opened(name))

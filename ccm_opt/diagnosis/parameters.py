@@ -274,7 +274,7 @@ def without_obstacle(name: str) -> WholeChange:
         f"obstacle '{name}' removed",
         "workspace.obstacles",
         name,
-        lambda problem: replace(problem, workspace=problem.workspace.without(name)),
+        lambda problem: replace(problem, workspace=problem.workspace.without_obstacle(name)),
     )
 
 

@@ -359,7 +359,7 @@ class PlanarAxisPaths(AxisPaths):
             for name in near
             # An obstacle counts as opening a path only if there was time to find out.
             if not self.until.passed()
-            and self.at(self.required_distance, workspace.without(name)).shortest <= self.arm.length
+            and self.at(self.required_distance, workspace.without_obstacle(name)).shortest <= self.arm.length
         )
 
     def length_remedies(self) -> dict[str, float]:

@@ -219,7 +219,7 @@ class SpaceAxisPaths(AxisPaths):
     @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
     def _without(self, name: str) -> PathSearch | None:
         """Return a search without one obstacle; None if no axis path is found, or no obstacle has the name."""
-        workspace = self.problem.workspace.without(name)
+        workspace = self.problem.workspace.without_obstacle(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
         search = self._search_in(workspace, SurfaceTree.from_triangles(workspace.triangle_soup))

@@ -27,8 +27,8 @@ from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.outlines import as_walls, filled, polygon_parts, split_off_boundary, with_holes
-from ccm_opt.io.schema import CircleTable, ObstacleTable, SceneTable, WallTable
-from ccm_opt.io.shapes import IMPORT, DrawingContent, Reader, Shape
+from ccm_opt.io.schema import CircleTable, DrawingPlace, ObstacleTable, SceneTable, WallTable
+from ccm_opt.io.shapes import IMPORT, DrawingContent, LayerSelection, Reader, Shape
 from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
@@ -154,13 +154,24 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
     return tuple(result)
 
 
+PLACES: Mapping[DrawingPlace, tuple[float, float]] = {
+    "center": (0.5, 0.5), "bottom-left": (0.0, 0.0), "bottom-right": (1.0, 0.0), "top-left": (0.0, 1.0),
+    "top-right": (1.0, 1.0),
+}  # fmt: skip
+"""Points of a drawing as fractions of the width and height of its bounding box."""
+
+
 @dataclass(frozen=True)
 class ImportOptions:
     """Options for the conversion of a drawing to obstacles, as the problem file gives them.
 
     Attributes:
-        scale: length of one unit of the drawing, in the unit of the problem file.
-        offset: position of the drawing's origin, in the unit of the problem file, shape (2,).
+        scale: length of one unit of the drawing, in the unit of the problem file; None for that stated in the drawing.
+        offset: where ``place`` comes to lie, in the unit of the problem file, shape (2,).
+        place: the point of the drawing that comes to lie at the offset: its origin, or the centre or a corner of the
+            bounding box of the shapes that are read.
+        layers: names of the layers that are read; None for all.
+        without: names of layers and shapes that are not read.
         curve_tolerance: maximum distance of a polygon outside the curve that it approximates, in the unit of the
             problem file; no polygon lies inside its curve.
         wall_thickness: thickness of open lines, in the unit of the problem file.
@@ -168,8 +179,11 @@ class ImportOptions:
             largest is the boundary of the workspace, the others are solids).
     """
 
-    scale: float = 1.0
+    scale: float | None = 1.0
     offset: tuple[float, float] = (0.0, 0.0)
+    place: DrawingPlace = "origin"
+    layers: tuple[str, ...] | None = None
+    without: tuple[str, ...] = ()
     curve_tolerance: float = 2.5e-4
     wall_thickness: float = 0.0
     closed: Literal["solid", "walls", "room"] = "solid"
@@ -190,27 +204,28 @@ class ImportedScene:
     room: shapely.Polygon | None = None
 
 
-def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()) -> ImportedScene:
+def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = (), metres: float = 1.0) -> ImportedScene:
     """Return the obstacles in a drawing, with a report on elements that were left out.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
         options: placement, tolerances, and meaning of closed outlines.
         taken: names of other obstacles, which are not used again.
+        metres: length of the problem file's unit [m].
 
     Raises:
-        ProblemError: the file cannot be read, contains nothing that can be an obstacle, or contains unusable shapes,
-            which are listed by name.
+        ProblemError: the file cannot be read, states no unit where the options take it from there, contains nothing
+            that can be an obstacle, or contains unusable shapes, which are listed by name.
     """
     content = read_drawing(path, READERS, "drawing", IMPORT.most_bytes)
-    # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
     distance = _FLATTENING_SHARE * options.curve_tolerance
     growth = _GROWTH_SHARE * options.curve_tolerance
     room = None
     try:
         # Huge numbers may overflow to infinity or NaN on the way; such shapes are refused by name.
         with np.errstate(over="ignore", invalid="ignore"):
-            found = _placed(READERS[path.suffix.lower()](content, distance / options.scale), options)
+            found, scale = _selected(READERS[path.suffix.lower()], content, distance, options, metres)
+            found = _placed(found, scale, options)
             shapes: Sequence[Shape] = found.shapes
             if options.closed == "room":
                 room, shapes = split_off_boundary(shapes, growth, distance)
@@ -227,7 +242,39 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
             f"drawing, or raise curve_tolerance above {options.curve_tolerance:g}"
         )
     named = with_unique_names(obstacles, taken)
-    return ImportedScene(named, _summary(path, named, room, found), room)
+    return ImportedScene(named, replace(_summary(path, named, room, found), metres=metres * scale), room)
+
+
+def _selected(
+    read: Reader, content: bytes, distance: float, options: ImportOptions, metres: float
+) -> tuple[DrawingContent, float]:
+    """Return the selected shapes of a drawing in its own coordinates, and the length of its unit.
+
+    Args:
+        read: reader of the drawing's format.
+        content: bytes of the file.
+        distance: maximum distance between a curve and its polyline, in the unit of the problem file.
+        options: selection of layers, and scale.
+        metres: length of the problem file's unit [m].
+
+    Returns:
+        The content, with what the selection skips among what is left out; and the scale, in the problem file's unit.
+
+    Raises:
+        ProblemError: the drawing cannot be read, states no unit, or has none of the selected names.
+    """
+    scale = options.scale
+    if scale is None:
+        stated = read(content, np.inf, LayerSelection(options.layers, options.without)).metres
+        if stated is None:
+            raise ProblemError("it states no unit of length; give workspace.scale in the place of units")
+        scale = stated / metres
+    # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
+    selection = LayerSelection(options.layers, options.without)
+    found = read(content, distance / scale, selection)
+    if unknown := selection.unknown_names():
+        raise ProblemError(IMPORT.listed(unknown))
+    return replace(found, left_out=(*found.left_out, *selection.left_out())), scale
 
 
 def _of_each(shapes: Iterable[Shape], convert: Callable[[Shape], list[Part]]) -> list[Part]:
@@ -252,21 +299,19 @@ def _of_each(shapes: Iterable[Shape], convert: Callable[[Shape], list[Part]]) ->
     return found
 
 
-def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
+def _placed(found: DrawingContent, scale: float, options: ImportOptions) -> DrawingContent:
     """Return the content of a drawing in the coordinates of the problem file, without shapes of zero size.
 
     Raises:
         ProblemError: no shape is left, or a shape has coordinates that cannot be used.
     """
     left_out = list(found.left_out)
+    shift = np.asarray(options.offset) - scale * _reference_point(found.shapes, options.place)
 
     def moved(shape: Shape) -> list[Shape]:
-        rings = tuple(options.scale * np.asarray(ring, dtype=np.float64) + options.offset for ring in shape.rings)
+        rings = tuple(scale * np.asarray(ring, dtype=np.float64) + shift for ring in shape.rings)
         placed = replace(
-            shape,
-            rings=rings,
-            half_width=options.scale * shape.half_width,
-            stroke_width=options.scale * shape.stroke_width,
+            shape, rings=rings, half_width=scale * shape.half_width, stroke_width=scale * shape.stroke_width
         )
         parts = divided(placed, IMPORT.largest_coordinate)
         if not parts:
@@ -281,6 +326,15 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
             + (f"left out: {listed}" if listed else "draw outlines, circles or lines")
         )
     return replace(found, shapes=tuple(shapes), left_out=tuple(left_out))
+
+
+def _reference_point(shapes: Sequence[Shape], place: DrawingPlace) -> FloatArray:
+    """Return the origin of a drawing, or the centre or a corner of the bounding box of its shapes, shape (2,)."""
+    if place == "origin" or not shapes:
+        return np.zeros(2)
+    low = np.min([np.min(np.vstack(shape.rings), axis=0) - shape.half_width for shape in shapes], axis=0)
+    high = np.max([np.max(np.vstack(shape.rings), axis=0) + shape.half_width for shape in shapes], axis=0)
+    return np.asarray(low + PLACES[place] * (high - low))
 
 
 def _unread_strokes(shapes: Iterable[Shape], wall_thickness: float) -> Iterator[LeftOut]:
@@ -421,7 +475,7 @@ def with_scene(
                 _set_boundary(rest, imported.room, issues)
             xmin, ymin, xmax, ymax = imported.drawing.box
             box = (xmin * metres, ymin * metres, xmax * metres, ymax * metres)
-            drawing = replace(imported.drawing, box=box, metres=metres * scene.scale)
+            drawing = replace(imported.drawing, box=box)
     return {**data, "workspace": rest}, drawing
 
 
@@ -460,23 +514,37 @@ def _imported(
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
         return None
+    if scene.units is not None and "scale" in scene.model_fields_set:
+        issues.add(("workspace", "units"), "the unit is the one that the drawing states; leave scale out")
     path: KeyPath = ("workspace", "file")
     kind = "a drawing, for example 'scene.svg'"
     place = resolve_file(scene.file, folder, path, kind, issues, allow_outside=allow_outside)
     if place is None:
         return None
-    x, y = scene.offset
     # The default is in metres.
     tolerance = scene.curve_tolerance or ImportOptions.curve_tolerance / metres
     given = (entry.get("name") if isinstance(entry, Mapping) else None for entry in listed)
     taken = {str(name or f"obstacle {k}") for k, name in enumerate(given, start=1)}
     try:
-        return import_scene(
-            place, ImportOptions(scene.scale, (x, y), tolerance, scene.wall_thickness, scene.closed), taken
-        )
+        return import_scene(place, _import_options(scene, tolerance), taken, metres)
     except ProblemError as error:
         issues.add(path, str(error))
         return None
+
+
+def _import_options(scene: SceneTable, tolerance: float) -> ImportOptions:
+    """Return the options of an import that a problem file gives, with a chord tolerance in the unit of that file."""
+    x, y = scene.offset
+    return ImportOptions(
+        scale=None if scene.units == "file" else scene.scale,
+        offset=(x, y),
+        place=scene.place,
+        layers=None if scene.layers is None else tuple(scene.layers),
+        without=tuple(scene.without),
+        curve_tolerance=tolerance,
+        wall_thickness=scene.wall_thickness,
+        closed=scene.closed,
+    )
 
 
 def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, object]:

@@ -18,7 +18,7 @@ import numpy as np
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.dxf_pieces import PIECES, Entity, Piece, corner_points, hatch_rings, joined_pieces
 from ccm_opt.io.issues import collected_warnings
-from ccm_opt.io.shapes import IMPORT, DrawingContent, Drawn, Shape
+from ccm_opt.io.shapes import IMPORT, DrawingContent, Drawn, LayerSelection, Shape
 from ccm_opt.problem import LeftOut
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ class _Placed:
 class _Findings:
     """Results collected while a DXF drawing is read: shapes, open polylines by layer, entities left out or refused."""
 
+    selection: LayerSelection
     shapes: list[Shape] = field(default_factory=list)
     open_pieces: dict[str, list[Piece]] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
@@ -121,7 +122,7 @@ class _Findings:
         self.left_out.append(LeftOut(_title(item), reason))
 
 
-def read_dxf(content: bytes, distance: float) -> DrawingContent:
+def read_dxf(content: bytes, distance: float, selection: LayerSelection) -> DrawingContent:
     """Return the shapes in the bytes of a DXF file.
 
     A shape is named after its layer, on layer 0 after its block, and outside blocks after its type and handle.
@@ -129,12 +130,13 @@ def read_dxf(content: bytes, distance: float) -> DrawingContent:
     Args:
         content: content of the file, text or binary DXF.
         distance: maximum distance between a curve and its polyline [drawing units].
+        selection: selection of shapes.
 
     Raises:
         ProblemError: the content is not DXF, has unreadable entities, which are listed by name, or exceeds a limit of
             ``ImportBounds``.
     """
-    found = _Findings()
+    found = _Findings(selection)
     drawing = _parsed(content, found)
     try:
         return _read(drawing, distance, found)
@@ -167,14 +169,17 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
             found.left_out.append(LeftOut(f"layout '{sheet.name}'", left))
     for layer, pieces in found.open_pieces.items():
         found.shapes += _chained(pieces, layer, distance)
-    return DrawingContent(tuple(found.shapes), tuple(found.left_out), _unit(drawing))
+    return DrawingContent(tuple(found.shapes), tuple(found.left_out), *_unit(drawing))
 
 
-def _unit(drawing: "Drawing") -> str:
-    """Return the unit of length in the header of a DXF drawing, for example ``mm``; empty if none is stated."""
-    from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
+def _unit(drawing: "Drawing") -> tuple[str, float | None]:
+    """Return the unit of length in the header of a DXF drawing, for example ``mm``, and its length [m]; "" if none."""
+    from ezdxf.enums import InsertUnits  # noqa: PLC0415 - loaded only when a DXF file is read
+    from ezdxf.units import conversion_factor, decode  # noqa: PLC0415
 
-    return decode(drawing.units) or "" if drawing.units else ""
+    if not drawing.units:
+        return "", None
+    return decode(drawing.units) or "", float(conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters))
 
 
 def _parsed(content: bytes, found: _Findings) -> "Drawing":
@@ -279,6 +284,8 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
         layer = item.layer.lower()
         if item.entity.dxftype() in {"INSERT", "MLINE"}:
             continue
+        if found.selection.skips(item.layer, item.name):
+            continue
         if layer == "defpoints":
             found.leave_out(item, "CAD programs never print the layer defpoints")
         elif layer in reasons:
@@ -299,6 +306,8 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
         entity.dxf.zscale = 1.0
     definition = entity.block()
     if definition is not None and definition.block.is_xref:
+        if found.selection.skips(inserted.layer, block):
+            return []
         found.refusals.append(f"INSERT '{block}' refers to another file; bind that file to the drawing")
         return []
     # Copies are counted before they are made: two numbers in a file may ask for a billion.
@@ -310,17 +319,23 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
         )
 
     def skipped(part: Entity, reason: str) -> None:
-        if part.dxftype() not in IGNORED:
+        layer = _layer_in(inserted, part)
+        if part.dxftype() not in IGNORED and not found.selection.skips(layer, block if layer == "0" else layer):
             found.refusals.append(f"{part.dxftype()} in block '{block}' cannot be placed: {reason}")
 
     parts = []
     for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
         for part in copy.virtual_entities(skipped_entity_callback=skipped):
-            own_layer = str(part.dxf.get("layer", "0"))
-            layer = inserted.layer if own_layer == "0" else own_layer
+            layer = _layer_in(inserted, part)
             name = block if layer == "0" else layer
             parts.append(_Placed(part, layer, name, inserted.depth + 1))
     return parts
+
+
+def _layer_in(inserted: _Placed, part: Entity) -> str:
+    """Return the layer of an entity in a block reference, whose own layer stands in for layer 0."""
+    own = str(part.dxf.get("layer", "0"))
+    return inserted.layer if own == "0" else own
 
 
 def _kind_and_handle(entity: Entity) -> str:

@@ -4,13 +4,14 @@ import itertools
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from shapely.errors import GEOSException, ShapelyError
 
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.shapes import IMPORT, DrawingContent, Shape
+from ccm_opt.io.shapes import IMPORT, DrawingContent, LayerSelection, Shape
 from ccm_opt.problem import LeftOut
 
 GEOMETRIES = frozenset(
@@ -18,7 +19,7 @@ GEOMETRIES = frozenset(
 )
 
 
-def read_geojson(content: bytes, distance: float) -> DrawingContent:
+def read_geojson(content: bytes, distance: float, selection: LayerSelection) -> DrawingContent:
     """Return the shapes in the bytes of a GeoJSON file.
 
     A shape is named after ``properties.name`` of its feature, else after the feature's ``id``, else ``feature`` with
@@ -27,6 +28,7 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
     Args:
         content: content of the file.
         distance: chord tolerance of all drawing readers; unused, since GeoJSON has no curves.
+        selection: selection of shapes.
 
     Raises:
         ProblemError: the content is not GeoJSON, or exceeds a limit of ``ImportBounds``.
@@ -52,17 +54,18 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
     left_out: list[LeftOut] = []
     if "crs" in data:
         left_out.append(LeftOut("crs", "coordinates are taken as planar, as written"))
-    shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out)]
+    shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out, selection)]
     return DrawingContent(tuple(shapes), tuple(left_out))
 
 
-def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
-    """Return the shapes of a GeoJSON feature or bare geometry; an empty list if the feature has no geometry.
+def _shapes(data: object, place: int, left_out: list[LeftOut], selection: LayerSelection) -> list[Shape]:
+    """Return the shapes of a GeoJSON feature or bare geometry; an empty list if it has none or is not selected.
 
     Args:
         data: the parsed JSON of the feature or geometry.
         place: number of the feature in the file, from 1.
         left_out: receives a note on whatever gives no shape.
+        selection: selection of shapes.
     """
     if not isinstance(data, Mapping):
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
@@ -71,10 +74,13 @@ def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
     if data.get("type") == "Feature":
         name = _name(data, place)
         geometry = data.get("geometry")
+    layer = _layer(data)
+    if selection.skips(layer, name):
+        return []
     if geometry is None:
         left_out.append(LeftOut(f"feature '{name}'", "it has no geometry"))
         return []
-    return geometry_shapes(_geometry(geometry, name), name, left_out)
+    return [replace(shape, layer=layer) for shape in geometry_shapes(_geometry(geometry, name), name, left_out)]
 
 
 def _name(feature: Mapping[str, object], place: int) -> str:
@@ -82,6 +88,13 @@ def _name(feature: Mapping[str, object], place: int) -> str:
     properties = feature.get("properties")
     given = properties.get("name") if isinstance(properties, Mapping) else None
     return str(given or feature.get("id") or f"feature {place}")
+
+
+def _layer(feature: Mapping[str, object]) -> str:
+    # Converters of CAD drawings write the layer as a property with one of these names.
+    properties = feature.get("properties")
+    given = properties.get("layer", properties.get("Layer")) if isinstance(properties, Mapping) else None
+    return given if isinstance(given, str) else ""
 
 
 def _geometry(data: object, name: str) -> shapely.Geometry:
@@ -105,12 +118,13 @@ def _depth(text: str) -> int:
     return max(itertools.accumulate(steps), default=0)
 
 
-def read_wkt(content: bytes, distance: float) -> DrawingContent:
+def read_wkt(content: bytes, distance: float, selection: LayerSelection) -> DrawingContent:
     """Return the shapes in the bytes of a WKT file, named ``geometry 1``, ``geometry 2``, … in file order.
 
     Args:
         content: content of the file; an ``SRID=…;`` before a geometry is skipped.
         distance: chord tolerance of all drawing readers; unused, since WKT has no curves.
+        selection: selection of shapes.
 
     Raises:
         ProblemError: the text is not WKT, or exceeds a limit of ``ImportBounds``.
@@ -130,7 +144,8 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
     for k, piece in enumerate(_pieces(text), start=1):
         if _depth(piece) > IMPORT.deepest:
             raise ProblemError(f"geometry {k}: its brackets are nested more than {IMPORT.deepest} deep; split it")
-        shapes += geometry_shapes(_wkt_geometry(piece), f"geometry {k}", left_out)
+        if not selection.skips("", name := f"geometry {k}"):
+            shapes += geometry_shapes(_wkt_geometry(piece), name, left_out)
     return DrawingContent(tuple(shapes), tuple(left_out))
 
 

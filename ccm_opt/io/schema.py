@@ -166,6 +166,9 @@ class ObstacleTable(Table):
         return holes
 
 
+DrawingPlace = Literal["origin", "center", "bottom-left", "bottom-right", "top-left", "top-right"]
+
+
 class SceneTable(Table):
     """Keys about a drawing of obstacles and its placement, with lengths left in the unit of the problem file."""
 
@@ -178,7 +181,29 @@ class SceneTable(Table):
         ),
     )
     scale: Positive = Field(default=1.0, description="Length of one unit of the drawing, in the problem file's unit.")
-    offset: Point = Field(default=[0.0, 0.0], description="Where the drawing's origin is placed.")
+    units: Literal["file"] | None = Field(
+        default=None,
+        description=(
+            "In place of `scale`: the unit is the one that the drawing states, in the header of a DXF file or by "
+            "the page size of an SVG file. Default: `scale`."
+        ),
+    )
+    offset: Point = Field(default=[0.0, 0.0], description="Where `place` comes to lie.")
+    place: DrawingPlace = Field(
+        default="origin",
+        description=(
+            "The point of the drawing that comes to lie at `offset`: its origin, or the centre or a corner of the "
+            "rectangle around the shapes that are read."
+        ),
+    )
+    layers: list[str] | None = Field(
+        default=None,
+        description=(
+            "Names of the layers that are read; in SVG, of the outermost named groups. Hidden ones are never read. "
+            "Default: all."
+        ),
+    )
+    without: list[str] = Field(default=[], description="Names of layers and shapes that are not read.")
     curve_tolerance: PositiveLength | None = Field(
         default=None,
         description="Largest distance of the polygon outside the curve that it approximates. Default: 0.25 mm.",

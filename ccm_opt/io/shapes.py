@@ -4,7 +4,9 @@ A curve p(t) deviates from chords over equal parameter steps h by at most h² ma
 interpolation. An upper bound on |p''| therefore gives the number of chords.
 """
 
+import difflib
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -115,8 +117,8 @@ class DrawingContent:
         shapes: shapes in the order of the drawing.
         left_out: elements that gave no shape, each with the reason.
         unit: unit of length stated in the file, for example ``mm``; empty if it states none.
-        metres: length of one drawing unit according to the physical size that the file states [m]; None if it
-            states none.
+        metres: length of one drawing unit according to the physical size or unit that the file states [m]; None if
+            it states none.
     """
 
     shapes: tuple[Shape, ...]
@@ -125,8 +127,72 @@ class DrawingContent:
     metres: float | None = None
 
 
-Reader: TypeAlias = Callable[[bytes, float], DrawingContent]
-"""Reader of a drawing format: takes the bytes of a file and the chord tolerance for curves, in drawing units."""
+class LayerSelection:
+    """Selection of the shapes of a drawing that are read, by the names of layers and shapes.
+
+    Upper and lower case are not distinguished, as in CAD programs. Shapes that are skipped are counted by layer.
+
+    Args:
+        layers: names of the layers that are read; None for all.
+        without: names of layers and shapes that are not read.
+    """
+
+    def __init__(self, layers: Sequence[str] | None = None, without: Sequence[str] = ()) -> None:
+        self._layers = None if layers is None else {name.casefold() for name in layers}
+        self._without = {name.casefold() for name in without}
+        self._given = {"layers": layers or (), "without": without}
+        self._met: dict[str, str] = {}
+        self._skipped: Counter[tuple[str, str]] = Counter()
+
+    def skips(self, layer: str, name: str) -> bool:
+        """Return whether the shape with a name on a layer is not read, and count it; "" stands for no layer."""
+        names = {layer.casefold(), name.casefold()}
+        self.meet(layer, name)
+        if names & self._without:
+            self._skipped[layer if layer.casefold() in self._without else name, "workspace.without names it"] += 1
+            return True
+        if self._layers is not None and layer.casefold() not in self._layers:
+            self._skipped[layer, "workspace.layers does not list it"] += 1
+            return True
+        return False
+
+    def meet(self, *names: str) -> None:
+        """Record names of layers and shapes that the drawing has; "" stands for none."""
+        self._met.update((name.casefold(), name) for name in names)
+
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Return a report on the shapes that were skipped, an entry per layer or name."""
+        return tuple(
+            LeftOut(f"{repr(name) if name else 'no layer'} ({number} {'shape' if number == 1 else 'shapes'})", reason)
+            for (name, reason), number in self._skipped.items()
+        )
+
+    def unknown_names(self) -> list[str]:
+        """Return a message for every selected name that no shape of the drawing has."""
+        known = sorted(name for name in self._met.values() if name)
+        kinds = {"layers": "layer", "without": "layer or shape"}
+        return [
+            f"workspace.{key}: it has no {kinds[key]} '{name}'{_meant(name, known)}"
+            for key, names in self._given.items()
+            for name in names
+            if name.casefold() not in self._met
+        ]
+
+
+def _meant(name: str, known: Sequence[str]) -> str:
+    """Return the end of a message about an unknown name: the most similar known one, or some of those known."""
+    by_word = {each.casefold(): each for each in known}
+    near = difflib.get_close_matches(name.casefold(), by_word, n=1)
+    if near:
+        return f", did you mean '{by_word[near[0]]}'?"
+    shown = known[: IMPORT.reported_defects]
+    several = f" and {len(known) - len(shown)} more" if len(known) > len(shown) else ""
+    return f", only {', '.join(repr(each) for each in shown)}{several}" if known else ""
+
+
+Reader: TypeAlias = Callable[[bytes, float, LayerSelection], DrawingContent]
+"""Reader of a drawing format: takes the bytes of a file, the chord tolerance for curves [drawing units], and the
+selection of shapes."""
 
 
 MAX_STEPS = 20_000

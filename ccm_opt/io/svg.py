@@ -20,7 +20,16 @@ from svgelements import Ellipse, Path, Polyline, Rect
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.shapes import IMPORT, DrawingContent, Drawn, FillRule, Shape, flatten_bezier, flatten_ellipse
+from ccm_opt.io.shapes import (
+    IMPORT,
+    DrawingContent,
+    Drawn,
+    FillRule,
+    LayerSelection,
+    Shape,
+    flatten_bezier,
+    flatten_ellipse,
+)
 from ccm_opt.io.svg_document import View, length_of, numbers_in, parsed_document
 from ccm_opt.io.svg_placing import Picture, Place
 
@@ -159,7 +168,7 @@ def _place(point: Sequence[float]) -> FloatArray:
     return np.array([point[0], point[1]], dtype=np.float64)
 
 
-def read_svg(content: bytes, distance: float) -> DrawingContent:
+def read_svg(content: bytes, distance: float, selection: LayerSelection) -> DrawingContent:
     """Return the shapes in the bytes of an SVG file.
 
     A shape takes its name from the ``use`` element that draws it, else from its own inkscape:label, title or id, else
@@ -168,12 +177,13 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
     Args:
         content: content of the file.
         distance: maximum distance between a curve and its polyline [user units].
+        selection: selection of shapes.
 
     Raises:
         ProblemError: the content is not SVG, has dangling references or unreadable path data, or exceeds a limit of
             ``ImportBounds``.
     """
-    picture = Picture(parsed_document(content))
+    picture = Picture(parsed_document(content), selection)
     outline = cache(partial(_outline, picture.view))  # read once however often it is drawn
     shapes: list[Shape] = []
     points = 0

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.shapes import IMPORT
+from ccm_opt.io.shapes import IMPORT, LayerSelection
 from ccm_opt.io.svg_document import (
     FOREIGN,
     StyleSheet,
@@ -103,7 +103,11 @@ class Place:
 
 
 class Picture:
-    """All drawn shapes of an SVG document, found on construction.
+    """All drawn and selected shapes of an SVG document, found on construction.
+
+    Args:
+        root: root element of the document.
+        selection: selection of shapes.
 
     Attributes:
         places: occurrences of shapes, in drawing order.
@@ -113,7 +117,8 @@ class Picture:
         metres: length of a user unit [m]; None if the document states no physical size.
     """
 
-    def __init__(self, root: ET.Element) -> None:
+    def __init__(self, root: ET.Element, selection: LayerSelection) -> None:
+        self._selection = selection
         self.places: list[Place] = []
         self.left_out: list[LeftOut] = []
         self.refusals: list[str] = []
@@ -153,6 +158,8 @@ class Picture:
 
     def refuse(self, place: Place, why: str) -> None:
         """Record an element that cannot be read, and the reason, among the defects of the drawing."""
+        if self._selection.skips(place.layer, _shape_name(place)):
+            return
         name = f"'{_shape_name(place)}'" if place.node.tag in SHAPES else _titled(place.node)
         self.refusals.append(f"{name}: {why}")
 
@@ -172,6 +179,7 @@ class Picture:
         style = self._style(node)
         if style.get("display") == "none":
             inside = self._shapes_in(node)
+            self._selection.meet(place.layer or own_name(node), own_name(node))
             if inside:
                 several = "" if node.tag in SHAPES | {"use"} else f", with {inside} shapes in it"
                 self.leave_out(node, f"hidden by display: none{several}")
@@ -194,6 +202,8 @@ class Picture:
 
     def _take(self, place: Place) -> None:
         """Record a shape among the drawn ones if it is visible, else among those left out."""
+        if self._selection.skips(place.layer, place.name):
+            return
         if place.visible:
             self.places.append(place)
         else:

@@ -161,7 +161,7 @@ class Workspace:
         ]
         return replace(self, obstacles=tuple(moved))
 
-    def without(self, name: str) -> "Workspace":
+    def without_obstacle(self, name: str) -> "Workspace":
         """Return the workspace without the obstacles of a given name."""
         return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
 
