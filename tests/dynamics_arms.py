@@ -6,6 +6,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.link_layout import Proportions
 
 
 def swan_neck(links: int = 12, axes: Axes = "zyx", *, varied: bool = False) -> Arm:
@@ -14,26 +15,30 @@ def swan_neck(links: int = 12, axes: Axes = "zyx", *, varied: bool = False) -> A
     Args:
         links: number of links.
         axes: order of the revolute axes of a ball joint.
-        varied: whether every link has its own mass and inertia.
+        varied: whether every link has its own length, radius, mass and inertia.
     """
-    h = 0.05
-    r = 0.025
+    shares = Proportions(np.ones(links), np.ones(links), np.ones(links))
+    if varied:
+        shares = Proportions(np.linspace(1.4, 0.6, links), np.linspace(1.0, 0.4, links), np.ones(links))
+    h = 0.05 * shares.lengths
+    r = 0.025 * shares.radii
     masses = np.linspace(0.2, 0.05, links) if varied else np.full(links, 0.1)
     axial = masses * r**2 / 2
     return Arm(
         links=links,
-        link_length=h,
-        radius=r,
+        link_length=0.05,
+        radius=0.025,
         base=np.array([0.1, -0.2]),
         base_heading=0.4,
         joint_limit=float(np.deg2rad(60.0)),
         base_limit=2 * np.pi,
         self_collision=True,
-        mount_length=r,
+        mount_length=0.025,
         masses=masses,
         inertia_axial=axial,
         inertia_transverse=masses * (3 * r**2 + h**2) / 12,
         axes=axes,
+        proportions=shares if varied else None,
     )
 
 

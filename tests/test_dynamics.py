@@ -213,7 +213,7 @@ def test_gravity_torque_of_the_straight_arm_is_statics() -> None:
     """At rest and level, the base bend carries the sum of weight times lever."""
     arm = swan_neck(4, varied=True)
     inverse = InverseDynamics(arm, np.array([0.0, 0.0, -9.81]))
-    levers = (np.arange(4) + 0.5) * arm.link_length * np.cos(arm.base_heading)
+    levers = arm.link_middles * np.cos(arm.base_heading)
     torques = inverse(np.zeros(12), np.zeros(12), np.zeros(12))
     assert np.isclose(torques[1], -9.81 * np.sum(arm.masses * levers), rtol=1e-12)
     assert not np.any(torques[0::3])

@@ -11,6 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, SphereBody, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
@@ -36,7 +37,10 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
     drives = {"rotor_inertia": random.uniform(0.0, 1e-3, 3 * links), "friction": random.uniform(0.0, 0.1, 3 * links)}
     inertia = {name: random.uniform(1e-5, 1e-3, links) for name in ("inertia_axial", "inertia_transverse")}
     masses = random.uniform(0.1, 0.5, links)
-    arm = turned_arm(random, links, feed=FEED_OF_TESTS, payload=0.3, masses=masses, **drives, **inertia)
+    lengths = random.uniform(0.4, 1.8, links)
+    unequal = Proportions(lengths / lengths.mean(), np.ones(links), np.ones(2 * links))
+    more = drives | inertia | {"proportions": unequal if links > 1 else None}
+    arm = turned_arm(random, links, feed=FEED_OF_TESTS, payload=0.3, masses=masses, **more)
     states = random.normal(0.0, 0.7, (3, 5, 2 * links + 1))
     np.testing.assert_allclose(chain_points(arm, states[0]), arm.joint_positions_at(states[0]), atol=1e-13)
     along = LinkFrames.from_configurations(arm, states[0]).along
