@@ -18,7 +18,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
 from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.io.rules import odd_mesh_size
-from ccm_opt.problem import ImportedDrawing, Limits, Problem
+from ccm_opt.problem import ImportedArm, ImportedDrawing, Limits, Problem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import open_edge_words
 from ccm_opt.scene.surfaces import box_about
@@ -34,10 +34,22 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def report_scene(problem: Problem) -> None:
-    """Print a summary of a problem's drawing or meshes, and warn of implausible sizes, positions and limits."""
+    """Print a summary of a problem's drawing or meshes and URDF, and warn of implausible sizes and limits."""
+    if problem.imported_arm is not None:
+        _report_imported_arm(problem.imported_arm)
     tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
     warn_odd_rates(problem)
+
+
+def _report_imported_arm(arm: ImportedArm) -> None:
+    """Print what was simplified when an arm was read from a URDF."""
+    if output().as_json:
+        output().note({"arm": asdict(arm)})
+    if output().tables:
+        console = report_console()
+        for line in (f"{arm.file}: {len(arm.joints)} joints", *(f"  {note}" for note in arm.notes)):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def report_drawing(problem: Problem) -> None:

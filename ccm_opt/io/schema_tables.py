@@ -470,6 +470,14 @@ class ChainTable(Table):
 
     rules = Rules(at_most_one=("link_mass", "masses"))
 
+    urdf: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description=(
+            "URDF of the arm ([what is read](problem-file.md#urdf)), in place of `sections` or the keys of equal "
+            "links. The path is relative to the problem file and must stay within its folder, unless "
+            "`--allow-outside` is given (in Python `allow_outside=True`)."
+        ),
+    )
     sections: Annotated[list[SectionTable], Field(min_length=1)] | None = Field(
         default=None,
         description=(

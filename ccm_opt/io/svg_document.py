@@ -10,13 +10,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
-from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.shapes import IMPORT
+from ccm_opt.io.xml_document import parsed_xml
 
 _LONGEST_ATTRIBUTE = 20_000
 """Maximum length of a style, class or transform attribute [characters]. Heuristic: a hundred times the usual length."""
@@ -24,10 +23,6 @@ _MOST_STYLE_RULES = 300
 """Maximum number of style rules that affect shapes. Heuristic: each rule is compared with every element."""
 
 NAMESPACE = "http://www.w3.org/2000/svg"
-FOREIGN = ""
-"""Tag given to elements outside the SVG namespace, in which editors store their own data."""
-_SEPARATOR = " "
-"""Separator that the parser puts between namespace and name; a namespace contains no blank."""
 
 
 def parsed_document(content: bytes) -> ET.Element:
@@ -39,71 +34,15 @@ def parsed_document(content: bytes) -> ET.Element:
     Raises:
         ProblemError: the content is not XML, is not SVG, or exceeds a limit of ``ImportBounds``.
     """
-    builder = _Builder(content.count(b"&"))
-    parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
-    parser.buffer_text = True
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.tree.data
-    parser.EntityDeclHandler = builder.entity
-    try:
-        parser.Parse(content, True)  # noqa: FBT003 - the parser takes no keyword
-        root = builder.tree.close()
-    except (expat.ExpatError, ValueError, LookupError) as error:  # encodings that nobody knows too
-        raise ProblemError(f"not readable as XML: {error}") from None
+    root, namespace = parsed_xml(content, NAMESPACE)
     if root.tag != "svg":
         raise ProblemError(f"expected the outermost element svg, got {root.tag}")
-    if builder.namespace not in {NAMESPACE, ""}:
+    if namespace not in {NAMESPACE, ""}:
         raise ProblemError(
-            f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', "
+            f"the outermost element is in the namespace '{namespace[:80]}'; expected '{NAMESPACE}', "
             "without which programs do not show the drawing"
         )
     return root
-
-
-class _Builder:
-    """Parser target that builds the element tree of an SVG file and enforces limits on its size.
-
-    Args:
-        references: upper bound on the number of entity references in the text.
-    """
-
-    def __init__(self, references: int) -> None:
-        self.tree = ET.TreeBuilder()
-        self.namespace = ""
-        self.count = self.depth = self.entity_length = 0
-        self.references = references
-
-    def start(self, name: str, attributes: dict[str, str]) -> None:
-        """Open an element as a child of the element that is currently open.
-
-        Raises:
-            ProblemError: the document has too many elements, or they are nested too deep.
-        """
-        namespace, _, tag = name.rpartition(_SEPARATOR)
-        self.namespace = self.namespace if self.count else namespace
-        self.count += 1
-        self.depth += 1
-        if self.count > IMPORT.most_nodes:
-            raise ProblemError(f"it has more than {IMPORT.most_nodes} elements; simplify the drawing")
-        if self.depth > IMPORT.deepest:
-            raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
-        self.tree.start(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
-
-    def end(self, name: str) -> None:
-        """Close the element that is currently open."""
-        self.depth -= 1
-        self.tree.end(name)
-
-    def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
-        """Refuse a declared entity that could expand a small file too much: a nested one, or a long one used often.
-
-        Raises:
-            ProblemError: the entity is refused.
-        """
-        self.entity_length += len(value or "")
-        if "&" in (value or "") or self.references * self.entity_length > IMPORT.most_bytes:
-            raise ProblemError("its entities expand to too much text; save it as plain SVG")
 
 
 PROPERTIES = frozenset(

@@ -13,7 +13,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT, LayerSelection
 from ccm_opt.io.svg_document import (
-    FOREIGN,
     StyleSheet,
     View,
     affine,
@@ -24,6 +23,7 @@ from ccm_opt.io.svg_document import (
     physical_length,
     style_sheet,
 )
+from ccm_opt.io.xml_document import FOREIGN
 from ccm_opt.problem import LeftOut
 
 SHAPES = frozenset(("circle", "ellipse", "line", "path", "polygon", "polyline", "rect"))

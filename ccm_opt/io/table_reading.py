@@ -37,6 +37,7 @@ from ccm_opt.io.rules import (
 )
 from ccm_opt.io.schema import OPTIONAL, TABLES, PoseTable, RootTable, SpaceArmTable, SpacePoseTable, SpaceWorkspaceTable
 from ccm_opt.io.schema_tables import ArmTable, Table
+from ccm_opt.io.urdf_arm import with_urdf
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
@@ -67,7 +68,12 @@ def check_data(
         The problem; None if any defect was found.
     """
     in_space = data.get("space") == IN_SPACE_KEY
-    whole, drawing = (data, None) if in_space else with_scene(data, folder, issues, allow_outside=allow_outside)
+    with_arm, imported_arm = with_urdf(data, folder, issues, in_space=in_space, allow_outside=allow_outside)
+    if with_arm is None:
+        # What depends on the arm, as limits may come from the URDF, cannot be checked.
+        _validate({**data, "arm": {}}, issues, in_space=in_space, skipped=("arm", "limits"))
+        return None
+    whole, drawing = (with_arm, None) if in_space else with_scene(with_arm, folder, issues, allow_outside=allow_outside)
     check_alternatives(whole, issues, TABLES[in_space])
     # Defective tables are None, or left out of lists, so that the other tables can still be checked.
     found = _validate(whole, issues, in_space=in_space)
@@ -82,7 +88,7 @@ def check_data(
             _hint_at_scale(drawing, found, issues)
             return None
     problem = build_problem(found, source if whole is data else "")
-    return replace(problem, drawing=drawing)
+    return replace(problem, drawing=drawing, imported_arm=imported_arm)
 
 
 def _length_unit(data: Mapping[str, object]) -> LengthUnit:
@@ -91,18 +97,21 @@ def _length_unit(data: Mapping[str, object]) -> LengthUnit:
     return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
 
 
-def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> dict[str, Any]:
+def _validate(
+    data: Mapping[str, object], issues: Issues, *, in_space: bool, skipped: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return the validated tables of a problem file, by table name, with None for each table that has defects.
 
     Args:
         data: the parsed TOML.
         issues: receives the defects.
         in_space: whether the arm moves in three dimensions.
+        skipped: names of tables that are left out.
     """
     scale = METRES[_length_unit(data)]
     found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
     for name, model in TABLES[in_space].items():
-        if name in {"workspace.obstacles", "goal"}:  # lists of tables, validated below
+        if name in {"workspace.obstacles", "goal", *skipped}:  # lists of tables are validated below
             continue
         table = data.get(name, {} if name in OPTIONAL else None)
         if isinstance(table, Mapping):

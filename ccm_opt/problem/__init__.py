@@ -2,7 +2,7 @@
 
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.problem.definition import Problem
-from ccm_opt.problem.field_types import ImportedDrawing, LeftOut
+from ccm_opt.problem.field_types import ImportedArm, ImportedDrawing, ImportedJoint, LeftOut
 from ccm_opt.problem.options import (
     ControllerName,
     Disturbances,
@@ -25,7 +25,9 @@ __all__ = [
     "Disturbances",
     "DriveLimits",
     "Goal",
+    "ImportedArm",
     "ImportedDrawing",
+    "ImportedJoint",
     "JointPose",
     "LeftOut",
     "LengthUnit",

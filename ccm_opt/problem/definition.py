@@ -10,7 +10,7 @@ from ccm_opt.core.arguments import expect, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit, long_length, words_in
-from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
+from ccm_opt.problem.field_types import ImportedArm, ImportedDrawing, wrong_types
 from ccm_opt.problem.options import (
     CONTACT_SHARE_OF_LENGTH,
     MOST_CONTACT_SHARE_OF_LENGTH,
@@ -369,6 +369,7 @@ class Problem:
         length_unit: unit of lengths in messages, taken from the problem file: ``m``, ``mm`` or ``in``; values are
             always in metres.
         drawing: report on the drawing from which obstacles were imported; None without a drawing.
+        imported_arm: report on the URDF file from which the arm was read; None without one.
 
     Raises:
         ProblemError: an attribute has a wrong type or shape, or an invalid value; the message lists all of them.
@@ -390,6 +391,7 @@ class Problem:
     source: str = ""
     length_unit: LengthUnit = "m"
     drawing: ImportedDrawing | None = None
+    imported_arm: ImportedArm | None = None
 
     @property
     def dimension(self) -> int:

@@ -159,3 +159,35 @@ class ImportedDrawing:
             f"{file_length(arm_length)}; check workspace.scale, the length of one unit of the drawing (0.001 for a "
             "drawing in millimetres and a problem file in metres)"
         )
+
+
+@dataclass(frozen=True)
+class ImportedJoint:
+    """A joint of the URDF file from which an arm was read.
+
+    Attributes:
+        name: its name in that file.
+        drive: index of its drive among the revolutes of the arm, three a joint, and the axes of the base after them.
+        sense: +1 if both turn or move the same way, −1 if not.
+        held: whether it stays at zero, since the arm has no bend about its axis.
+    """
+
+    name: str
+    drive: int
+    sense: float
+    held: bool
+
+
+@dataclass(frozen=True)
+class ImportedArm:
+    """Report on the reading of an arm from a URDF file.
+
+    Attributes:
+        file: name of the file.
+        joints: its joints from the base outward.
+        notes: what was left out, simplified or made larger, in words for the user.
+    """
+
+    file: str
+    joints: tuple[ImportedJoint, ...]
+    notes: tuple[str, ...]
