@@ -265,8 +265,10 @@ def _line(turning: Sequence[PlacedJoint], chain: Chain, extent: float) -> tuple[
             f"{turning[worst].name}: at zero its axis passes the line of the arm at a distance of {by}; "
             "expected axes that meet one line: an arm that is straight at zero, without offsets between its axes"
         )
-    outward = np.concatenate((places[bends][1:], ends)) - places[bends][0]
-    return origin, x if float(np.sum(outward @ x)) >= 0.0 else -x
+    outward = float(np.sum((places[bends] - places[bends][0]) @ x))
+    if abs(outward) < _SAME * extent:  # a single joint
+        outward = float(np.sum((ends - places[bends][0]) @ x))
+    return origin, x if outward >= 0.0 else -x
 
 
 def _directions(axes: FloatArray, places: FloatArray, ends: FloatArray) -> Iterator[FloatArray]:
