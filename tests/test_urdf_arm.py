@@ -18,7 +18,8 @@ from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.robot_models import roll_pitch_yaw, urdf_text
 from ccm_opt.io.urdf_bodies import Rounded, containing_radius, standing_out
 from ccm_opt.problem import Limits, Problem
-from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.link_layout import Proportions
 
