@@ -1,5 +1,7 @@
 """Rows of the optimisation in space: their slopes, and what they say of the room between keyframes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.limits.limit_stack import ContactLimit
+from ccm_opt.planning.limits.limit_stack import ContactLimit, JointLimit
 from ccm_opt.planning.limits.surface_rows import clearance_shortfall, motion_rows
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.space_task import SpaceTask
@@ -67,3 +69,26 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
             axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
             least = float(np.min(proof.tree.distances(axes, 1.0)))
             assert shortfall[k, part] == pytest.approx(max(float(proof.kept[0]) + WANTED - least, 0.0), abs=1e-9)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_bends_of_fed_arms_are_bounded_between_keyframes(seed: int) -> None:
+    """There, too, rows predict each free bend's distance from its limits after a small change of both keyframes."""
+    rng = np.random.default_rng(seed)
+    arm = replace(snake(8, feed=Feed(0.0, 0.8, 0.8)), joint_limit=0.2)
+    curve, v = CurveMap.through(arm, np.append(np.zeros(2 * arm.links), 0.4))
+    sweep = Sweep(curve, v + np.cumsum(0.02 * rng.normal(size=(4, len(v))), axis=0))
+    limit = JointLimit(arm, 0.99, 1.0)
+    _, rows = limit.keyframe_rows(sweep, np.zeros(0))
+    change = 1e-6 * rng.normal(size=sweep.unknowns.shape)
+    _, moved = limit.keyframe_rows(Sweep(curve, sweep.unknowns + change), np.zeros(0))
+    bends, after = (-0.5 * (each.lower + each.upper).reshape(9, -1) for each in (rows, moved))
+    share = np.tile([0.25, 0.5, 0.75], 3)[:, None]
+    between = (1.0 - share) * np.repeat(sweep.unknowns[:-1], 3, axis=0) + share * np.repeat(
+        sweep.unknowns[1:], 3, axis=0
+    )
+    assert bends == pytest.approx(curve.configurations(between)[:, 2:-1], abs=1e-12)
+    assert rows.before is not None
+    turned = np.sum(rows.before * change[rows.keyframe - 1] + rows.slopes * change[rows.keyframe], axis=1)
+    assert after == pytest.approx(bends + turned.reshape(bends.shape), abs=1e-9)

@@ -90,7 +90,9 @@ def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, Fl
 
 @dataclass(frozen=True)
 class KeyframeRows:
-    """Linearised constraints on single keyframes of a motion, lower ≤ a δ_k ≤ upper for a change δ_k of keyframe k.
+    """Linearised constraints on a motion at its keyframes, or between two, lower ≤ b δ_{k−1} + a δ_k ≤ upper.
+
+    δ_k is the change of keyframe k; constraints on a single keyframe have no b.
 
     Attributes:
         keyframe: index k of the keyframe of each row, at least 1 because the first keyframe is fixed, shape (m,).
@@ -98,6 +100,7 @@ class KeyframeRows:
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
         kind: purpose of the constraints, reported if they are what keeps the clearance from growing.
+        before: derivatives b with respect to the coordinates of the keyframe before, shape (m, p); None if all are 0.
     """
 
     keyframe: IntArray
@@ -105,6 +108,7 @@ class KeyframeRows:
     lower: FloatArray
     upper: FloatArray
     kind: ClearanceLimit = "joint limits"
+    before: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ A new limit that always holds is one more line in ``assembled_limits``, for the 
 constraints, proofs, checks and messages belong in a file of its own.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -354,21 +354,45 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return inequalities for the bends near their limit, at all keyframes of a motion but the first."""
+        """Return inequalities for the bends near their limit, at all keyframes of a motion but the first.
+
+        Where joints slide along the curve between keyframes, there are inequalities at times in between, too.
+        """
         del u
+        # The first keyframe is the start and cannot move.
+        at_keyframes = self._bend_rows(sweep, sweep.poses[1:], np.arange(1, sweep.intervals + 1))
+        if sweep.space.affine:
+            return (at_keyframes,)
+        share = np.tile(np.arange(1, sweep.parts) / sweep.parts, sweep.intervals)
+        after = np.repeat(np.arange(1, sweep.intervals + 1), sweep.parts - 1)
+        return at_keyframes, self._bend_rows(sweep, sweep.poses_between, after, share)
+
+    def _bend_rows(
+        self, sweep: Sweep, poses: Sequence[Pose], keyframe: IntArray, share: FloatArray | None = None
+    ) -> KeyframeRows:
+        """Return inequalities for the bends of m poses of a motion that are near their limit.
+
+        Args:
+            sweep: the motion.
+            poses: the poses.
+            keyframe: index of the keyframe at which, or before which, each pose is, shape (m,).
+            share: time of each pose as a fraction of the interval before the keyframe, shape (m,); None for 1.
+        """
         space = sweep.space
-        bends = space.bends(sweep.configurations)
+        bends = space.bends(np.stack([pose.q for pose in poses]))
         limits = np.broadcast_to(self.share * space.bend_limits, bends.shape)
 
         # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` checks all bends
         # afterwards. Nor does a bend that is held at 0.
         near = (np.abs(bends) + _NEAR_JOINT_LIMIT > limits) & (limits > 0.0)
-        # The first keyframe is the start and cannot move.
-        near[0] = False
-        keyframe, joint = np.nonzero(near)
+        pose, joint = np.nonzero(near)
+        slopes = np.stack([pose.slopes for pose in poses])[pose, joint]
         lower = np.minimum((-limits - bends)[near], 0.0)
         upper = np.maximum((limits - bends)[near], 0.0)
-        return (KeyframeRows(keyframe, sweep.slopes[keyframe, joint], lower, upper),)
+        if share is None:
+            return KeyframeRows(keyframe[pose], slopes, lower, upper)
+        part = share[pose, None]
+        return KeyframeRows(keyframe[pose], part * slopes, lower, upper, before=(1.0 - part) * slopes)
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
         """Return whether the bends of a motion are within the accepted limits, or no larger than before the step.

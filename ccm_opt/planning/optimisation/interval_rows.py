@@ -112,8 +112,14 @@ class Sweep:
     # ------------------------------------------------------------ values at the times of rows
     @property
     def _between(self) -> FloatArray:
-        """Unknowns at the ends of the parts that lie inside the intervals, shape (K, m − 1, p)."""
-        return np.stack([self.unknowns_at(part / self.parts) for part in range(1, self.parts)], axis=1)
+        """Unknowns at the ends of the parts that lie inside the intervals, shape (K (m − 1), p)."""
+        shares = np.arange(1, self.parts) / self.parts
+        return np.stack([self.unknowns_at(share) for share in shares], axis=1).reshape(-1, self.unknowns.shape[1])
+
+    @cached_property
+    def poses_between(self) -> tuple[Pose, ...]:
+        """Poses at the ends of the parts that lie inside the intervals, K (m − 1) of them."""
+        return self.space.poses(self._between)
 
     def _interleaved(self, at_keyframes: FloatArray, between: FloatArray) -> FloatArray:
         """Return values at keyframes and at the times between them as one array in order of time, shape (K m + 1, ...).
@@ -131,8 +137,8 @@ class Sweep:
         """Positions of joints and tip at all times at which constraints may be imposed, (K m + 1, n + 1, d) [m]."""
         if self.parts == 1:
             return self.joints
-        between = self._between.reshape(-1, self.unknowns.shape[1])
-        return self._interleaved(self.joints, self.space.arm.joint_positions_at(self.space.configurations(between)))
+        between = self.space.arm.joint_positions_at(self.space.configurations(self._between))
+        return self._interleaved(self.joints, between)
 
     @cached_property
     def timed_points(self) -> FloatArray:
@@ -144,8 +150,7 @@ class Sweep:
         """Derivatives of ``timed_points`` with respect to the unknowns at each time, (K m + 1, n + 3, d, p) [m]."""
         if self.parts == 1:
             return self.moving
-        between = self.space.poses(self._between.reshape(-1, self.unknowns.shape[1]))
-        moving = np.stack([pose.moving for pose in between])
+        moving = np.stack([pose.moving for pose in self.poses_between])
         return self._interleaved(self.moving, self._with_marks(moving))
 
     @property

@@ -340,6 +340,9 @@ class KeyframeProgram:
         upper = [-active.values(self.motion.sweep) / self.motion.unit]
         for rows in self.motion.keyframe_rows:
             matrices.append(self._at_keyframes(rows.keyframe, rows.slopes))
+            if rows.before is not None:
+                moves = rows.keyframe > 1
+                matrices[-1] += self._at_keyframes(np.maximum(rows.keyframe - 1, 1), rows.before * moves[:, None])
             lower.append(rows.lower)
             upper.append(rows.upper)
         return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
