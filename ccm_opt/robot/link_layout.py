@@ -119,12 +119,6 @@ class LinkLayout:
         return int(np.searchsorted(shares, self.mount_length / self.link_length + 1e-9, side="right"))
 
     @property
-    def first_free_joint(self) -> int:
-        """Index of the first joint at or beyond the end of the mount; the tip's is ``links``."""
-        within = self.mount_length / self.link_length - 1e-9
-        return min(int(np.searchsorted(self.place_shares, within, side="left")), self.links)
-
-    @property
     def free_shares(self) -> FloatArray:
         """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
         within = self.mount_length / self.link_length - self.place_shares[:-1]

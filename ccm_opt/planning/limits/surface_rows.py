@@ -53,11 +53,15 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
     place, link, normal, foot = _half_spaces(sweep, finder.tree, sweep.timed_joints[1:], reach + travel)
     interval = place // sweep.parts
     share = (place % sweep.parts + 1) / sweep.parts
+    arm = sweep.space.arm
+    mounted, part = arm.mount_end
+    # A link that belongs to the mount in part begins at the end of the mount.
+    begins = np.where((link == mounted) & (part > 0.0), arm.links + 1, link)
     rows = [
-        _rows_of_points(interval, share, link + end, normal, foot + finder.kept[link] + room).take(
-            _free_points(sweep, link + end)
+        _rows_of_points(interval, share, point, normal, foot + finder.kept[link] + room).take(
+            _free_points(sweep, point)
         )
-        for end in (0, 1)
+        for point in (begins, link + 1)
     ]
     return joined_rows(rows)
 
@@ -77,12 +81,9 @@ def _half_spaces(
         Index of the pose and of the link of each half-space, shape (m,), normal n, shape (m, 3), and offset b, shape
         (m,) [m].
     """
-    arm = sweep.space.arm
-    first = arm.first_free_joint
-    beyond = arm.links - first
-    looked_at = points[:, first:]
-    segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
-    planes = tree.planes(segments, reach, _PLANES, _BEHIND * sweep.space.nominal_length)
+    first, axes = sweep.space.arm.exposed_links(points)
+    beyond = axes.shape[1]
+    planes = tree.planes(axes.reshape(-1, 2, 3), reach, _PLANES, _BEHIND * sweep.space.nominal_length)
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
@@ -137,7 +138,6 @@ def distance_shortfall(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: Fl
     Returns:
         Shortfall of every pose, at least 0, shape (k,) [m].
     """
-    first = arm.first_free_joint
-    segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
-    distances = tree.distances(segments.reshape(-1, 2, 3), float(np.max(kept))).reshape(len(points), -1)
+    first, axes = arm.exposed_links(points)
+    distances = tree.distances(axes.reshape(-1, 2, 3), float(np.max(kept))).reshape(len(points), -1)
     return np.asarray(np.max(kept[first:] - distances, axis=1, initial=0.0))
