@@ -36,7 +36,7 @@ MODULES = (
     "curve_space",
     "space_curve_map",
     "space_certificate",
-    "followable_ways",
+    "ways_of_fed_arms",
     "dynamics",
     "planar_dynamics",
     "simulation",
