@@ -44,8 +44,8 @@ def named_goals(problem: Problem) -> Iterator[NamedGoal[Goal]]:
 
 
 def tip_goal(problem: Problem) -> TipGoal | None:
-    """Return the last goal of a problem if that goal is for the tip; None if it is for the whole arm."""
-    return problem.goal.for_tip
+    """Return the last goal of a problem if it may be moved: a goal for the tip, to which no path is given; or None."""
+    return problem.goal.for_tip if problem.goal.path is None else None
 
 
 def named_tip_goals(problem: Problem) -> Iterator[NamedTipGoal]:

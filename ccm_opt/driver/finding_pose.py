@@ -106,6 +106,8 @@ def _refuse_other_questions(problem: Problem) -> None:
         raise ProblemError(
             "the goal gives the pose of the whole arm, so there is none to find; give goal.position instead"
         )
+    if problem.goal.path is not None:
+        raise ProblemError("goal.path determines the pose at the goal; give goal.position instead")
     if problem.arm.base_axes and problem.dimension == 2:
         raise ProblemError(
             "in the plane, goal poses are found for a fixed base only, not on a feed axis; leave arm.feed out"

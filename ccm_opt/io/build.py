@@ -368,6 +368,9 @@ def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
 
 def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> Goal:
     """Return a goal for the tip or for the whole arm from the table ``[goal]``."""
+    if table.path is not None:
+        path = np.array(table.path)
+        return TipGoal(path[-1], path=path)
     if table.position is None:
         return build_pose(table, arm, mapping)
     direction = None if table.direction is None else np.array(table.direction)

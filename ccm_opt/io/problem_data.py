@@ -222,6 +222,8 @@ def goal_table(
         tolerances: tolerances of the goal; None for a start, which has none.
     """
     entries: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
+    if goal.path is not None:
+        entries |= {"path": list(goal.path), "position": None}
     if tolerances:
         angle = "direction" if in_space else "heading"
         entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}

@@ -139,7 +139,8 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
     if lookup(data, ("arm", "feed")) is None:
-        for path in [*poses, *limits, ("planner", "follow_within")]:
+        paths = [(*path, "path") for path in goal_paths(data)]
+        for path in [*poses, *limits, *paths, ("planner", "follow_within")]:
             if lookup(data, path) is not None:
                 issues.add(path, "only allowed together with arm.feed; leave it out for a fixed base")
         return

@@ -102,6 +102,7 @@ class GoalTable(PoseTable):
     )
     direction: ClassVar[None] = None
     via: ClassVar[None] = None
+    path: ClassVar[None] = None
     direction_tolerance_deg: ClassVar[float] = 0.0
 
     position: Point | None = Field(default=None, description="Position of the tip.")
@@ -427,13 +428,21 @@ class SpaceGoalTable(SpacePoseTable):
     """Table of the goal of a motion in space: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
-        exactly_one=("position", "joints_deg", "shape"), needs=dict.fromkeys(("direction", "via"), ("position",))
+        exactly_one=("position", "path", "joints_deg", "shape"),
+        needs=dict.fromkeys(("direction", "via"), ("position",)),
     )
     heading_tolerance_deg: ClassVar[float] = 0.0
 
     position: SpacePoint | None = Field(default=None, description="Position of the tip.")
     direction: Direction | None = Field(
         default=None, description="Direction of the last link, with `position`. Default: free."
+    )
+    path: Annotated[list[SpacePoint], Field(min_length=2)] | None = Field(
+        default=None,
+        description=(
+            "Path that the tip follows, in place of `position`: points on a smooth curve that begins where the tip "
+            "starts and ends at the goal ([how](arms.md#along-a-given-path))."
+        ),
     )
     via: Annotated[list[SpacePoint], Field(min_length=1)] | None = Field(
         default=None,

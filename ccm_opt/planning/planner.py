@@ -45,6 +45,7 @@ from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_clearance
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.passage_widths import MARGINS
+from ccm_opt.planning.path_following import motion_along
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.search import Strategy
@@ -212,6 +213,8 @@ class MotionPlanner:
             task = space_task(problem, tree, deadline, self.space, self.terms)
             refuse_ends(problem, task)
             task = replace(task, refuse=partial(self.refuse, problem))
+        if problem.goal.path is not None:
+            return self._along_path(problem, task, problem.goal.path)
         try:
             found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
             planned = found or self._planned(problem, task)
@@ -375,6 +378,20 @@ class MotionPlanner:
                 found if motion.u is None else motion,
             )
         return _Planned(motions, ending.record)
+
+    def _along_path(self, problem: Problem, task: SpaceTask, path: FloatArray) -> JointPath:
+        """Return the motion whose tip follows the goal's path, shape (m, 3) [m].
+
+        Raises:
+            ProblemError: something else is asked for that such a motion does not take into account.
+            NoPlanFound: the arm cannot follow the path.
+        """
+        if self.terms is not None or self.sampled or problem.planner.retiming == "paul":
+            raise ProblemError(
+                "goal.path fixes the motion: leave out constraints, costs, the method rrt-connect and the retiming paul"
+            )
+        with self.stages("motion"):
+            return motion_along(task, path, problem.tolerances.position, problem.planner.follow_within)
 
     def _refined(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """Return the motion in space of an arm with many links, planned with few links and then refined, or None.

@@ -22,7 +22,7 @@ from ccm_opt.problem.options import (
     SimulationOptions,
     VerificationOptions,
 )
-from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
+from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
@@ -214,7 +214,24 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
             continue
         for number, via in enumerate(pose.via, start=1):
             yield from array_defects(f"{name}.via {number}", via, (d,), positive=False)
+        if pose.path is not None:
+            yield from _path_defects(name, pose, pose.path, problem.arm)
     yield from feed_defects(problem.arm, problem.limits, placed)
+
+
+def _path_defects(name: str, goal: TipGoal, path: FloatArray, arm: Arm) -> Iterator[str]:
+    if arm.dimension == 2 or arm.feed is None:
+        yield f"{name}.path is for arms in space with a feed axis; leave it out"
+        return
+    found = tuple(array_defects(f"{name}.path", path, (max(len(path), 2), 3), positive=False))
+    yield from found
+    if found:
+        return
+    yield from _broken(
+        (bool(np.all(np.any(np.diff(path, axis=0), axis=1))), f"{name}.path has the same point twice in succession"),
+        (np.array_equal(path[-1], goal.position), f"{name}.path must end at {name}.position"),
+        (not goal.via and goal.direction is None, f"{name}.path goes together with neither via nor direction"),
+    )
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:

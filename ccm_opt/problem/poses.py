@@ -36,6 +36,7 @@ class JointPose:
     direction: ClassVar[None] = None
     heading: ClassVar[None] = None
     via: ClassVar[tuple[FloatArray, ...]] = ()
+    path: ClassVar[None] = None
     for_tip: ClassVar[None] = None
 
     @property
@@ -127,12 +128,15 @@ class TipGoal:
         direction: unit vector along the last link, shape (2,) or (3,); None if any direction is allowed.
         via: positions that the tip must pass before the goal, in order, each of shape (3,) [m]; empty in the plane.
         heading: heading of the last link in the plane [rad]; None in space, and if any heading is allowed.
+        path: points of a path in space that the tip follows to the goal, from where it starts, shape (m ≥ 2, 3) [m];
+            None if the way is free. The path is the natural cubic spline through the points over their chord lengths.
     """
 
     position: FloatArray
     direction: FloatArray | None = None
     via: tuple[FloatArray, ...] = ()
     heading: float | None = None
+    path: FloatArray | None = None
     for_joints: ClassVar[None] = None
 
     @property

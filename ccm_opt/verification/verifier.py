@@ -12,7 +12,7 @@ from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_consistency, check_form
 from ccm_opt.verification.drives import check_names
-from ccm_opt.verification.following import check_following
+from ccm_opt.verification.following import check_following, check_given_paths
 from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.sample_efforts import check_sample_efforts
@@ -76,6 +76,7 @@ def verify(
     checks += check_consistency(problem, trajectory, joints, needed, settings)
     checks += check_base_axes(problem, trajectory, joints, needed, settings)
     checks += check_following(problem, motion, trajectory)
+    checks += check_given_paths(problem, motion, trajectory)
     holding = holding_efforts(problem, trajectory.positions)
     checks += check_shares(problem, trajectory, joints, checks, holding, settings)
     checks += check_sample_efforts(problem, motion, trajectory, holding, settings)

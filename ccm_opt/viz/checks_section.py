@@ -165,8 +165,8 @@ def check_title(name: str) -> str:
     if stop := re.fullmatch(r"stop (\d+) (position|heading|direction|joints|feed)", name):
         what = {"position": "Tip", "joints": "Joint"}.get(stop[2], stop[2].capitalize())
         return f"{what} error at goal {stop[1]}"
-    if way := re.fullmatch(r"(?:goal|stop (\d+)) via (\d+)", name):
-        return f"Tip distance from via {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
+    if way := re.fullmatch(r"(?:goal|stop (\d+)) (path|via \d+)", name):
+        return f"Tip distance from {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
     for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
         if name.startswith(begin):
             return f"{words} “{name.removeprefix(begin)}”"

@@ -223,6 +223,7 @@ def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         else:
             words = f"{place}, any {'heading' if problem.dimension == 2 else 'direction'}"
         passed = "".join(f", via {_place(each, units)}" for each in goal.via)
+        passed += "" if goal.path is None else f", along a path of {len(goal.path)} points"
         yield f"goal {number}" if problem.stops else "goal", words + passed
 
 

@@ -107,6 +107,13 @@ def tip_at_end(plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tupl
     return TipGoal(place, along / np.linalg.norm(along), via=via)
 
 
+def along(plan: SpacePlan, off: float = 0.0) -> TipGoal:
+    """Return a goal with the path of the tip over a motion, whose middle is off that path by a distance [m]."""
+    path = places_of(plan)[:, -1][np.linspace(0, len(plan.trajectory.time) - 1, 9).astype(int)]
+    path[4] += np.array([0.0, 0.0, off])
+    return TipGoal(path[-1], path=path)
+
+
 def halfway(plan: SpacePlan) -> FloatArray:
     """Return the position of the tip at the middle of a motion, shape (3,) [m]."""
     return places_of(plan)[len(plan.trajectory.time) // 2, -1]
@@ -320,11 +327,13 @@ SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "goal direction": (lambda: to_tip(turned=0.018),),
     "goal joints": (lambda: fixed().asking(goal=pose_at_end(fixed(), 0.02)),),
     "goal feed": (lambda: fed().asking(goal=pose_at_end(fed(), carried=2e-3)),),
+    "goal path": (lambda: fed().asking(goal=along(fed(), 2e-3)),),
     "goal via N": (lambda: to_tip(via=(halfway(fixed()) + 0.3,)),),
     "stop N position": (lambda: at_stop(off=1.1e-3),),
     "stop N direction": (lambda: at_stop(turned=0.018),),
     "stop N joints": (lambda: stopping(fixed(), pose_at_end(fixed(), 0.02)),),
     "stop N feed": (lambda: stopping(fed(), pose_at_end(fed(), carried=0.01)),),
+    "stop N path": (lambda: stopping(fed(), along(fed(), 2e-3)),),
     "stop N via N": (lambda: at_stop(via=(halfway(fixed()) + 0.3,)),),
     "survived joint error": (
         lambda: with_body(fixed(), "wall", BoxBody(np.array([0.8, -1.0, -1.0]), np.array([0.9, 1.0, 1.0]))).asking(
@@ -338,6 +347,8 @@ SPACE_UNHARMED: tuple[Mutation, ...] = (
     fixed,
     fed,
     to_tip,
+    lambda: fed().asking(goal=along(fed())),
+    lambda: stopping(fed(), along(fed())),
     lambda: to_tip(via=(halfway(fixed()),)),
     at_stop,
     lambda: at_stop(via=(halfway(fixed()),)),

@@ -1,0 +1,141 @@
+"""Motions whose tip follows a path that the user gives, planned and verified."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import ccm_opt
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import parse_problem, problem_from_mapping
+from ccm_opt.problem.solution import Solution
+from ccm_opt.verification.verifier import verify
+
+PROBLEM = """
+schema = 1
+space = 3
+name = "path"
+
+[workspace]
+bounds = [[-1.0, -0.5, -0.5], [1.0, 0.5, 0.5]]
+
+[arm]
+links = 20
+link_length = 0.03
+radius = 0.008
+base = { position = [-0.7, 0, 0], direction = [1, 0, 0] }
+joint_limit_deg = 30
+feed = { range = [0.0, 0.6], hole = 0.65 }
+
+[limits]
+velocity = 1.0
+acceleration = 5.0
+feed_velocity = 0.1
+feed_acceleration = 0.5
+
+[start]
+shape = "straight"
+
+[goal]
+path = PATH
+
+[planner]
+follow_within = 0.004
+"""
+POST = """[[workspace.obstacles]]
+name = "post"
+sphere = { center = [0.25, 0.06, 0.0], radius = 0.03 }
+[arm]"""
+BEND = [[-0.1, 0, 0], [0.02, 0.0, 0.0], [0.1, 0.005, 0.0], [0.2, 0.04, 0.01], [0.3, 0.09, 0.04], [0.38, 0.15, 0.08]]
+
+
+def with_path(path: list[list[float]], **changes: str) -> ccm_opt.Problem:
+    """The problem with a path of the tip, and with lines of the file exchanged."""
+    text = PROBLEM.replace("PATH", repr(path))
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    return parse_problem(text)
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    """A plan along a path that leaves the axis of the feed in space."""
+    return ccm_opt.solve(with_path(BEND))
+
+
+def distances(points: FloatArray) -> FloatArray:
+    """Distances of points (k, 3) from the natural spline through the path, by brute force, (k,) [m]."""
+    path = np.array(BEND)
+    chords = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    curve = CubicSpline(np.concatenate(([0.0], np.cumsum(chords))), path, bc_type="natural")
+    samples = curve(np.linspace(0.0, curve.x[-1], 20001))
+    return np.array([np.min(np.linalg.norm(samples - point, axis=1)) for point in points])
+
+
+def test_the_tip_follows_the_path_and_the_arm_follows_the_tip(solution: Solution) -> None:
+    """Swept at samples, the tip is on the path within its tolerance, and the verifier's bound is close to that."""
+    assert solution.path.candidate == "along goal.path"
+    worst = float(np.max(distances(solution.joint_positions[::5, -1])))
+    checks = {check.name: check for check in solution.checks}
+    assert 0.99 * worst <= checks["goal path"].worst <= 1.05 * worst + 1e-5
+    assert checks["goal path"].limit == pytest.approx(1e-3)
+    assert checks["following the tip"].worst <= 0.004
+
+
+def test_a_tip_that_leaves_its_path_or_returns_on_it_is_refused(solution: Solution) -> None:
+    """Whichever planner made the motion: along another path, and backwards."""
+    elsewhere = [place if k != 3 else [0.2, 0.05, 0.01] for k, place in enumerate(BEND)]
+    backwards = BEND[::-1]
+    for path in (elsewhere, backwards):
+        goal = ccm_opt.TipGoal(np.array(path[-1]), path=np.array(path))
+        checks = verify(replace(solution.problem, goal=goal), solution.trajectory, solution.joints)
+        assert not next(check for check in checks if check.name == "goal path").passed
+
+
+def test_a_path_that_does_not_begin_at_the_tip_is_refused() -> None:
+    """With the place where it should begin."""
+    with pytest.raises(
+        ccm_opt.ProblemError, match=r"goal\.path begins .* from the tip at the start; begin it at \[-0\.1"
+    ):
+        ccm_opt.solve(with_path([[-0.1, 0.1, 0.0], *BEND[1:]]))
+
+
+@pytest.mark.parametrize(
+    ("path", "changes", "words"),
+    [
+        ([*BEND[:2], [0.05, 0.1, 0.0]], {}, "the tip leaves the path by"),
+        (BEND, {"follow_within = 0.004": "follow_within = 0.0001"}, "too far for planner.follow_within"),
+        (BEND, {"[arm]": POST}, "in contact: link .* too near to 'post'"),
+    ],
+)
+def test_paths_that_cannot_be_followed_say_why(path: list[list[float]], changes: dict[str, str], words: str) -> None:
+    """The tip's or the arm's deviation, or the obstacle, with what would help."""
+    with pytest.raises(ccm_opt.NoPlanFound, match=words) as failure:
+        ccm_opt.solve(with_path(path, **changes), explain=False)
+    assert failure.value.diagnosis.advice
+
+
+def test_bad_paths_are_named_by_key_and_line() -> None:
+    """A path stands in the place of a position, and has two points or more."""
+    for lines, words in (
+        ("[[0, 0, 0]]", r"line \d+: goal\.path"),
+        ("[[0, 0, 0], [0, 0]]", r"line \d+: goal\.path"),
+        (f"{BEND}\nposition = [0, 0, 0]", r"line \d+: goal"),
+        (f"{BEND}\nvia = [[0, 0, 0]]", r"line \d+: goal\.via"),
+    ):
+        with pytest.raises(ccm_opt.ProblemError, match=words):
+            parse_problem(PROBLEM.replace("PATH", lines))
+    with pytest.raises(ccm_opt.ProblemError, match=r"line \d+: goal\.path: only allowed together with arm\.feed"):
+        with_path(BEND, **{"feed = { range": "# ", "feed_": "# ", "follow_within": "# "})
+    with pytest.raises(ccm_opt.ProblemError, match="same point twice"):
+        with_path([BEND[0], BEND[0], BEND[1]])
+
+
+def test_a_path_is_written_back() -> None:
+    """As points in the file's unit, in the place of a position."""
+    problem = with_path(BEND)
+    again = problem_from_mapping(problem_data(problem))
+    assert again.goal.path is not None
+    assert np.array_equal(again.goal.path, np.array(BEND))
