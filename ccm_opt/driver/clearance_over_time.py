@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.ends import GapsAtSamples
+from ccm_opt.planning.tool_problem import motion_with_tool_links, problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, ClearanceRecord, JointTrajectory, NearPlace, ShortStretch
 from ccm_opt.problem.solution.records import ShortCause
@@ -104,6 +105,10 @@ def clearance_over_time(
         The clearance, without the upper bound for any motion and without the price of the preferred clearance.
     """
     verification = verification.for_problem(problem)
+    if problem.arm.tool is not None:
+        whole = problem_with_tool_links(problem)
+        trajectory = motion_with_tool_links(trajectory, problem.arm, whole.arm)
+        problem = whole
     if checks is None:
         motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
         computed = [check_walls(motion, problem.workspace, verification)]

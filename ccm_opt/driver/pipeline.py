@@ -38,6 +38,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
+from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import PlannerOptions, Problem
 from ccm_opt.problem.solution import Solution, ToleratedError, TryRecord
 from ccm_opt.scene.bad_pose import clearance_advice
@@ -332,7 +333,7 @@ def solve(
         figures: dict[str, float] = {}
         try:
             with stages("necessary checks"):
-                refuse_impossible(problem)
+                refuse_impossible(problem_with_tool_links(problem))
             if terms is None or not terms.all_costs:
                 plan = planned(problem, terms)
             else:

@@ -20,6 +20,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
@@ -101,6 +102,9 @@ class PlanningRun:
     def _explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         begun = time.process_time()
         self.stages.tell(known=failure.diagnosis)
+        if self.problem.arm.tool is not None:
+            # Changes are not tried for arms with tools.
+            return add_proof(problem_with_tool_links(self.problem), failure)
         if not changes:
             return add_proof(self.problem, failure)
         requested = self.settings.diagnosis

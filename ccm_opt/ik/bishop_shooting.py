@@ -199,12 +199,12 @@ class BishopFrames(CurveFrames):
         Bounds on these components keep the link within the tolerance of the goal.
         """
         names = ("tip: gap in its direction", "tip: gap in its direction, across")
-        parts = self.parameters["across"].T @ axis(self.lies[:, self.links - 1], 0)
+        parts = self.parameters["across"].T @ self.direction(self.lies)[:, self.links - 1]
         return equal_to_zero(names, parts - self.further_symbols["tip parts"])
 
-    def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the directions of links, shape (3, e), from their quaternions, shape (4, e)."""
-        return axis(lies, 0)
+    def link_axes(self, lies: ca.SX) -> tuple[ca.SX, ...]:
+        """Return the axes of links, each of shape (3, e), from their quaternions, shape (4, e)."""
+        return axis(lies, 0), axis(lies, 1), axis(lies, 2)
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
         """Return the rotation axes of every joint, z of the previous link and y of the joint's link, each (3, n)."""
@@ -239,11 +239,16 @@ class BishopFrames(CurveFrames):
             "turns": turns,
             "means": means,
             "frames": frames,
-            "tip parts": across @ _axes(lies[-1:])[0][0],
+            "tip parts": across @ self._pointing(lies[-1:]),
             "stray": np.ones(1),
             "across": across,
             "strays": _offsets(frames, means, lies),
         }
+
+    def _pointing(self, last: FloatArray) -> FloatArray:
+        """Return the direction of the last link, shape (3,), for its quaternion, shape (1, 4)."""
+        axes = np.concatenate(_axes(last))
+        return np.asarray(axes[0] if self.last_along is None else self.last_along @ axes)
 
     def link_turns(self, curve: CurveNumbers) -> tuple[FloatArray, FloatArray]:
         """Return the turns Ω of a curve over every link and the mean turns ψ from the link start, each (n, 2) [rad]."""

@@ -117,11 +117,13 @@ class CurveFrames(ABC):
         segments: number of curvature segments K.
         links: number of links n.
         shares: length of each link as a fraction of the arm's; empty if all are equal.
+        along: direction of each link in the frame that its joint turns, d numbers a link; empty if all lie along x.
     """
 
     segments: int
     links: int
     shares: tuple[float, ...] = ()
+    along: tuple[float, ...] = ()
     directions: ClassVar[tuple[str, ...]]
     """Names of the k directions in which the curvatures bend the curve; a joint has one bend for each."""
     start_keeps_rows: ClassVar[bool]
@@ -196,9 +198,22 @@ class CurveFrames(ABC):
     def link_rows(self) -> tuple[RowBlock, ...]:
         """Return the NLP constraints that turn the links by their joints' bends and make them follow the curve."""
 
-    @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the directions of e links, shape (d, e), from their orientations, shape (f, e)."""
+        """Return the directions of the links, shape (d, n), from their orientations, shape (f, n)."""
+        axes = self.link_axes(lies)
+        if not self.along:
+            return axes[0]
+        along = ca.DM(np.reshape(self.along, (self.links, -1)).T)
+        return sum((axis * ca.repmat(along[k, :], along.shape[0], 1) for k, axis in enumerate(axes)), ca.SX(0))
+
+    @property
+    def last_along(self) -> FloatArray | None:
+        """Direction of the last link in the frame in which it is turned by its joint, shape (d,); None if it is x."""
+        return np.reshape(self.along, (self.links, -1))[-1] if self.along else None
+
+    @abstractmethod
+    def link_axes(self, lies: ca.SX) -> tuple[ca.SX, ...]:
+        """Return the d axes of e links, each of shape (d, e), from their orientations, shape (f, e)."""
 
     @abstractmethod
     def joint_axes(self) -> tuple[ca.SX, ...]:
@@ -313,9 +328,9 @@ class PlanarFrames(CurveFrames):
         mapped = equal_to_zero(tuple(f"mapping of link {j + 1}" for j in range(self.links)), means - self.lies.T)
         return turns, mapped
 
-    def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the directions (cos φ, sin φ) of links, shape (2, e), from their headings φ, shape (1, e) [rad]."""
-        return ca.vertcat(ca.cos(lies), ca.sin(lies))
+    def link_axes(self, lies: ca.SX) -> tuple[ca.SX, ...]:
+        """Return the axes of links, each of shape (2, e), from their headings φ, shape (1, e) [rad]."""
+        return ca.vertcat(ca.cos(lies), ca.sin(lies)), ca.vertcat(-ca.sin(lies), ca.cos(lies))
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
         """Return ones, shape (1, n), since every joint turns about the normal of the plane."""
@@ -345,6 +360,8 @@ class PlanarFrames(CurveFrames):
         if direction is None:
             return {}
         heading = float(np.arctan2(direction[1], direction[0]))
+        if self.last_along is not None:
+            heading -= float(np.arctan2(self.last_along[1], self.last_along[0]))
         heading += 2.0 * np.pi * np.round((float(lies[-1, 0]) - heading) / (2.0 * np.pi))
         free = np.full(self.links - 1, np.inf)
         return {"links": (np.append(-free, heading - turned), np.append(free, heading + turned))}

@@ -181,7 +181,9 @@ class GoalPoses:
         loads = None if torque is None else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])]
         sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
         segments = self.settings.segments_for(arm.links)
-        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None, _link_shares(arm)))
+        along = () if arm.tool_links is None else tuple(arm.tool_links.along.ravel().tolist())
+        size = PoseSize(arm.dimension, arm.links, sides, segments, loads is not None, _link_shares(arm), along)
+        plain = pose_program(size)
         program = plain if self.terms is None else with_user_terms(plain, self.terms)
         weights = self.settings.objective_weights(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
         return PoseQuestion(

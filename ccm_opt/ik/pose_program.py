@@ -30,6 +30,8 @@ class PoseSize:
         segments: number of curvature segments of the curve.
         loaded: whether joint torques are limited.
         shares: length of each link as a fraction of the arm's; empty if all are equal.
+        along: direction of each link in the frame in which it is turned by its joint, ``dimension`` numbers a link;
+            empty if all lie along x.
     """
 
     dimension: int
@@ -38,6 +40,7 @@ class PoseSize:
     segments: int
     loaded: bool
     shares: tuple[float, ...] = ()
+    along: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +252,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 def pose_program(size: PoseSize) -> PoseProgram:
     """Return the goal-pose NLP of a size, with its symbols, constraints and objective; nothing is solved."""
     kind = PlanarFrames if size.dimension == 2 else BishopFrames
-    frames: CurveFrames = kind(size.segments, size.links, size.shares)
+    frames: CurveFrames = kind(size.segments, size.links, size.shares, size.along)
     points = ca.SX.sym("point", size.dimension, size.links + 1)
     feed = ca.SX.sym("feed")
     gap = ca.SX.sym("gap")

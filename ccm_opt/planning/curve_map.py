@@ -492,7 +492,7 @@ def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pos
     pose = Pose(v, q, slopes, np.empty((n + 1, 3)), np.empty((n + 1, 3, p)), np.empty((n, 3, p)), np.empty((n, 3, 3)))
     NativeCall(
         "chain",
-        links=n, unknowns=p, lengths=arm.lengths, arcs=arm.arcs, carrier=arm.carrier_for_c,
+        links=n, unknowns=p, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, carrier=arm.carrier_for_c,
         base_turning=np.empty((3, p)), q=q, slopes=slopes, points=pose.points, rotations=pose.frames,
         turning=pose.turning, moving=pose.moving,
     )()  # fmt: skip

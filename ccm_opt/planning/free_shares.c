@@ -10,7 +10,7 @@
 typedef struct {
     int64_t links, mount_link, parts, side, stride; /* parts: of a link between places looked up */
     const int32_t *next_pair;       /* the first link from j on that must not touch i, (links, links + 1) */
-    const double *lengths, *radii;  /* (links,) */
+    const double *lengths, *radii;  /* (links,); radii of links without a body are negative */
     double mount_at, mean_length, longest, thickest, base_x, base_y, corner_x, corner_y, cell, spacing;
     const uint8_t *blocked; /* (side, side), by row and column, with a frame of one cell */
     double *work;           /* 8 numbers a link, and two more */
@@ -71,6 +71,7 @@ static int on_itself(const Shares *s, const double *joints)
                 continue;
             }
             double both = s->radii[i] + s->radii[j];
+            if (both < 0.0) continue;
             if (links_meet(p, p + 2, r, r + 2, both * both)) return 1;
         }
     }
@@ -87,7 +88,7 @@ static int refuted(const Shares *s, const double *cosines, const double *sines, 
         double length = s->lengths[j], part = length / (double)s->parts;
         joints[2 * j + 2] = p[0] + length * cosines[j];
         joints[2 * j + 3] = p[1] + length * sines[j];
-        if (j < s->mount_link) continue;
+        if (j < s->mount_link || s->radii[j] < 0.0) continue;
         double mount = j == s->mount_link ? s->mount_at * length : 0.0;
         if (j == s->mount_link && blocked_at(s, p[0] + mount * cosines[j], p[1] + mount * sines[j])) return 1;
         for (int64_t k = 1; k <= s->parts; ++k) {
@@ -149,6 +150,7 @@ typedef struct {
     Growth growth; /* of link headings */
     Shares shares;
     double heading;      /* of the base */
+    const double *turns; /* constant turns of the links, (links,); may be missing */
     const double *limit; /* of the bends, (links,) */
 } Connection;
 
@@ -162,7 +164,8 @@ static double within_limits(const void *check, const double *from, const double 
     const Connection *one = check;
     double share = 1.0, before = one->heading, after = one->heading;
     for (int64_t j = 0; j < one->growth.size; ++j) {
-        double bend = from[j] - before, change = to[j] - after - bend;
+        double turn = one->turns ? one->turns[j] : 0.0;
+        double bend = from[j] - before - turn, change = to[j] - after - turn - bend;
         double room = one->limit[j] - (change < 0.0 ? -bend : bend);
         before = from[j];
         after = to[j];

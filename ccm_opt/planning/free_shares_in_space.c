@@ -32,6 +32,7 @@ typedef struct {
     int64_t links, first_link;
     const int32_t *next_pair;                      /* as in arm_motion.c */
     const double *arcs;                            /* as in link_places.h, or missing */
+    const double *turns;                           /* likewise: constant rotations of the links */
     const double *lengths, *radii;                 /* of the links, (links,) */
     const double *wall;                            /* that axes keep from surfaces, (links,) */
     double mount, longest, pair; /* share of the first link inside the mount, longest link, gap between links */
@@ -180,7 +181,7 @@ static double link_room(const Motions *m, int64_t link, const double *joint, dou
 static int pose_room(const Motions *m, const double *q, double *points, double *room)
 {
     Carrier fixed = {0, NULL, m->place, m->base};
-    place_links(m->links, m->lengths, m->arcs, &fixed, q, points, points + 3 * (m->links + 1));
+    place_links(m->links, m->lengths, m->turns, m->arcs, &fixed, q, points, points + 3 * (m->links + 1));
     /* The tip is what meets walls first. */
     for (int64_t j = m->links - 1; j >= m->first_link; j--) {
         room[j] = link_room(m, j, points + 3 * j, j == m->first_link ? m->mount : 0.0);
@@ -189,6 +190,7 @@ static int pose_room(const Motions *m, const double *q, double *points, double *
     double thickest = 0.0;
     for (int64_t j = 0; j < m->links; j++) thickest = larger(thickest, m->radii[j]);
     for (int64_t i = 0; i < m->links; i++) {
+        if (m->radii[i] < 0.0) continue; /* a link without a body */
         double far = m->radii[i] + thickest + m->pair, s, t;
         int64_t j = next_in_reach(points, m->links, m->next_pair, i, 0, far, m->longest);
         for (; j < m->links; j = next_in_reach(points, m->links, m->next_pair, i, j + 1, far, m->longest))

@@ -14,6 +14,7 @@ typedef struct {
     const int32_t *next_pair;       /* as in arm_motion.c */
     int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
     const double *arcs; /* as in link_places.h, or missing */
+    const double *turns; /* constant rotations of the links, as in link_places.h; may be missing */
     const double *lengths, *mount;  /* of the links, and the share of each inside the mount, (links,) */
     const double *radii;            /* (links,) */
     const double *wall;             /* distances that the links' axes keep from surfaces, (links,) */
@@ -67,7 +68,7 @@ static Place place_in(const ProofQuery *q, double *memory)
 
 static void put(const ProofQuery *q, const Place *place)
 {
-    place_links(q->links, q->lengths, q->arcs, &q->carrier, place->bends, place->points, place->rotations);
+    place_links(q->links, q->lengths, q->turns, q->arcs, &q->carrier, place->bends, place->points, place->rotations);
 }
 
 static Interval interval_between(const ProofQuery *q, const Place *first, const Place *last, double *memory)
@@ -208,6 +209,7 @@ static int all_walls_clear(const ProofQuery *q, const Place *first, const Place 
         memset(q->told, 0, gaps_size);
     }
     for (int64_t link = q->first_link; outcome == CLEAR && link < q->links; link++) {
+        if (q->radii[link] < 0.0) continue; /* a link without a body */
         double most = most_of(interval, link), wall = q->wall[link], reach = wall + most, slack = q->slack * most;
         double at_first = known_gap(q, first, start.told, start.told_reach, link, reach, slack, 0);
         /* So far off that it comes to no wall, wherever it moves. */

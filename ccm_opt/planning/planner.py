@@ -59,6 +59,7 @@ from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.strategies import SAMPLED_WAYS, SAMPLERS, STRATEGIES, WAYS, find_by_ways, find_motion
+from ccm_opt.planning.tool_problem import path_without_tool_links, problem_with_tool_links
 from ccm_opt.planning.tracking import Reference, follow_reference, tracked
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Problem
@@ -198,6 +199,9 @@ class MotionPlanner:
             ProblemError: the start violates a limit, or RRT-Connect is the only method for an arm on a feed axis.
             NoPlanFound: no motion was found; gives the reason and advice.
         """
+        if problem.arm.tool is not None:
+            whole = problem_with_tool_links(problem)
+            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm.links)
         if self.sampled and problem.arm.base_axes:
             raise ProblemError(
                 "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"

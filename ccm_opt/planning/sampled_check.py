@@ -174,12 +174,14 @@ class SampledCheck:
     def for_workspace(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
         """Return the sampled collision check for an arm in a workspace, with its raster of blocked cells."""
         # A point in a blocked cell implies contact even for the thinnest link.
-        gap = float(np.min(arm.radii)) + workspace.clearance
+        gap = arm.thinnest + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
         least = LEAST_SPACING * arm.length
         parts = int(np.ceil(float(np.max(arm.lengths)) / max(_POINT_SPACING * gap, least)))
         places = _places(arm, parts)
         # A place at arc length s takes the whole of every link before it and part of its own.
+        link = np.clip(np.searchsorted(arm.joint_places, places, side="left") - 1, 0, arm.links - 1)
+        places = places[arm.radii[link] >= 0.0]
         before = arm.joint_places[:-1, None]
         reach = np.clip(places - before, 0.0, arm.lengths[:, None]).astype(np.float32)
         spacing = max(POSE_SPACING * gap, least)
@@ -244,7 +246,12 @@ class SampledCheck:
             growth: fields of ``Growth`` in rrt_connect.h.
         """
         return NativeCall(
-            "connect_in_plane", growth=growth, shares=self.for_c, heading=self.arm.base_heading, limit=limits
+            "connect_in_plane",
+            growth=growth,
+            shares=self.for_c,
+            heading=self.arm.base_heading,
+            turns=self.arm.turns,
+            limit=limits,
         )
 
     def _on_itself(self, headings: FloatArray) -> BoolArray:

@@ -74,7 +74,7 @@ class SampledMotions:
         if len(self.box):
             low, high = np.maximum(low, self.box[0] - reach), np.minimum(high, self.box[1] + reach)
         size = np.maximum(high - low, 1e-9)
-        cell = max(float((np.prod(size) / _CELLS) ** (1.0 / 3.0)), _FINE * float(np.min(self.kept)))
+        cell = max(float((np.prod(size) / _CELLS) ** (1.0 / 3.0)), _FINE * (arm.thinnest + self.clearance))
         grids = {"fine": (cell, most + _NEAR * cell), "wide": (_WIDE * cell, reach)}
         counts = {name: np.ceil(size / each).astype(np.intp) + 1 for name, (each, _) in grids.items()}
         blocks = {name: -(-count // _BLOCK) for name, count in counts.items()}
@@ -82,7 +82,7 @@ class SampledMotions:
         spared = _SPARED * arm.length
         return {
             "links": arm.links, "first_link": link, "next_pair": arm.next_self_pairs,
-            "lengths": arm.lengths, "arcs": arm.arcs, "mount": share, "longest": arm.longest_link,
+            "lengths": arm.lengths, "arcs": arm.arcs, "turns": arm.turns, "mount": share, "longest": arm.longest_link,
             "wall": self.kept + spared, "radii": arm.radii, "pair": spared,
             "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,
             **{

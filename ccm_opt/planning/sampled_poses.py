@@ -225,7 +225,7 @@ class CurvePoints:
         NativeCall(
             "shapes_onto_goal",
             links=arm.links, size=points.shape[1], shapes=len(points), directed=directed, steps=_NEWTON_STEPS,
-            whole=arm.length, lengths=arm.lengths, arcs=arm.arcs, largest=_NEWTON_TURN, place=arm.base,
+            whole=arm.length, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, largest=_NEWTON_TURN, place=arm.base,
             base=arm.base_rotation, offset=offset, slopes=slopes, limit=arm.upper_limits,
             inverse=np.linalg.pinv(slopes), position=goal.position,
             direction=goal.direction if directed else np.zeros(3),

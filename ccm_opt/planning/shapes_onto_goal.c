@@ -12,6 +12,7 @@ typedef struct {
     int64_t links, size, shapes, directed, steps; /* whether the goal has a direction; most steps */
     double whole, largest;                        /* length of the arm; largest step */
     const double *lengths, *arcs;                 /* of the links, (links,); arcs as in link_places.h */
+    const double *turns;                          /* constant rotations of the links; may be missing */
     const double *place, *base, *offset, *slopes; /* the last two: (c,) and (size, c) */
     const double *limit, *inverse;                /* of the bends, (c,); of the slopes, (c, size) */
     double position[3], direction[3];
@@ -45,7 +46,7 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
     int64_t n = g->links;
     double *rotations = frames + 3 * (n + 1), size = g->whole, most = 0.0;
     Carrier fixed = {0, NULL, g->place, g->base};
-    place_links(n, g->lengths, g->arcs, &fixed, q, frames, rotations);
+    place_links(n, g->lengths, g->turns, g->arcs, &fixed, q, frames, rotations);
     const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
     double ahead[3] = {last[0], last[3], last[6]};
     for (int d = 0; d < 3; d++) {

@@ -69,7 +69,8 @@ class SpaceCertificate:
         arm = self.arm
         return NativeCall(
             "prove_interval",
-            links=arm.links, carrier=arm.carrier_for_c, lengths=arm.lengths, arcs=arm.arcs, mount=arm.free_shares,
+            links=arm.links, carrier=arm.carrier_for_c, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs,
+            mount=arm.free_shares,
             first_link=arm.whole_mount_links, next_pair=arm.next_self_pairs, radii=arm.radii,
             longest=arm.longest_link, thickest=arm.radius,
             wall=self.kept, pair=self.pair_gap, slack=self.settings.slack,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import TypeAlias, get_args
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ccm_opt.problem.options import (
     VerificationOptions,
 )
 from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
+from ccm_opt.problem.tool_rules import Key, tool_defects
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
@@ -59,6 +60,14 @@ def defects(problem: "Problem") -> Iterator[str]:
         ),
     )
     yield from _pose_defects(problem, d)
+    given: dict[Key, Any] = {
+        ("arm", "payload"): problem.arm.payload,
+        ("limits", "points"): problem.limits.points,
+        ("tolerance", "joint_error_deg"): error,
+        ("planner", "follow_within"): problem.planner.follow_within,
+        ("planner", "method"): problem.planner.method,
+    }
+    yield from (f"{'.'.join(map(str, key))}: {defect}" for key, defect in tool_defects(problem.arm, given))
     if problem.arm.sections is not None:
         yield from section_defects(problem, problem.arm.sections)
 
@@ -418,7 +427,7 @@ class Problem:
     @property
     def via_reach(self) -> float:
         """Maximum distance at which the tip must pass each via point of the goal [m]."""
-        return max(self.tolerances.position, self.arm.link_length)
+        return max(self.tolerances.position, self.arm.own_link_length)
 
     @property
     def contact_tolerance(self) -> float:

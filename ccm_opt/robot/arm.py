@@ -18,6 +18,7 @@ from ccm_opt.robot.base_axes import MOST_AXES, BaseAxis, BaseFrames, Feed, axis_
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_layout import LinkLayout, Proportions, fixed
+from ccm_opt.robot.tool import Tool, ToolLinks
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
@@ -69,6 +70,8 @@ class Arm(LinkLayout):
         sections: division of an arm in space into sections that bend evenly, whose joints turn by the rotation vector
             (0, b, a) and whose links are tangents of arcs; None if joints bend independently. Radii then include the
             distance of the arcs from the links.
+        tool: rigid tool on the last link; None if there is none.
+        tool_links: what is particular to an arm whose last links stand for its tool; None for all others.
     """
 
     links: int
@@ -94,6 +97,8 @@ class Arm(LinkLayout):
     clamped_joints: int = 0
     proportions: Proportions | None = None
     sections: ArcSections | None = None
+    tool: Tool | None = None
+    tool_links: ToolLinks | None = None
 
     def __post_init__(self) -> None:
         # A value that is not a number or a vector is refused later, by the problem that uses the arm.
@@ -397,10 +402,15 @@ class Arm(LinkLayout):
         rotations = np.empty((*q.shape[:-1], links, 3, 3))
         NativeCall(
             "places",
-            poses=q.size // q.shape[-1], links=links, lengths=self.lengths, arcs=self.arcs,
+            poses=q.size // q.shape[-1], links=links, lengths=self.lengths, turns=self.turns, arcs=self.arcs,
             carrier=self.carrier_for_c, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
+
+    @property
+    def turns(self) -> FloatArray | None:
+        """Constant rotation of each link relative to the link before it, as in ``ToolLinks``; None if there is none."""
+        return None if self.tool_links is None else self.tool_links.turns
 
     def bend_pairs(self, q: FloatArray) -> FloatArray:
         """Return the bends of configurations in space, shape (..., c), as one pair per joint, (..., links, 2) [rad]."""
@@ -412,14 +422,16 @@ class Arm(LinkLayout):
         Args:
             q: bends, shape (..., links), or configurations, shape (..., c).
         """
-        return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
+        headings: FloatArray = self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
+        return headings if self.tool_links is None else headings + np.cumsum(self.tool_links.turns)
 
     def bends(self, headings: FloatArray) -> FloatArray:
         """Return the joint bends of a planar arm for given link headings, both of shape (..., links) [rad].
 
         The first bend is relative to the base heading.
         """
-        return np.diff(headings, axis=-1, prepend=self.base_heading)
+        bends: FloatArray = np.diff(headings, axis=-1, prepend=self.base_heading)
+        return bends if self.tool_links is None else bends - self.tool_links.turns
 
     def joint_positions(self, headings: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
         """Return the positions of the joints and the tip in the plane, shape (..., links + 1, 2) [m].

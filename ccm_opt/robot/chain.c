@@ -6,6 +6,7 @@
 typedef struct {
     int64_t poses, links;
     const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
+    const double *turns; /* constant rotations of the links, as in link_places.h; may be missing */
     Carrier carrier;
     const double *q;              /* two bends a joint, then the axes of the base, (poses, 2 links + count) */
     double *points, *rotations;   /* out: (poses, links + 1, 3) and (poses, links, 3, 3) */
@@ -15,13 +16,14 @@ PUBLIC void places(PlacesQuery *q)
 {
     int64_t n = q->links;
     for (int64_t pose = 0; pose < q->poses; pose++)
-        place_links(n, q->lengths, q->arcs, &q->carrier, q->q + pose * (2 * n + q->carrier.count),
+        place_links(n, q->lengths, q->turns, q->arcs, &q->carrier, q->q + pose * (2 * n + q->carrier.count),
                     q->points + pose * 3 * (n + 1), q->rotations + pose * 9 * n);
 }
 
 typedef struct {
     int64_t links, unknowns;
     const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
+    const double *turns; /* constant rotations of the links, as in link_places.h; may be missing */
     Carrier carrier;
     const double *q;              /* coordinates: two bends a joint, then the axes of the base, (2 links + count,) */
     const double *slopes;         /* derivatives of the coordinates by the unknowns, (2 links + count, unknowns) */
@@ -67,7 +69,7 @@ PUBLIC void chain(ChainQuery *q)
 {
     int64_t p = q->unknowns, n = q->links;
     double base[9], axis_a[3], axis_b[3];
-    place_links(n, q->lengths, q->arcs, &q->carrier, q->q, q->points, q->rotations);
+    place_links(n, q->lengths, q->turns, q->arcs, &q->carrier, q->q, q->points, q->rotations);
     move_base(q, base, q->base_turning, q->moving);
     for (int64_t j = 0; j < n; j++) {
         const double *before = j ? q->rotations + 9 * (j - 1) : base;

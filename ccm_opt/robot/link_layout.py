@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.robot.tool import BARE, ToolLinks
 
 NextPairs: TypeAlias = npt.NDArray[np.int32]
 """The first link from link j on that must not touch link i, for i and j, shape (links, links + 1); ``links`` if none.
@@ -45,6 +46,7 @@ class LinkLayout:
         mount_length: length of arm, measured from the base, that may touch obstacles [m].
         self_collision: whether links that could collide must not touch.
         proportions: lengths, radii and limits that differ between links; None if all links are equal.
+        tool_links: what is particular to an arm whose last links stand for its tool; None for all others.
     """
 
     links: int
@@ -53,6 +55,7 @@ class LinkLayout:
     mount_length: float
     self_collision: bool
     proportions: Proportions | None
+    tool_links: ToolLinks | None
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -61,14 +64,34 @@ class LinkLayout:
 
     @cached_property
     def radii(self) -> FloatArray:
-        """Radius of each link, shape (links,) [m]."""
+        """Radius of each link, shape (links,) [m]; of links without a body, far below zero."""
         shares = np.ones(self.links) if self.proportions is None else self.proportions.radii
-        return fixed(self.radius * shares)
+        radii = self.radius * shares
+        if self.tool_links is not None:
+            radii[self.tool_links.bare] = -BARE * self.length
+        return fixed(radii)
+
+    @cached_property
+    def thinnest(self) -> float:
+        """Least radius of a link that has a body [m]."""
+        return float(np.min(self.radii[self.radii >= 0.0]))
 
     @property
     def tip_radius(self) -> float:
-        """Radius of the last link [m]."""
-        return float(self.radii[-1])
+        """Radius of the last link [m]; 0 if it has no body."""
+        return max(float(self.radii[-1]), 0.0)
+
+    @property
+    def own_link_length(self) -> float:
+        """Mean length of the links, without tool links [m]."""
+        if self.tool_links is None:
+            return self.link_length
+        return float(np.mean(self.lengths[: self.links - self.tool_links.count]))
+
+    @property
+    def margin_shares(self) -> FloatArray:
+        """Places of joints and tip from which ``link_margins`` follow, as ``place_shares``, shape (links + 1,)."""
+        return self.place_shares if self.tool_links is None else self.tool_links.near_shares
 
     @cached_property
     def joint_places(self) -> FloatArray:
@@ -150,6 +173,8 @@ class LinkLayout:
         At least two links and a length of π r must lie between them, where r is the maximum radius from link i to link
         j; closer ones count as neighbours around a bend.
         """
+        if self.tool_links is not None:
+            return self.tool_links.distant
         number = np.arange(self.links)
         distant = number >= number[:, None] + 3
         for i in range(self.links - 3):
@@ -194,7 +219,7 @@ class LinkLayout:
             second: indices of the links farther from the base, shape (p,).
             margin: full margin, which planning keeps from walls [m].
         """
-        between = self.link_length * (self.place_shares[second] - self.place_shares[first + 1])
+        between = self.link_length * (self.margin_shares[second] - self.place_shares[first + 1])
         between = between - (self.radii[first] + self.radii[second])
         return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
 

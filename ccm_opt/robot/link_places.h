@@ -141,9 +141,10 @@ static inline void place_tangents(int64_t links, const double *arcs, const doubl
 
 /* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the
    positions of the axes that carry the base. Of the arcs about the joints, if there are
-   any, half the lengths are given, and zero for the tip, (links + 1,). */
-static inline void place_links(int64_t links, const double *lengths, const double *arcs, const Carrier *carrier,
-                               const double *bends, double *points, double *rotations)
+   any, half the lengths are given, and zero for the tip, (links + 1,). Links of universal joints may have constant
+   rotations relative to the link before them, turns, (links, 3, 3), which the bends follow; they may be missing. */
+static inline void place_links(int64_t links, const double *lengths, const double *turns, const double *arcs,
+                               const Carrier *carrier, const double *bends, double *points, double *rotations)
 {
     double base[9];
     place_base(carrier, bends + 2 * links, points, base, NULL);
@@ -153,6 +154,15 @@ static inline void place_links(int64_t links, const double *lengths, const doubl
     }
     for (int64_t j = 0; j < links; j++) {
         const double *before = j ? rotations + 9 * (j - 1) : base;
+        double turned[9];
+        if (turns) {
+            const double *turn = turns + 9 * j;
+            for (int d = 0; d < 9; d++) {
+                const double *row = before + d - d % 3;
+                turned[d] = row[0] * turn[d % 3] + row[1] * turn[d % 3 + 3] + row[2] * turn[d % 3 + 6];
+            }
+            before = turned;
+        }
         double *after = rotations + 9 * j;
         double ca = cos(bends[2 * j]), sa = sin(bends[2 * j]), cb = cos(bends[2 * j + 1]), sb = sin(bends[2 * j + 1]);
         for (int d = 0; d < 3; d++) {

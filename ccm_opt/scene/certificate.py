@@ -332,7 +332,7 @@ class Certificate:
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
     """Return the depth of contact that certificates tolerate [m]; 0 if link axes could then touch walls or links."""
-    thinnest = float(np.min(arm.radii))
+    thinnest = arm.thinnest
     widths = [thinnest + workspace.clearance, *([thinnest] if arm.self_collision else [])]
     # Rounding must not refuse an arm that starts in contact, but an axis without width would end up on the other side
     # of the wall.

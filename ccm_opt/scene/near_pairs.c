@@ -12,7 +12,7 @@ typedef struct {
     int64_t links, mount_link;
     const int32_t *next_pair; /* the first link from j on that must not touch i, (links, links + 1) */
     double mount_at, mean_length, longest, thickest, reach, margin;
-    const double *lengths, *radii; /* of the links, (links,) */
+    const double *lengths, *radii; /* of the links, (links,); the radii of links without a body are negative */
     const double *places;          /* of joints and tip along the arm, in mean lengths, (links + 1,) */
     double pair_share;             /* of the free length between two links that is kept, up to the margin */
 
@@ -174,7 +174,7 @@ static void joints_with_edges(Query *q)
         int64_t near = meeting(&q->edge_tree, box, q->found);
         for (int64_t k = 0; k < near; k++) {
             const double *a = q->edges + 4 * q->found[k];
-            if (!q->crosses && cut(start, p + 2, a, a + 2)) q->crosses = 1;
+            if (!q->crosses && q->radii[link] >= 0.0 && cut(start, p + 2, a, a + 2)) q->crosses = 1;
             joint_with_edge(q, link, start, q->found[k]);
         }
         if (link == q->links - 1)
@@ -187,6 +187,7 @@ static inline double clipped(double share) { return fmin(fmax(share, 0.0), 1.0);
 /* The closest points of two links that do not cross: the least of four distances from an end to the other link. */
 static void link_with_link(Query *q, int64_t i, int64_t j)
 {
+    if (q->radii[i] < 0.0 || q->radii[j] < 0.0) return;
     const double *p = q->points + 2 * i, *r = q->points + 2 * j;
     double dx = p[2] - p[0], dy = p[3] - p[1], ex = r[2] - r[0], ey = r[3] - r[1];
     double wx = p[0] - r[0], wy = p[1] - r[1];

@@ -153,6 +153,7 @@ static int clear(const Proofs *q, int64_t stretch, int64_t link, int outside)
 /* Look at one link; ``outside`` as above. Returns whether it is clear. */
 static int look_at(Proofs *q, int64_t stretch, int64_t link, int outside)
 {
+    if (q->least[link] < 0.0) return 0; /* a link without a body proves nothing of the next */
     if (clear(q, stretch, link, outside)) return 1;
     int64_t k = q->count++;
     q->stretch[k] = stretch;

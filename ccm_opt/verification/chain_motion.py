@@ -66,7 +66,11 @@ class LinkFrames:
         bends = np.ascontiguousarray(bend_pairs(arm, positions).reshape(len(positions), -1).T)
         cosines = np.cos(bends)[:, :, None]
         sines = np.sin(bends)[:, :, None]
+        fixed = None if arm.tool_links is None else arm.tool_links.turns
         for link in range(arm.links):
+            if fixed is not None:
+                turn = fixed[link]
+                ahead, left, up = (turn[0, k] * ahead + turn[1, k] * left + turn[2, k] * up for k in range(3))
             frames.first_axes[:, link] = up
             cosine, sine = cosines[2 * link], sines[2 * link]
             turned = cosine * ahead + sine * left
@@ -107,7 +111,7 @@ class LinkFrames:
     @classmethod
     def _in_plane(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
         ahead, left, up = arm.base_rotation.T
-        turned = _turned_in_plane(arm, positions)[:, :, None]
+        turned = (_turned_in_plane(arm, positions) + _fixed_turns(arm))[:, :, None]
         cosine, sine = np.cos(turned), np.sin(turned)
         across = cosine * up - sine * ahead
         first = np.concatenate((np.broadcast_to(up, (len(across), 1, 3)), across[:, :-1]), axis=1)
@@ -118,7 +122,7 @@ def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
     if arm.dimension == 3:
         return LinkFrames.from_configurations(arm, positions).along
-    turned = _turned_in_plane(arm, positions)
+    turned = _turned_in_plane(arm, positions) + _fixed_turns(arm)
     cosine, sine = np.cos(turned), np.sin(turned)
     x, y = arm.direction
     return np.stack((x * cosine - y * sine, y * cosine + x * sine), axis=-1)
@@ -132,6 +136,11 @@ def _turned_in_plane(arm: Arm, positions: FloatArray) -> FloatArray:
             # Counter-clockwise in the plane is about minus y of the world.
             turned = turned - (axis.direction[1] * value)[:, None]
     return np.asarray(turned)
+
+
+def _fixed_turns(arm: Arm) -> FloatArray | float:
+    """Return the turns of the links of a straight planar arm against its direction, which parts of tools have [rad]."""
+    return 0.0 if arm.tool_links is None else np.cumsum(arm.tool_links.turns)
 
 
 def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:

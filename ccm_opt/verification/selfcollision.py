@@ -84,6 +84,8 @@ def far_along_arm(arm: Arm) -> BoolArray:
     At least two links, of a total length of at least π r, lie between the two; r is the greatest radius from link i to
     link j. ``Arm.distant_links`` implements the same rule; the verifier deliberately does not use it.
     """
+    if arm.tool_links is not None:
+        return arm.tool_links.distant
     # Links closer along the arm than two links, or than π r, the tightest half turn of an arm of radius r, are
     # unavoidably close in space.
     starts = np.concatenate(([0.0], np.cumsum(arm.lengths)))
@@ -96,6 +98,16 @@ def far_along_arm(arm: Arm) -> BoolArray:
             between = starts[apart:-1] - starts[1:-apart] + 1e-9 * arm.link_length
             np.fill_diagonal(far[:, apart:], between >= np.pi * thickest)
     return far
+
+
+def link_number(arm: Arm, link: int) -> int:
+    """Return the number of a link, from 1; for a part of the tool that of the link that carries it."""
+    return min(link + 1, arm.links - (0 if arm.tool_links is None else arm.tool_links.count))
+
+
+def link_word(arm: Arm, link: int) -> str:
+    """Return the name of a link in messages, which for a part of the tool is "the tool"."""
+    return "the tool" if link >= link_number(arm, arm.links) else f"link {link + 1}"
 
 
 def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:
@@ -116,8 +128,10 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
         where = crossing or "the arm is too short to meet itself"
         return Check("self-collision", np.inf, 0.0, "m", where, passed=not crossing)
     near = verdict.nearest
-    pair = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
-    place = NearPlace(near.gap, 0.0, near.time, near.link + 1, second_link=near.other + 1)
+    arm = motion.arm
+    pair = f"{link_word(arm, near.link)} to {link_word(arm, near.other)} at t = {near.time:.4f} s"
+    numbers = (link_number(arm, near.link), link_number(arm, near.other))
+    place = NearPlace(near.gap, 0.0, near.time, numbers[0], second_link=numbers[1])
     joined = ": " if motion.arm.dimension == 2 else "; "
     where = joined.join(part for part in (pair, verdict.remark, crossing) if part)
     passed = verdict.proved and not crossing
@@ -129,7 +143,7 @@ def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_
     arm = motion.arm
     if len(distant_pairs(arm)[0]) == 0:
         return None
-    thinnest = 2.0 * float(np.min(arm.radii))
+    thinnest = 2.0 * arm.thinnest
     return LinkProof(motion, arm.radii).prove(least_allowed_gap(0.0, thinnest, settings), settings)
 
 
@@ -287,6 +301,11 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     """
     links = motion.arm.links
     bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)
+    bare, moving = np.zeros(links, dtype=bool), links
+    if (tool := motion.arm.tool_links) is not None:
+        # The parts of a tool do not move against each other and the link that carries them.
+        bare, moving = tool.bare, links - tool.count - 1
+        bends += np.abs(tool.turns) if motion.arm.dimension == 2 else np.arccos(np.clip(tool.turns[:, 0, 0], -1.0, 1.0))
     total = np.concatenate((np.zeros((len(bends), 1)), np.cumsum(bends, axis=1)), axis=1)
     found = [np.zeros((3, 0), dtype=np.intp)]
     far = far_along_arm(motion.arm)
@@ -296,7 +315,7 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
         between = total[:, 1 + apart :] - total[:, 1:-apart]
         # Magnitudes of bends are convex in time between samples, so their maximum is at a sample.
         interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
-        close = ~far[link, link + apart]
+        close = ~(far[link, link + apart] | bare[link] | bare[link + apart]) & (link < moving)
         interval, link = interval[close], link[close]
         found.append(np.stack((interval, link, link + apart)))
     interval, first, second = np.concatenate(found, axis=1)
@@ -310,4 +329,4 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
         return ""
     near = verdict.nearest
     does = "may cross" if verdict.remark else "crosses"
-    return f"link {near.link + 1} {does} link {near.other + 1} at t = {near.time:.4f} s"
+    return f"{link_word(motion.arm, near.link)} {does} {link_word(motion.arm, near.other)} at t = {near.time:.4f} s"

@@ -10,7 +10,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
+from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, chain_points, link_directions
 from ccm_opt.verification.drives import (
     axis_limits,
     bend_revolutes,
@@ -138,7 +138,7 @@ def _tip_checks(
     passed = error <= bound + settings.goal_rounding
     checks = [Check(f"{name}position", error, bound, "m", f"tip {when}", passed=passed)]
     if goal.direction is not None:
-        along = link_directions(motion.arm, motion.positions[sample : sample + 1])[0, -1]
+        along = pointing(motion, sample)
         wanted = goal.direction / np.linalg.norm(goal.direction)
         # The half-angle formula stays accurate for small angles, unlike the arc cosine.
         turn = 2.0 * float(np.arctan2(np.linalg.norm(along - wanted), np.linalg.norm(along + wanted)))
@@ -149,12 +149,27 @@ def _tip_checks(
     return checks
 
 
+def pointing(motion: ChainMotion, sample: int) -> FloatArray:
+    """Return the direction in which the last link, or the arm's tool, points in a sample, shape (d,)."""
+    q = motion.positions[sample : sample + 1]
+    tool = motion.arm.tool_links
+    if tool is None:
+        return np.asarray(link_directions(motion.arm, q)[0, -1])
+    link = motion.arm.links - tool.count - 1
+    if motion.arm.dimension == 2:
+        along = link_directions(motion.arm, q)[0, link]
+        return np.asarray(tool.direction @ np.stack((along, [-along[1], along[0]])))
+    frames = LinkFrames.from_configurations(motion.arm, q)
+    axes = (frames.along, frames.second_axes, frames.across)
+    return np.asarray(tool.direction @ np.stack([axis[0, link] for axis in axes]))
+
+
 def _places(
     name: str, motion: ChainMotion, via: Sequence[FloatArray], samples: tuple[int, int], tolerance: float
 ) -> list[Check]:
     """Check that the tip passes the via points of a goal in order between two samples."""
     begin, end = samples
-    bound = max(tolerance, motion.arm.link_length)
+    bound = max(tolerance, motion.arm.own_link_length)
     tip = motion.points[begin : end + 1, -1]
     checks = []
     first = 0

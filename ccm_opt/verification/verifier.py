@@ -20,6 +20,7 @@ from ccm_opt.verification.selfcollision import check_self_collision, crossing_ne
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
+from ccm_opt.verification.tool_chain import motion_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls, exposed_starts
 
@@ -62,7 +63,7 @@ def verify(
     if not (form.passed and names.passed):
         return form, names
 
-    motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
+    motion = motion_of(problem.arm, trajectory.time, trajectory.positions)
     checks = [form, names]
     # The wall check only sees surfaces, so which side of them the arm is on needs a check of its own.
     checks.append(check_free_side(motion, problem.workspace))
@@ -75,11 +76,12 @@ def verify(
     needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     checks += check_consistency(problem, trajectory, joints, needed, settings)
     checks += check_base_axes(problem, trajectory, joints, needed, settings)
-    checks += check_following(problem, motion, trajectory)
+    of_links = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
+    checks += check_following(problem, of_links, trajectory)
     checks += check_given_paths(problem, motion, trajectory)
     holding = holding_efforts(problem, trajectory.positions)
     checks += check_shares(problem, trajectory, joints, checks, holding, settings)
-    checks += check_sample_efforts(problem, motion, trajectory, holding, settings)
+    checks += check_sample_efforts(problem, of_links, trajectory, holding, settings)
     checks += check_ends(problem, motion, trajectory, settings)
     checks += check_pauses(problem, trajectory, settings)
     # The joint error that a motion tolerates is defined only if the nominal motion passes every check.
@@ -109,7 +111,7 @@ def left_unchecked(
         remarks.append("clearance between links was not checked: all are close to each other along the arm")
     # In space, crossing links are rejected however close they are along the arm, so only the plane needs a remark.
     if arm.self_collision and arm.dimension == 2:
-        motion = ChainMotion(arm, trajectory.time, trajectory.positions)
+        motion = motion_of(arm, trajectory.time, trajectory.positions)
         crossing = crossing_near_links(motion, settings.for_problem(problem))
         if crossing:
             remarks.append(f"{crossing}: links so near along the arm are not checked against each other")

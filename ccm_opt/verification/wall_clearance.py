@@ -24,7 +24,7 @@ from ccm_opt.verification.gap_proof import (
     least_allowed_gap,
     prove_gaps,
 )
-from ccm_opt.verification.selfcollision import segment_distances
+from ccm_opt.verification.selfcollision import link_number, link_word, segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 TOUCHING = 1e-4
@@ -212,7 +212,7 @@ def check_walls(
     # Contact at a flush mount hides the clearance of the links beyond it, so the remark adds it.
     if not verdict.remark and remark and (beyond := nearest_wall(motion, workspace, settings, near.link + 1)):
         remark += f"; links beyond it keep {short_length(beyond[0].nearest.gap)} from {beyond[1]!r}"
-    where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
+    where = f"{link_word(motion.arm, near.link)} to {wall!r} at t = {near.time:.4f} s"
     return Check(
         "wall clearance",
         near.gap,
@@ -220,7 +220,9 @@ def check_walls(
         "m",
         f"{where}: {remark}" if remark else where,
         passed=verdict.proved,
-        place=NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall),
+        place=NearPlace(
+            near.gap - workspace.clearance, 0.0, near.time, link_number(motion.arm, near.link), obstacle=wall
+        ),
     )
 
 
@@ -242,10 +244,12 @@ def nearest_wall(
     """
     exposed = exposed_starts(motion.arm)
     exposed[:first] = 1.0
+    if motion.arm.tool_links is not None:
+        exposed[motion.arm.tool_links.bare] = 1.0
     if np.all(exposed == 1.0) or is_empty(workspace):
         return None
     surfaces = CheckedSurfaces.from_workspace(workspace)
-    least = least_allowed_gap(workspace.clearance, float(np.min(motion.arm.radii)), settings)
+    least = least_allowed_gap(workspace.clearance, motion.arm.thinnest, settings)
     verdict = WallProof(motion, surfaces, exposed).prove(least, settings)
     return verdict, surfaces.name_of(verdict.nearest.other)
 
@@ -403,10 +407,10 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
     """Check that the arm lies inside the room and outside all solid obstacles.
 
     Testing one point of the arm is enough, since an arm that never meets a closed surface cannot change sides along its
-    length or over time.
+    length or over time; and one point of every body of a tool that is not joined to what is before it.
 
     Returns:
-        A check whose worst value is minus the depth of the tested point in forbidden space [m].
+        A check whose worst value is minus the depth of the tested points in forbidden space [m].
     """
     arm = motion.arm
     # The point is where the mount ends, since the mount itself may be inside a wall.
@@ -414,11 +418,15 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
     k = min(int(np.searchsorted(ends, arm.mount_length, side="right")), arm.links - 1)
     share = float(exposed_starts(arm)[k])
     joints = motion.points[0]
-    point = joints[k] + share * (joints[k + 1] - joints[k])
-    depths = _depths(workspace, point) if workspace.dimension == 2 else _depths_in_space(workspace, point)
-    depth, worst = max([*depths, (0.0, "")], key=lambda found: found[0])
+    tested = [(k, joints[k] + share * (joints[k + 1] - joints[k]))]
+    if arm.tool_links is not None:
+        bare = arm.tool_links.bare
+        tested += [(int(link), joints[link]) for link in np.flatnonzero(bare[:-1] & ~bare[1:]) + 1]
+    depths_in = _depths if workspace.dimension == 2 else _depths_in_space
+    depths = [(*found, link) for link, point in tested for found in depths_in(workspace, point)]
+    depth, worst, link = max([*depths, (0.0, "", k)], key=lambda found: found[0])
     side = f", on the wrong side of {worst!r}" if depth > 0.0 else ""
-    return Check("free side", 0.0 - depth, 0.0, "m", f"link {k + 1} at t = 0{side}", passed=depth <= 0.0)
+    return Check("free side", 0.0 - depth, 0.0, "m", f"{link_word(arm, link)} at t = 0{side}", passed=depth <= 0.0)
 
 
 def _depths(workspace: Workspace, point: FloatArray) -> list[tuple[float, str]]:
