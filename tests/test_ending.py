@@ -92,7 +92,7 @@ def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
     found = find_motion(replace(task, optimiser="none"))
     grazing = optimise(found, task, rounds=1)
     to_end = task.with_goal_pose(grazing.unknowns[-1], grazing.configurations[-1])
-    widened = with_more_clearance(grazing, grazing, to_end)
+    widened = with_more_clearance(grazing, to_end)
     assert widened.configurations[[0, -1]] == pytest.approx(grazing.configurations[[0, -1]], abs=1e-9)
     frames = [swept(a, b, 10) for a, b in pairwise(task.arm.headings(widened.configurations))]
     walls, own = sweep_gaps(problem.arm, problem.workspace, np.vstack(frames))
@@ -109,9 +109,9 @@ def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
 def test_a_motion_with_room_stays_as_it_is() -> None:
     """Nothing is lacking where nothing is wanted, or where all that is wanted is there."""
     _, task, motion = optimised(90_100)
-    assert with_more_clearance(motion, motion, task) is motion
+    assert with_more_clearance(motion, task) is motion
     little = replace(task, wanted_gap=0.5 * room(motion, replace(task, wanted_gap=WANTED)))
-    assert with_more_clearance(motion, motion, little) is motion
+    assert with_more_clearance(motion, little) is motion
 
 
 # ---------------------------------------------------------------- another end

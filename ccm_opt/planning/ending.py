@@ -155,7 +155,7 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
 def _with_more_clearance(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
     """Return an optimised motion with gaps widened towards the preferred gap where possible, and an unchanged end."""
     weighed = weighing_bottlenecks(motion, task).with_goal_pose(motion.unknowns[-1], motion.configurations[-1])
-    return with_more_clearance(motion, motion, weighed, margin)
+    return with_more_clearance(motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:

@@ -378,7 +378,7 @@ class MotionPlanner:
                 return _Planned((motion,), ending.record, path)
         with self.stages("optimisation"):
             motions = (
-                with_more_clearance(optimise(motion, ending.task), motion, ending.task),
+                with_more_clearance(optimise(motion, ending.task), ending.task),
                 found if motion.u is None else motion,
             )
         return _Planned(motions, ending.record)

@@ -273,18 +273,15 @@ def thinned(
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
-def with_more_clearance(
-    motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
-) -> CurveMotion[Any]:
+def with_more_clearance(motion: CurveMotion[Any], task: SearchTask, margin: float | None = None) -> CurveMotion[Any]:
     """Return a motion with more clearance if an optimised motion falls short of the preferred gap.
 
-    A second motion is optimised with more keyframes and a higher price of missing clearance; the one of the two that
+    It is optimised again with more keyframes and a higher price of missing clearance; the one of the two motions that
     lacks less clearance is returned.
 
     Args:
         motion: optimised, certified motion.
-        begun: certified motion from which the second motion is optimised.
-        task: task of the motions.
+        task: task of the motion.
         margin: gap beyond contact that constraint rows demand, as a fraction of the arm's length; the default if None.
     """
     # In the middle of a gate hardly wider than the arm, no more clearance is possible.
@@ -300,7 +297,9 @@ def with_more_clearance(
         return motion
     settings = task.settings.optimisation
     finer = replace(settings, intervals=settings.finer_intervals, steps=_dearer(settings.steps))
-    other = optimise(begun, replace(task, settings=replace(task.settings, optimisation=finer)), margin)
+    other = optimise(
+        motion.through(motion.unknowns), replace(task, settings=replace(task.settings, optimisation=finer)), margin
+    )
     return other if _worst_shortfall(other, task) < shortfall else motion
 
 
