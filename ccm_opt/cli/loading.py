@@ -14,7 +14,7 @@ from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console, result_units
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
+from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, words_in
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
 from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.io.rules import odd_mesh_size
@@ -156,7 +156,8 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
     low, high = box_about(body.vertices) / METRES[unit]
     size = f" {TIMES} ".join(f"{length:.4g}" for length in high - low)
     corners = f"from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
-    yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {_inside(body, unit)}"
+    count = f"{body.triangles_read} {'triangles' if body.balls is None else 'points'}"
+    yield f"{name}: {body.file}, {count}, {size} {unit}, {corners}, {_inside(body, unit)}"
     for words in body.notes:
         yield f"  {words}"
     for words in body.mended:
@@ -168,6 +169,10 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
     """Return a description of whether a mesh is closed, and of which region counts as its interior."""
+    if body.balls is not None:
+        with words_in(unit):
+            whole, spread = file_length(body.rounding), file_length(body.balls.spread)
+        return f"kept as {len(body.faces)} balls of {whole}, {spread} of it to cover points left out"
     if not body.solid:
         return "surface only (solid = false)"
     if body.closed:
@@ -185,6 +190,7 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
         "sha256": body.digest,
         "triangles_read": body.triangles_read,
         "triangles": len(body.faces),
+        "ball_radius": body.rounding,
         "box": box.tolist(),
         "closed": body.closed,
         "solid": body.solid,

@@ -133,9 +133,12 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
 
 
 def _needed_files(file: Path) -> list[str]:
-    """Return the relative paths of the drawing and meshes to which a problem file refers, without duplicates."""
+    """Return the relative paths of the drawing, meshes and scans to which a problem file refers, without duplicates."""
     workspace = tomllib.loads(file.read_text(encoding="utf-8")).get("workspace", {})
-    named = [workspace.get("file"), *(entry.get("mesh") for entry in workspace.get("obstacles", []))]
+    named = [
+        workspace.get("file"),
+        *(entry.get("mesh") or entry.get("points") for entry in workspace.get("obstacles", [])),
+    ]
     return list(dict.fromkeys(name for name in named if name is not None))
 
 

@@ -10,17 +10,19 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import METRES
+from ccm_opt.core.length_words import METRES, file_length
 from ccm_opt.io.build import build_placement
 from ccm_opt.io.drawing import read_drawing, resolve_file
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
+from ccm_opt.io.scans import Scan, read_scan
 from ccm_opt.io.schema import SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf
 from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.point_clouds import BallRadii
 from ccm_opt.scene.shells import find_shells, repeated
 
 _SAME = 1e-9
@@ -36,9 +38,9 @@ def mesh_bodies(
     *,
     allow_outside: bool = False,
 ) -> dict[int, MeshBody]:
-    """Return the obstacles that are meshes as solids in world coordinates, by index among all obstacles of the file.
+    """Return the obstacles that are meshes or scans, in world coordinates, by index among all obstacles of the file.
 
-    A mesh file to which several obstacles refer is read once.
+    A file to which several obstacles refer is read once.
 
     Args:
         listed: index (from 0) and table of each obstacle.
@@ -47,50 +49,88 @@ def mesh_bodies(
         issues: receives the defects of meshes, which are then missing from the result.
         allow_outside: whether mesh files may lie outside the folder.
     """
-    read = cache(_read_and_repaired)
+    read, scanned = cache(_read_and_repaired), cache(read_scan)
     found: dict[int, MeshBody] = {}
     for number, table in listed:
-        path: KeyPath = ("workspace", "obstacles", number)
-        file = table.mesh or ""
-        place = file and resolve_file(file, folder, (*path, "mesh"), EXPECTED, issues, allow_outside=allow_outside)
+        file = table.mesh or table.points or ""
+        path: KeyPath = ("workspace", "obstacles", number, "mesh" if table.mesh else "points")
+        expected = EXPECTED if table.mesh else "a scan, for example 'gallery.ply'"
+        place = file and resolve_file(file, folder, path, expected, issues, allow_outside=allow_outside)
         if not place:
             continue
         try:
-            raw, mended = read(place)
+            body = _mesh(table, *read(place), metres) if table.mesh else _scan(table, scanned(place), metres)
         except ProblemError as error:
-            issues.add((*path, "mesh"), str(error))
+            issues.add(path, str(error))
             continue
-        digest = hashlib.sha256(raw.content).hexdigest()
-        scale, notes = _scale(table, file, raw, metres)
-        placement = build_placement(table.pose)
-        vertices = placement.points(scale * (turned_up(mended.vertices) if table.up == "y" else mended.vertices))
-        if table.sha256 not in {None, digest}:
-            issues.add((*path, "sha256"), f"{file} has the SHA-256 {digest}, not the one given in the problem file")
-        elif abs(vertices).max() > MAX_LENGTH:
-            issues.add((*path, "mesh"), f"it reaches beyond {MAX_LENGTH:g} m; check its scale")
+        if table.sha256 not in {None, body.digest}:
+            said = f"{file} has the SHA-256 {body.digest}, not the one given in the problem file"
+            issues.add((*path[:-1], "sha256"), said)
+        elif abs(body.vertices).max() > MAX_LENGTH:
+            issues.add(path, f"it reaches beyond {MAX_LENGTH:g} m; check its scale")
         else:
-            found[number] = MeshBody(
-                vertices,
-                mended.faces,
-                file=file,
-                digest=digest,
-                solid=table.solid is not False,
-                scale=scale,
-                placement=placement,
-                up=table.up or "z",
-                content=raw.content,
-                triangles_read=len(raw.faces),
-                mended=mended.mended,
-                notes=notes,
-            )
+            found[number] = body
     total = sum(len(body.faces) for body in found.values())
     if total > MESHES.most_triangles:
         issues.add(
             ("workspace", "obstacles"),
-            f"the meshes have {total} triangles in all; at most {MESHES.most_triangles} can be used; export "
+            f"the meshes have {total} triangles and points in all; at most {MESHES.most_triangles} can be used; export "
             "them coarser",
         )
     return found
+
+
+def _mesh(table: SpaceObstacleTable, raw: RawMesh, mended: RawMesh, metres: float) -> MeshBody:
+    """Return the mesh of an obstacle, in world coordinates.
+
+    Args:
+        table: table of the obstacle.
+        raw: the mesh as read.
+        mended: the mesh after repairs.
+        metres: metres per unit of length of the problem file.
+    """
+    scale, notes = _scale(table, table.mesh or "", raw, metres)
+    return MeshBody(
+        _in_room(table, scale * mended.vertices),
+        mended.faces,
+        file=table.mesh or "",
+        digest=hashlib.sha256(raw.content).hexdigest(),
+        solid=table.solid is not False,
+        scale=scale,
+        placement=build_placement(table.pose),
+        up=table.up or "z",
+        content=raw.content,
+        triangles_read=len(raw.faces),
+        mended=mended.mended,
+        notes=notes,
+    )
+
+
+def _scan(table: SpaceObstacleTable, scan: Scan, metres: float) -> MeshBody:
+    """Return the balls about the points of a scan, in world coordinates; arguments are those of ``_mesh``."""
+    scale = metres * (1.0 if table.scale is None else table.scale)
+    radii = BallRadii(table.point_radius or 0.0, table.error or 0.0)
+    notes: tuple[str, ...] = ()
+    if scan.leaves_gaps((radii.point + radii.error) / scale):
+        spacing = file_length(scale * scan.spacing)
+        gaps = "balls of point_radius leave gaps between them, through which a thin arm may pass; raise point_radius"
+        notes = (f"its points are {spacing} apart in the median: {gaps}",)
+    return MeshBody.of_scan(
+        _in_room(table, scale * scan.points),
+        radii,
+        file=table.points,
+        digest=hashlib.sha256(scan.content).hexdigest(),
+        scale=scale,
+        placement=build_placement(table.pose),
+        up=table.up or "z",
+        content=scan.content,
+        notes=notes,
+    )
+
+
+def _in_room(table: SpaceObstacleTable, points: FloatArray) -> FloatArray:
+    """Return points of a file, shape (n, 3) [m], in world coordinates."""
+    return build_placement(table.pose).points(turned_up(points) if table.up == "y" else points)
 
 
 def _read_and_repaired(place: Path) -> tuple[RawMesh, RawMesh]:

@@ -256,6 +256,8 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
     if body.kind == "mesh":
         # A mesh made in Python is written in metres, in world coordinates.
         entries = {"mesh": file, "scale": 1.0 / METRES[unit], "solid": None if body.solid else False}
+        if body.balls is not None:
+            entries = {"points": file, "point_radius": body.balls.point, "error": body.balls.error or None}
         if body.content:
             entries |= {"scale": body.scale / METRES[unit], "sha256": body.digest}
             # A GLB without the key ``up`` causes a warning that its y axis may be up, so "z" is written explicitly.

@@ -357,7 +357,8 @@ def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthU
             message = outside_message(
                 body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position"
             )
-            issues.add(("workspace", "obstacles", number, "mesh"), message)
+            key = "mesh" if body.balls is None else "points"
+            issues.add(("workspace", "obstacles", number, key), message)
 
 
 def check_base(

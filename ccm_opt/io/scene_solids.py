@@ -99,7 +99,7 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
     depth = max(_DEPTH * arm.radius, _LEAST_DEPTH * arm.length)
     everything: list[tuple[str, tuple[Body, ...]]]
     if workspace.dimension == 3:
-        everything = [(each.name, (each.body,)) for each in workspace.obstacles]
+        everything = [(each.name, (_with_surface(each.body),)) for each in workspace.obstacles]
         everything += (
             [] if workspace.bounds is None else [(ROOM_NAME, (s,)) for s in _slabs(workspace.bounds, thickness)]
         )
@@ -113,6 +113,12 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
     names = unique_names([name for name, _ in everything])
     obstacles = tuple(SolidObstacle(*name, solids) for name, (_, solids) in zip(names, everything, strict=True))
     return SolidScene(obstacles, workspace.dimension == 2, thinnest)
+
+
+def _with_surface(body: Body) -> Body:
+    """Return a body, and in place of the balls of a scan the octahedra in them, which have triangles with area."""
+    scan = body.kind == "mesh" and body.balls is not None
+    return MeshBody(*body.surface(0), solid=False) if scan else body
 
 
 def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:

@@ -299,11 +299,16 @@ class PlacementTable(Table):
 
 
 class SpaceObstacleTable(Table):
-    """Table of an obstacle in space: exactly one of ``mesh``, ``box``, ``sphere``, ``cylinder`` and ``capsule``."""
+    """Table of an obstacle in space: one of ``mesh``, ``points``, ``box``, ``sphere``, ``cylinder`` and ``capsule``."""
 
     rules = Rules(
-        exactly_one=("mesh", "box", "sphere", "cylinder", "capsule"),
-        needs=dict.fromkeys(("scale", "up", "solid", "sha256"), ("mesh",)),
+        exactly_one=("mesh", "points", "box", "sphere", "cylinder", "capsule"),
+        needs={
+            **dict.fromkeys(("scale", "up", "sha256"), ("mesh", "points")),
+            **dict.fromkeys(("point_radius", "error"), ("points",)),
+            "points": ("point_radius",),
+            "solid": ("mesh",),
+        },
     )
 
     name: Annotated[str, Field(min_length=1)] | None = Field(
@@ -320,17 +325,30 @@ class SpaceObstacleTable(Table):
             "`allow_outside=True`)."
         ),
     )
+    points: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description=(
+            "Points of a scan: PLY (its vertices), PCD, NPY, or rows of numbers in XYZ, TXT or CSV ([below](#scans)). "
+            "The path is as that of `mesh`."
+        ),
+    )
+    point_radius: PositiveLength | None = Field(
+        default=None, description="Points only, and required: radius of the ball about each point."
+    )
+    error: NonNegativeLength | None = Field(
+        default=None, description="Points only: greatest error of the scan, further radius. Default: 0."
+    )
     scale: Positive | None = Field(
         default=None,
         description=(
-            "Mesh only: length of one unit of its file, in the problem file's unit. Default: 1; for 3MF, the unit "
+            "Mesh or points: length of one unit of its file, in the problem file's unit. Default: 1; for 3MF, the unit "
             "that the file names."
         ),
     )
     up: Literal["y", "z"] | None = Field(
         default=None,
         description=(
-            'Mesh only: the axis of the file that points up; `"y"` rotates the mesh about x, so that its y becomes '
+            'Mesh or points: the axis of the file that points up; `"y"` rotates its content about x, so that y becomes '
             'z. Default: `"z"`, no rotation.'
         ),
     )
@@ -344,7 +362,7 @@ class SpaceObstacleTable(Table):
     )
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = Field(
         default=None,
-        description="Mesh only: SHA-256 of its file; a file with another hash is refused. Default: not checked.",
+        description="Mesh or points: SHA-256 of its file; a file with another hash is refused. Default: not checked.",
     )
     box: Corners | None = Field(default=None, description="`[[xmin, ymin, zmin], [xmax, ymax, zmax]]`.")
     sphere: SphereTable | None = Field(default=None, description="`{ center = [x, y, z], radius = r }`.")

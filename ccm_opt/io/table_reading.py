@@ -225,8 +225,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
 
 
 def _has_shape(table: Table) -> bool:
-    """Return whether an obstacle's table gives a shape other than a mesh, so that no file is needed to build it."""
-    return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind != "mesh")
+    """Return whether an obstacle's table gives a shape for which no file is needed."""
+    return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind not in {"mesh", "points"})
 
 
 def _check_built_pose(

@@ -53,10 +53,10 @@ def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
         problem: the problem.
     """
     scene = solid_scene(problem.workspace, problem.arm)
-    for k, _, body in problem.workspace.meshes:
+    for k, _, _ in problem.workspace.meshes:
         name = f"{URDF_MESHES}/{mesh_file(scene, scene.obstacles[k], 0)}"
         if name in text:
-            yield from _file_defects(folder / name, name, body.triangles)
+            yield from _file_defects(folder / name, name, scene.obstacles[k].solids[0].triangles)
 
 
 def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]:

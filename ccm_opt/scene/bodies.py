@@ -7,14 +7,17 @@ represented exactly; a cylinder is represented by its circumscribed prism, which
 surfaces only.
 """
 
+import hashlib
+import io
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, Literal, Self, TypeAlias
+from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 
 from ccm_opt.core.arguments import LARGEST, Arguments, finite_array
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.point_clouds import SPREAD_SHARE, BallRadii, ball_surfaces, thin_points
 from ccm_opt.scene.shells import Shells, find_shells
 
 
@@ -206,6 +209,11 @@ class _Solid:
     @property
     def closed(self) -> bool:
         """Whether the body has a well-defined inside."""
+        return True
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether sharp edges of the surface are those of the body, and worth drawing."""
         return True
 
     @property
@@ -414,6 +422,8 @@ class MeshBody(_Solid):
         up: axis of the file that points up, ``y`` or ``z``; if it was y, the vertices are already turned.
         content: bytes of the file, to write copies from; empty if not kept.
         triangles_read: number of triangles in the file.
+        balls: radii of the balls about the points of a scan, which are vertices and degenerate triangles; None for
+            surfaces.
         mended: descriptions of repairs of the mesh.
         notes: remarks for the user on the file's unit, axes and other content.
     """
@@ -428,6 +438,7 @@ class MeshBody(_Solid):
     up: str = "z"
     content: bytes = field(default=b"", repr=False)
     triangles_read: int = 0
+    balls: BallRadii | None = None
     mended: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     kind: ClassVar[Literal["mesh"]] = "mesh"
@@ -459,9 +470,52 @@ class MeshBody(_Solid):
         given.refuse()
         return cls(known, numbers, triangles_read=len(numbers))
 
+    @classmethod
+    def of_points(cls, points: object, *, radius: float, error: float = 0.0) -> "MeshBody":
+        """Return the points of a scan as balls, in the frame of the room.
+
+        Points that are left out are covered by balls that are kept, which grow by at most half of the radius.
+
+        Args:
+            points: positions of the points, shape (n, 3) [m].
+            radius: radius of each point [m].
+            error: greatest error of the scan, by which balls grow too [m].
+
+        Raises:
+            ProblemError: the values do not describe a scan.
+        """
+        given = Arguments("these points")
+        places = finite_array(points)
+        given.must(
+            places is not None and places.ndim == 2 and places.shape[1] == 3 and len(places) > 0,
+            f"points: expected rows (x, y, z) of numbers within {LARGEST:g}",
+        )
+        point = given.number("radius", radius, above=0.0)
+        uncertain = given.number("error", error, least=0.0)
+        given.refuse()
+        known = np.asarray(places, dtype=np.float64)
+        file = io.BytesIO()
+        np.save(file, known)
+        content = file.getvalue()
+        digest = hashlib.sha256(content).hexdigest()
+        return cls.of_scan(known, BallRadii(point, uncertain), file="points.npy", content=content, digest=digest)
+
+    @classmethod
+    def of_scan(cls, points: FloatArray, radii: BallRadii, **of_file: Any) -> "MeshBody":
+        """Return points, shape (n, 3) [m], as balls, thinned; further arguments are attributes about their file."""
+        kept, spread = thin_points(points, SPREAD_SHARE * radii.point)
+        faces = np.repeat(np.arange(len(kept), dtype=np.intp)[:, None], 3, axis=1)
+        radii = replace(radii, spread=spread)
+        return cls(kept, faces, solid=False, triangles_read=len(points), balls=radii, **of_file)
+
+    @property
+    def rounding(self) -> float:
+        """Distance by which the body extends beyond its triangles: 0, or the radius of the balls of a scan [m]."""
+        return 0.0 if self.balls is None else self.balls.whole
+
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the mesh."""
-        return self.vertices, self.faces
+        """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the mesh, or of octahedra in balls."""
+        return (self.vertices, self.faces) if self.balls is None else ball_surfaces(self.vertices, self.rounding)
 
     def placed(self, placement: RigidPlacement) -> "MeshBody":
         """Return the mesh moved by a rigid motion."""
@@ -472,6 +526,11 @@ class MeshBody(_Solid):
         """Triangles of the mesh, shape (m, 3, 3) [m]."""
         return np.ascontiguousarray(self.vertices[self.faces], dtype=np.float64)
 
+    @property
+    def has_edges(self) -> bool:
+        """Whether sharp edges of the surface are those of the body; not of a scan."""
+        return self.balls is None
+
     @cached_property
     def shells(self) -> Shells:
         """Closed and open shells (connected pieces) of the mesh's surface."""
@@ -479,8 +538,8 @@ class MeshBody(_Solid):
 
     @property
     def closed(self) -> bool:
-        """Whether every edge of the mesh joins two triangles, so that the inside is well defined."""
-        return bool(self.shells.closed.all())
+        """Whether every edge of the mesh joins two triangles, so that the inside is well defined; true of balls."""
+        return self.balls is not None or bool(self.shells.closed.all())
 
 
 Body: TypeAlias = BoxBody | SphereBody | CylinderBody | CapsuleBody | MeshBody

@@ -211,6 +211,7 @@ def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[st
     # Corners shared by several triangles are written once.
     places, number = np.unique(vertices, axis=0, return_inverse=True)
     joined = number.reshape(-1)[faces]
+    edges = sharp_edges(places, joined, _SHARP) if body.has_edges else np.zeros((0, 2))
     low = places.min(axis=0)
     span = np.maximum(np.ptp(places, axis=0), np.finfo(np.float64).tiny)
     whole = np.round((places - low) / span * _CORNER_STEPS).astype("<u2")
@@ -220,7 +221,7 @@ def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[st
         "span": span.tolist(),
         "corners": _text(whole),
         "faces": _text(joined.astype("<u4")),
-        "edges": _text(sharp_edges(places, joined, _SHARP).astype("<u4")),
+        "edges": _text(edges.astype("<u4")),
     }
 
 

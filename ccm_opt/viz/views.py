@@ -123,8 +123,12 @@ class SceneViews:
 
     @cached_property
     def edges(self) -> list[FloatArray]:
-        """Ends of the k sharp edges of every obstacle in space, shape (k, 2, 3) [m]."""
-        return [vertices[sharp_edges(vertices, faces, _SHARP)] for vertices, faces in self.bodies]
+        """Ends of the k sharp edges of every obstacle in space that has any, shape (k, 2, 3) [m]."""
+        return [
+            vertices[sharp_edges(vertices, faces, _SHARP)]
+            for obstacle, (vertices, faces) in zip(self.problem.workspace.obstacles, self.bodies, strict=True)
+            if obstacle.body.has_edges
+        ]
 
     def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
         """Draw workspace and obstacles in one view, and set the limits of the axes.

@@ -103,7 +103,7 @@ def open_edge_words(body: MeshBody) -> str:
 
 
 def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math.inf) -> Iterator[Enclosure]:
-    rounded = [obstacle for obstacle in workspace.obstacles if obstacle.body.rounding]
+    rounded = [obstacle for obstacle in workspace.obstacles if obstacle.body.rounding and obstacle.body.kind != "mesh"]
     if rounded:
         depths = depths_in_rounded([obstacle.body for obstacle in rounded], places)
         for number, k in np.argwhere(depths > 0.0):

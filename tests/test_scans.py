@@ -1,0 +1,230 @@
+"""Scans as obstacles: points of files are read, thinned without losing any, and kept clear of."""
+
+import io
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import ccm_opt
+from ccm_opt.cli.written_plans import check_folders
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.io.reading import load_problem
+from ccm_opt.io.scans import read_scan
+from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.point_clouds import ball_surfaces, thin_points
+
+POINTS = np.array([[0.5, -1.25, 2.0], [3.0, 0.125, -4.5], [1e-3, 7.0, 0.0], [0.5, -1.25, 2.5]])
+_HEAD = "FIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 4\nHEIGHT 1\nPOINTS 4\nDATA {}\n"
+
+
+def npy(points: FloatArray) -> bytes:
+    """Return points as the bytes of an NPY file."""
+    file = io.BytesIO()
+    np.save(file, points)
+    return file.getvalue()
+
+
+def pcd(kind: str) -> bytes:
+    """Return the points with an intensity as the bytes of a PCD file, text or binary."""
+    rows = np.column_stack((POINTS, np.arange(4.0)))
+    head = ("# .PCD v0.7\nVERSION 0.7\n" + _HEAD.format(kind)).encode()
+    if kind == "ascii":
+        return head + "\n".join(" ".join(map(repr, row)) for row in rows.tolist()).encode()
+    return head + b"".join(struct.pack("<4f", *row) for row in rows.tolist())
+
+
+def ply(encoding: str) -> bytes:
+    """Return the points as the bytes of a PLY file as trimesh writes it."""
+    cloud: Any = trimesh.PointCloud(POINTS)  # type: ignore[no-untyped-call]
+    return bytes(cloud.export(file_type="ply", encoding=encoding))
+
+
+def rows(separator: str) -> bytes:
+    """Return the points with a colour as lines of text."""
+    return ("# x y z r\n" + "\n".join(separator.join(map(repr, [*row, 255])) for row in POINTS.tolist())).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.npy", npy(POINTS)),
+        ("a.xyz", rows(" ")),
+        ("a.csv", rows(",")),
+        ("a.txt", rows("; ")),
+        ("a.ply", ply("binary")),
+        ("a.PLY", ply("ascii")),
+        ("a.pcd", pcd("ascii")),
+        ("a.pcd", pcd("binary")),
+    ],
+)
+def test_every_format_gives_the_same_points(name: str, content: bytes, tmp_path: Path) -> None:
+    """The points are read in their order, whatever else the rows have."""
+    (tmp_path / name).write_bytes(content)
+    scan = read_scan(tmp_path / name)
+    np.testing.assert_allclose(scan.points, POINTS, rtol=1e-6)
+    assert scan.spacing == pytest.approx(2.55, abs=2.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.npy", b"\x93NUMPY", "NPY"),
+        ("a.npy", npy(POINTS[:, :2]), "at least three numbers"),
+        ("a.npy", npy(POINTS[:0]), "no points"),
+        ("a.npy", npy(np.array([[0.0, np.nan, 1.0]])), "not finite"),
+        ("a.npy", npy(np.array([[0.0, 1e12, 1.0]])), "at most 1e"),
+        ("a.npy", npy(np.array([["a", "b", "c"]])), "array of numbers"),
+        ("a.xyz", b"1 2\n3 4\n", "rows of numbers"),
+        ("a.xyz", b"one two three\n", "rows of numbers"),
+        ("a.pcd", b"VERSION 0.7\n", "header"),
+        ("a.pcd", pcd("binary")[:-3], "truncated"),
+        ("a.pcd", pcd("ascii").replace(b"POINTS 4", b"POINTS 5"), "announces 5"),
+        ("a.pcd", _HEAD.format("binary_compressed").encode(), "save it as binary"),
+        ("a.pcd", pcd("ascii").replace(b"FIELDS x y z", b"FIELDS u v w"), "fields x, y and z"),
+        ("a.las", b"LASF", "las"),
+    ],
+)
+def test_a_broken_scan_is_one_clear_error(name: str, content: bytes, words: str, tmp_path: Path) -> None:
+    """The file is named with what is wrong."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ProblemError, match=words) as refusal:
+        read_scan(tmp_path / name)
+    assert name in str(refusal.value)
+
+
+@given(
+    points=arrays(np.float64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.floats(-10.0, 10.0)),
+    spread=st.floats(1e-3, 20.0) | st.just(0.0) | st.just(1e-8),
+)
+def test_thinned_points_cover_all(points: FloatArray, spread: float) -> None:
+    """Every point is within the stated distance of one that stays, and that is no more than was allowed."""
+    kept, covered = thin_points(points, spread)
+    apart = np.linalg.norm(points[:, None] - kept[None], axis=2).min(axis=1)
+    assert covered <= spread
+    assert apart.max() <= covered * (1.0 + 1e-12) + 1e-15
+    assert len(kept) <= len(points)
+
+
+@given(points=arrays(np.float64, st.tuples(st.integers(1, 8), st.just(3)), elements=st.floats(-10.0, 10.0)))
+def test_balls_are_drawn_within_themselves(points: FloatArray) -> None:
+    """The octahedron of every ball lies in the ball and has its volume of 4/3 r³."""
+    vertices, faces = ball_surfaces(points, 0.5)
+    apart = np.linalg.norm(vertices.reshape(-1, 6, 3) - points[:, None], axis=2)
+    np.testing.assert_allclose(apart, 0.5, rtol=1e-9)
+    corners = vertices[faces].reshape(len(points), 8, 3, 3) - points[:, None, None]
+    np.testing.assert_allclose(np.linalg.det(corners).sum(axis=1) / 6.0, 4.0 / 3.0 * 0.125, rtol=1e-6)
+
+
+PROBLEM = """\
+schema = 1
+space = 3
+name = "scanned"
+units = "mm"
+
+[workspace]
+bounds = [[-300, -500, -500], [900, 500, 500]]
+clearance = 2
+
+[[workspace.obstacles]]
+name = "gallery"
+points = "gallery.npy"
+point_radius = 6
+error = 1
+scale = 1000
+pose = { position = [20, 0, 0] }
+
+[arm]
+links = 12
+link_length = 50
+radius = 10
+base = { position = [0, 0, 0], direction = [1, 0, 0], up = [0, 0, 1] }
+joint_limit_deg = 60
+
+[limits]
+velocity = 1.0
+acceleration = 5.0
+
+[start]
+shape = "straight"
+
+[goal]
+position = [330, 290, 40]
+"""
+
+
+def gallery() -> FloatArray:
+    """Return points sampled from the surface of two posts [m]."""
+    posts = [trimesh.creation.box((0.1, 0.1, 0.4)), trimesh.creation.cylinder(0.06, 0.5)]
+    posts[0].apply_translation((0.3, 0.12, 0.0))
+    posts[1].apply_translation((0.25, -0.2, 0.1))
+    return np.concatenate([trimesh.sample.sample_surface(post, 8000, seed=3)[0] for post in posts])
+
+
+@pytest.mark.planning
+def test_a_plan_keeps_clear_of_every_point_of_a_scan(tmp_path: Path) -> None:
+    """Solved, swept by all points that were read, and checked from the folder alone, which has a copy of the scan."""
+    (tmp_path / "gallery.npy").write_bytes(npy(gallery()))
+    (tmp_path / "problem.toml").write_text(PROBLEM)
+    problem = load_problem(tmp_path / "problem.toml")
+    ((_, _, body),) = problem.workspace.meshes
+    assert body.balls is not None
+    assert body.triangles_read == 16000
+    assert body.balls.error == pytest.approx(1e-3)
+    assert 0.0 < body.balls.spread <= 3e-3
+    plan = ccm_opt.solve(problem)
+    points = gallery() + np.array([0.02, 0.0, 0.0])
+    for joints in problem.arm.joint_positions_at(plan.trajectory.positions[::5]):
+        axis = np.diff(joints, axis=0)
+        apart = points[:, None] - joints[:-1]
+        share = np.clip(np.einsum("pkd,kd->pk", apart, axis) / np.sum(axis**2, axis=1), 0.0, 1.0)
+        nearest = np.linalg.norm(apart - share[..., None] * axis, axis=2).min()
+        assert nearest >= 0.010 + 0.006 + 0.001 + 0.002 - 1e-6
+    ccm_opt.save(plan, tmp_path / "out")
+    (tmp_path / "gallery.npy").unlink()
+    assert check_folders([tmp_path / "out"]) == 0
+
+
+def test_points_that_are_far_apart_are_reported(tmp_path: Path) -> None:
+    """Balls that leave gaps between the points of a surface are noted, since a thin arm would pass through it."""
+    (tmp_path / "gallery.npy").write_bytes(npy(gallery()))
+    (tmp_path / "problem.toml").write_text(PROBLEM.replace("point_radius = 6\nerror = 1", "point_radius = 0.2"))
+    ((_, _, body),) = load_problem(tmp_path / "problem.toml").workspace.meshes
+    assert "raise point_radius" in body.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("point_radius = 6\n", "", "point_radius"),
+        ("point_radius = 6", "point_radius = 0", "greater than 0"),
+        ("error = 1", "error = -1", "error"),
+        ("error = 1", "solid = true", "solid"),
+        ("points = ", "mesh = ", "point_radius"),
+        ("[20, 0, 0]", "[5000, 0, 0]", "points"),
+    ],
+)
+def test_keys_of_scans_are_checked(before: str, after: str, words: str, tmp_path: Path) -> None:
+    """A scan needs a radius, and has no inside; other bodies have no radius of points."""
+    (tmp_path / "gallery.npy").write_bytes(npy(gallery()))
+    (tmp_path / "problem.toml").write_text(PROBLEM.replace(before, after))
+    with pytest.raises(ProblemError, match=words):
+        load_problem(tmp_path / "problem.toml")
+
+
+@settings(max_examples=20)
+@given(points=arrays(np.float64, (5, 3), elements=st.floats(-1.0, 1.0)), radius=st.floats(0.01, 0.1))
+def test_a_scan_made_in_python_is_that_of_its_file(points: FloatArray, radius: float) -> None:
+    """The bytes kept with the body are those of an NPY file with the points."""
+    body = MeshBody.of_points(points, radius=radius)
+    np.testing.assert_array_equal(np.load(io.BytesIO(body.content)), points)
+    assert body.rounding <= 1.5 * radius + 1e-12
+    with pytest.raises(ProblemError, match="radius"):
+        MeshBody.of_points(points, radius=0.0)
