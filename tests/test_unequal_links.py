@@ -322,7 +322,7 @@ def test_sections_are_read_and_written() -> None:
         ({"radius": [0.02, -0.01]}, r"arm\.sections\[0\]\.radius"),
         ({"locked": [4]}, r"arm\.sections\[0\]\.locked"),
         ({"colour": "red"}, r"arm\.sections\[0\]\.colour"),
-        ({"drive": "section"}, r"arm\.sections\[0\]\.drive"),
+        ({"drive": "section"}, r"arm\.sections\[1\]\.drive: expected \"section\" for all sections or for none"),
         ({"mass": 0.2}, r"arm\.sections\[1\]: mass is missing"),
     ],
 )

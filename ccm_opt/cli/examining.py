@@ -17,6 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.core.length_words import in_unit, span_words
+from ccm_opt.driver.arguments import refuse_sections
 from ccm_opt.driver.verified_plan import failed_checks
 from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data
@@ -53,6 +54,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
 
 def _describe(problem: Problem) -> int:
     report_scene(problem)
+    refuse_sections(problem.arm, "link parameters")
 
     def show() -> None:
         console = report_console()

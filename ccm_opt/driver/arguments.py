@@ -80,6 +80,20 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
     return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
 
 
+def refuse_sections(arm: Arm, what: str) -> None:
+    """Raise an error for an arm whose sections bend evenly.
+
+    Args:
+        arm: the arm.
+        what: what does not support such arms, in the plural.
+
+    Raises:
+        ProblemError: the arm has such sections.
+    """
+    if arm.sections is not None:
+        raise ProblemError(f'{what} do not support arm.sections with drive = "section"')
+
+
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
     """Return the user's constraints and costs compiled for an arm; None if there are none.
 
@@ -91,6 +105,7 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
     expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
     if not (constraints or costs):
         return None
+    refuse_sections(arm, "constraints and costs of the user")
     from ccm_opt.ik.compiled_terms import compile_terms  # noqa: PLC0415 - most problems have no terms
 
     return compile_terms(arm, constraints, costs)

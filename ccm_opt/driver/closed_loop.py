@@ -113,6 +113,9 @@ def simulate_and_check(
     Returns:
         The simulated motion with its outcome, and figures of merit by names that end in their unit.
     """
+    if problem.arm.sections is not None:
+        reason = "the dynamics of sections that bend evenly are not modelled"
+        return not_simulated(trajectory, joints, problem.simulation.step, reason), {}
     requested = simulated_once(problem, trajectory, joints)
     best = requested
     before = requested

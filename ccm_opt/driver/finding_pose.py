@@ -13,7 +13,13 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_contradictions, refuse_without_effect
+from ccm_opt.driver.arguments import (
+    compiled_terms,
+    expect_arguments,
+    refuse_contradictions,
+    refuse_sections,
+    refuse_without_effect,
+)
 from ccm_opt.driver.pose_failure import PoseTry, improved_poses, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.compiled_terms import UserTerms
@@ -76,6 +82,7 @@ def find_pose(
     with on_one_thread(), words_in(problem.length_unit):
         stages = Stages(progress, problem.planner.time_limit)
         _refuse_other_questions(problem)
+        refuse_sections(problem.arm, "goal poses without a motion")
         terms = compiled_terms(problem.arm, constraints, costs)
         with stages("necessary checks"):
             refuse_contradictions(problem, terms)

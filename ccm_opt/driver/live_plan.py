@@ -139,8 +139,9 @@ class LivePlan:
         expect_arguments(settings=self.settings)
         if not self.suits(problem):
             raise ProblemError(
-                f"'{problem.name}' cannot be planned live: it has several goals, a required joint error, a "
-                "planner other than nlp, or in the plane a feed axis; solve it anew after every change"
+                f"'{problem.name}' cannot be planned live: it has several goals, a required joint error, a planner "
+                "other than nlp, sections that bend evenly, or in the plane a feed axis; solve it anew after every "
+                "change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
@@ -156,9 +157,10 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a problem is supported: one goal, no joint error, planner "nlp", no planar feed axis."""
+        """Return whether a problem is supported: no stops, joint error, planar feed axis or even sections."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
-        return not (fed or problem.stops or problem.joint_error) and problem.planner.method == "nlp"
+        plain = not (fed or problem.arm.sections or problem.stops or problem.joint_error)
+        return plain and problem.planner.method == "nlp"
 
     def move_goal(
         self,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.core.arguments import expect
-from ccm_opt.driver.arguments import expect_arguments
+from ccm_opt.driver.arguments import expect_arguments, refuse_sections
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem
@@ -73,6 +73,7 @@ def motion_tolerance(
         simulated: whether to compute maximum payload and friction too, by simulation.
         settings: settings of all stages of planning.
     """
+    refuse_sections(problem.arm, "tolerated errors")
     errors = tolerated_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors

@@ -243,11 +243,9 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
 def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Return the simulation of a verified plan and its figures of merit.
 
-    If the simulation fails through a defect, the simulated arm is recorded as resting in the start pose.
+    Sections that bend evenly are not simulated. If the simulation fails through a defect, the simulated arm is recorded
+    as resting in the start pose.
     """
-    if problem.arm.sections is not None:
-        reason = "the dynamics of sections that bend evenly are not modelled"
-        return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, reason), {}
     stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
 

@@ -37,6 +37,7 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
+from ccm_opt.robot.arc_sections import ArcSections, Tendons
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration
@@ -158,7 +159,7 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
         description=tables["root"].description,
         workspace=build_workspace(tables["workspace"], tables["obstacles"], tables["meshes"]),
         arm=arm,
-        limits=build_limits(tables["limits"], arm.links),
+        limits=build_limits(tables["limits"], arm),
         start=build_pose(tables["start"], arm, mapping),
         goal=last[0],
         tolerances=last[1],
@@ -254,7 +255,8 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     """Return the arm that the table ``[arm]`` describes; by default links have the inertia of solid cylinders."""
     in_space = isinstance(table, SpaceArmTable)
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
-    lengths, radii, proportions = _each_link(table)
+    driven = _arc_sections(table)
+    lengths, radii, proportions = _each_link(table, driven)
     weighed = [each.mass for each in table.sections or () for _ in range(each.links) if each.mass is not None]
     masses = np.array(weighed) if len(weighed) == table.links else masses  # some without are reported elsewhere
     if table.inertia is not None:
@@ -267,11 +269,13 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     if table.feed is not None:
         low, high = table.feed.range
         feed = Feed(low, high, high if table.feed.hole is None else table.feed.hole)
-    same = ("links", "link_length", "radius", "joint_limit", "self_collision", "axes", "payload")
+    same = ("links", "link_length", "joint_limit", "self_collision", "axes", "payload")
     parts: dict[str, Any] = {
         **{key: table.values[key] for key in same},
+        "radius": float(np.max(radii)),
         "base_limit": float(np.max(table.base_limits)),
         "mount_length": float(radii[0]) if table.mount_length is None else table.mount_length,
+        "sections": driven,
         "proportions": proportions,
         "masses": masses,
         "inertia_axial": axial,
@@ -287,26 +291,46 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     return Arm(base=np.array(table.base.position), direction=direction, up=up, **parts)
 
 
-def _each_link(table: ArmTable | SpaceArmTable) -> tuple[FloatArray, FloatArray, Proportions | None]:
+def _each_link(
+    table: ArmTable | SpaceArmTable, driven: ArcSections | None
+) -> tuple[FloatArray, FloatArray, Proportions | None]:
     """Return length and radius of each link, both of shape (links,) [m], and the proportions of unequal links.
 
     The proportions are None if all links are equal.
     """
     lengths, radii = np.full(table.links, table.link_length), np.full(table.links, table.radius)
     limits = np.full((table.links, 2), table.joint_limit_deg)
-    if table.sections is not None:
+    if driven is not None:
+        lengths, radii = driven.link_lengths, driven.link_radii
+        limits = np.repeat(driven.joint_limits[:, None], 2, axis=1)
+    elif table.sections is not None:
         lengths = np.concatenate([np.full(each.links, each.link_length) for each in table.sections])
         radii = np.concatenate([each.radii for each in table.sections])
         limits = np.concatenate([each.limits for each in table.sections])
     base = table.base_limits
     if table.links % 2 == 0 and not (np.ptp(lengths) or np.ptp(radii) or np.ptp(limits) or np.ptp(base)):
         return lengths, radii, None
-    widest = table.radius or 1.0
-    shares = np.ones(table.links) if table.radius == 0.0 else radii / widest
+    widest = float(np.max(radii))
+    shares = np.ones(table.links) if widest == 0.0 else radii / widest
     bends = np.minimum(limits / table.joint_limit_deg, 1.0)
     bends[0] = base / np.max(base) if np.any(bends[0]) else 0.0
     bends = bends.ravel() if isinstance(table, SpaceArmTable) else bends[:, 0]
     return lengths, radii, Proportions(lengths / table.link_length, shares, bends)
+
+
+def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:
+    """Return the division of an arm into sections that bend evenly, or None."""
+    if not table.bends_evenly or table.sections is None:
+        return None
+    rows = table.sections
+    counts = np.array([each.links for each in rows])
+    return ArcSections(
+        counts,
+        counts * np.array([each.link_length for each in rows]),
+        counts * np.array([float(np.max(each.joint_limit_deg)) for each in rows]),
+        np.array([(each.radius[0], each.radius[-1]) for each in rows]),
+        tuple(None if each.tendons is None else Tendons(**each.tendons.values) for each in rows),
+    )
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
@@ -317,19 +341,23 @@ def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
     return np.asarray(rest / np.linalg.norm(rest))
 
 
-def build_limits(table: LimitsTable, links: int) -> Limits:
+def build_limits(table: LimitsTable, arm: Arm) -> Limits:
     """Return the limits that the table ``[limits]`` describes, joint limits expanded to one value per revolute joint.
 
     Args:
         table: the validated table.
-        links: number n of links; each ball joint consists of three revolutes, so that there are 3 n.
+        arm: the arm of n links; each ball joint consists of three revolutes, so that there are 3 n. For sections that
+            bend evenly, values are of all sections or of each, whose joints share them.
     """
     limits = table.values
     points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
     points += [(point.at, point.velocity, point.acceleration) for point in limits.pop("points")]
     limits["points"] = tuple(PointLimit(at, v or np.inf, a or np.inf) for at, v, a in points if v or a)
     for key in ("velocity", "acceleration", "torque", "jerk"):
-        limits[key] = None if limits[key] is None else each_revolute(limits[key], links)
+        value = limits[key]
+        if value is not None and arm.sections is not None and np.size(value) != 3 * arm.links:
+            value = arm.sections.shared(np.asarray(value)).tolist()
+        limits[key] = None if value is None else each_revolute(value, arm.links)
     return Limits(**limits)
 
 
@@ -346,7 +374,10 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
     """
     feed = pose_feed(table, arm)
     if arm.dimension == 3:
-        return JointPose(np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed)
+        bends = np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg)
+        if arm.sections is not None and len(bends) == len(arm.sections.counts):
+            bends = (arm.sections.coupling @ bends.ravel()).reshape(arm.links, 2)
+        return JointPose(bends, feed)
     if table.segments is not None:
         curve = Configuration.chain(
             arm.base,

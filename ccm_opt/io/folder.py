@@ -251,9 +251,11 @@ def solution_files(solution: Solution) -> dict[str, bytes]:
     """Return the files of a solved problem, except the pictures, as a mapping from file name to content."""
     problem = solution.problem
     csv, yaml = trajectory_texts(controller_points(problem, solution.trajectory, solution.joints, solution.checks))
-    texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **model_texts(problem)}
+    rigid = problem.arm.sections is None
+    models = model_texts(problem) if rigid else {}
+    texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **models}
     files = {name: text.encode() for name, text in texts.items()}
-    meshes = model_meshes(problem) | stored_meshes(problem)
+    meshes = (model_meshes(problem) if rigid else {}) | stored_meshes(problem)
     return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
 
 
@@ -272,12 +274,19 @@ def model_texts(
 ) -> dict[str, str]:
     """Return the robot models (URDF and MJCF) of a problem's arm and obstacles, as text by file name.
 
+    Raises:
+        ProblemError: the arm has sections that bend evenly, which are no chain of rigid links.
+
     Args:
         problem: the problem.
         obstacles: whether obstacles are included.
         bends_only: whether revolute joints that never bend the arm are left out.
         meshes: folder of the obstacles' mesh files, relative to the models.
     """
+    if problem.arm.sections is not None:
+        raise ProblemError(
+            "sections that bend evenly are no chain of rigid links, so that URDF and MJCF cannot hold them"
+        )
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
     return {

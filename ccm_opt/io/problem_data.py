@@ -2,7 +2,7 @@
 
 import hashlib
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import PurePosixPath
 
@@ -36,10 +36,12 @@ from ccm_opt.io.schema_tables import (
     PointLimitTable,
     SectionTable,
     SimulationTable,
+    TendonTable,
     ToleranceTable,
     VerificationTable,
 )
 from ccm_opt.problem import Goal, Limits, Problem, SimulationOptions, Tolerances
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body, MeshBody
 from ccm_opt.scene.workspace import Workspace
@@ -163,6 +165,8 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     }
     if arm.proportions is not None:
         entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
+        if arm.sections is not None:
+            return _driven_arm(arm, arm.sections, entries).written(unit)
         base = arm.base_limit * arm.proportions.limits[: arm.bends_a_joint]
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
@@ -171,6 +175,27 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
             unit
         )
     return ArmTable.from_object(arm, **entries).written(unit)
+
+
+def _driven_arm(arm: Arm, sections: ArcSections, entries: Mapping[str, object]) -> SpaceArmTable:
+    """Return an arm whose sections bend evenly as the table ``[arm]`` of a problem file."""
+    rows = [
+        SectionTable.from_object(
+            None,
+            drive="section",
+            links=count,
+            link_length=float(sections.lengths[k]) / count,
+            radius=sections.radii[k].tolist(),
+            joint_limit_deg=float(sections.limits[k]) / count,
+            tendons=TendonTable.from_object(tendons, angle_deg=tendons.angle) if tendons is not None else None,
+        )
+        for k, (count, tendons) in enumerate(
+            zip(sections.counts.tolist(), sections.tendons or (None,) * len(sections.counts), strict=True)
+        )
+    ]
+    unused = ("inertia", "masses", "base_limit_deg", "payload", "rotor_inertia", "friction")
+    given = {**entries, **dict.fromkeys(unused), "sections": rows}
+    return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **given)
 
 
 def _pair(limits: FloatArray) -> float | list[float]:

@@ -18,7 +18,7 @@ from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import read_plain
 from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.io.records import SCHEMA
+from ccm_opt.io.records import SCHEMA, drive_arrays
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError
 from ccm_opt.robot.arm import Arm
@@ -302,6 +302,15 @@ FEED_SHAPES: Shapes = {
     "keyframe_feeds": ("keyframes",),
 }
 """Shapes of the additional arrays of ``solution.npz`` for an arm with a feed axis."""
+DRIVE_ARRAYS = (
+    "drive_names",
+    "drive_values",
+    "section_curvatures",
+    "section_azimuths",
+    "section_lengths",
+    "tendon_lengths",
+)
+"""Names of the additional arrays of ``solution.npz`` for sections that bend evenly."""
 CLEARANCE_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
 """Shapes of the additional arrays of ``solution.npz`` where the clearance of the motion was measured."""
 
@@ -442,6 +451,13 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         of_base("simulated_feed"),
         numbers,
     )
+    for name, values in drive_arrays(arm, trajectory.bend_angles).items():
+        stored = arrays.get(name, np.zeros(0))
+        same = stored.shape == values.shape and (
+            bool(np.all(stored == values)) if values.dtype.kind == "U" else np.allclose(stored, values, 1e-9, 1e-9)
+        )
+        if not same:
+            raise ProblemError(f"{path}: {name} is missing, or differs from bend_angles; the file was changed")
     error = float(np.abs(numbers["joint_positions"] - arm.joint_positions_at(trajectory.positions)).max())
     if not error <= POSITION_TOLERANCE * arm.length:
         raise ProblemError(
@@ -456,7 +472,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
     Raises:
         ProblemError: the file cannot be read.
     """
-    return read_archive(path, (*SHAPES, *FEED_SHAPES, *CLEARANCE_SHAPES))
+    return read_archive(path, (*SHAPES, *FEED_SHAPES, *CLEARANCE_SHAPES, *DRIVE_ARRAYS))
 
 
 MOST_BYTES_OF_ARRAYS = 2**29

@@ -24,6 +24,7 @@ from ccm_opt.problem.solution import (
     StaticPose,
     ToleratedError,
 )
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
@@ -247,7 +248,29 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "stops": np.array(trajectory.stops, dtype=np.int64),
         # A fixed base has no columns here, and gaps are present only where they were measured.
         **{name: column for name, values in of_base.items() for column in values.T},
+        **drive_arrays(solution.problem.arm, trajectory.bend_angles),
         **({} if room is None else {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}),
+    }
+
+
+def drive_arrays(arm: Arm, bends: FloatArray) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the arrays of sections that bend evenly, by name; none for other arms.
+
+    Args:
+        arm: the arm.
+        bends: bends of the joints, shape (T, 2 links) [rad].
+    """
+    sections = arm.sections
+    if sections is None:
+        return {}
+    drives = sections.drives(bends)
+    return {
+        "drive_values": drives,
+        "drive_names": np.array(sections.drive_names),
+        "section_curvatures": sections.curvatures(drives),
+        "section_azimuths": sections.azimuths(drives),
+        "section_lengths": sections.lengths,
+        "tendon_lengths": sections.tendon_lengths(drives),
     }
 
 

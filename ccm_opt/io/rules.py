@@ -17,6 +17,7 @@ from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.definition import LOCKED_ON_FEED
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
+from ccm_opt.robot.arc_sections import MOST_ARC_TURN
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import enclosure_advice
@@ -114,6 +115,7 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
     for key in SECTION_KEYS:
         if lookup(data, ("arm", key)) is not None:
             issues.add(("arm", key), "not together with arm.sections, which say it for each section; leave it out")
+    _check_driven_sections(data, sections, issues)
     masses = [isinstance(each, Mapping) and each.get("mass") is not None for each in sections]
     for k, weighed in enumerate(masses):
         path: KeyPath = ("arm", "sections", k)
@@ -121,6 +123,56 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
             issues.add((*path, "mass"), "not together with arm.link_mass, arm.masses or arm.inertia")
         elif any(masses) and not weighed:
             issues.add(path, "mass is missing; give it for all sections or for none")
+
+
+_UNMODELLED = 'the dynamics of sections with drive = "section" are not modelled; leave it out'
+_LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
+_OF_DYNAMICS = (
+    *(("arm", key) for key in ("link_mass", "masses", "inertia", "payload", "rotor_inertia", "friction")),
+    ("limits", "torque"),
+)
+_UNSUPPORTED = (
+    *(("arm", key) for key in ("base_limit_deg", "feed", "tool", "bodies")),
+    ("arm", "base", "axes"),
+    *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
+    ("tolerance", "joint_error_deg"),
+    ("planner", "follow_within"),
+)
+
+
+def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object], issues: Issues) -> None:
+    """Report what sections that bend evenly do not support.
+
+    Args:
+        data: data of the problem file.
+        sections: its list ``arm.sections``.
+        issues: receives the defects.
+    """
+    rows = [each if isinstance(each, Mapping) else {} for each in sections]
+    driven = [row.get("drive") == "section" for row in rows]
+    if not any(driven):
+        return
+    where: KeyPath = ("arm", "sections")
+    if data.get("space") != 3:
+        issues.add((*where, driven.index(True), "drive"), '"section" is supported in space only, with space = 3')
+    one_number = 'expected one number with drive = "section"'
+    for k, row in enumerate(rows):
+        refused = {
+            "drive": not driven[k] and 'expected "section" for all sections or for none',
+            "mass": row.get("mass") is not None and _UNMODELLED,
+            "locked": row.get("locked") and 'joints of a section with drive = "section" bend alike; none can be locked',
+            "joint_limit_deg": isinstance(row.get("joint_limit_deg"), list) and one_number,
+        }
+        for key, words in refused.items():
+            if words:
+                issues.add((*where, k, key), str(words))
+    given = [*((path, _UNMODELLED) for path in _OF_DYNAMICS), *((path, _LEAVE_OUT) for path in _UNSUPPORTED)]
+    for path, words in given:
+        if lookup(data, path):  # zeros, which other arms have by default, change nothing
+            issues.add(path, words)
+    for key, only in (("method", "nlp"), ("retiming", "toppra")):
+        if lookup(data, ("planner", key)) not in {None, only}:
+            issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
 
 
 def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
@@ -201,6 +253,12 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
         issues: receives the defects.
     """
     where: KeyPath = ("arm", "sections")
+    arcs = () if arm.sections is None else zip(arm.sections.limits, arm.sections.counts, strict=True)
+    for k, (limit, count) in enumerate(arcs):
+        turn = np.sqrt(2.0) * limit / count
+        if turn > MOST_ARC_TURN:
+            least = int(np.ceil(turn * count / MOST_ARC_TURN))
+            issues.add((*where, k, "links"), f"links turn by up to {np.rad2deg(turn):.3g}°; expected {least} or more")
     for k, each in enumerate(sections):
         if each.locked and arm.base_axes and arm.dimension == 2:
             issues.add((*where, k, "locked"), LOCKED_ON_FEED)
@@ -209,7 +267,10 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
     """Report lists of joint limits that have neither one value per ball joint nor one per revolute joint."""
     for key in ("velocity", "acceleration", "jerk", "torque"):
-        _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
+        counts, what = (arm.links, 3 * arm.links), "ball joint or revolute"
+        if arm.bends_evenly:
+            counts, what = (len(arm.sections or ()), 3 * arm.links), "section or revolute"
+        _one_each(getattr(limits, key), ("limits", key), counts, what, issues)
 
 
 def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
@@ -246,6 +307,9 @@ def check_pose(
         issues: receives the defects.
     """
     bends: Sequence[Any] = pose.joints_deg or []
+    if arm.bends_evenly and len(bends) == len(arm.sections or ()):
+        _check_section_bends(arm.sections or (), bends, path, issues)
+        return
     if bends and len(bends) != arm.links:
         each = "[a, b] per joint" if isinstance(bends[0], list) else "value per joint"
         issues.add((*path, "joints_deg"), f"expected one {each}, {arm.links} in all; got {len(bends)}")
@@ -266,6 +330,16 @@ def check_pose(
                 f"the lengths of the segments add up to {file_length(total, 9)}; expected the arm's length, "
                 f"links * link_length = {file_length(length, 9)}",
             )
+
+
+def _check_section_bends(sections: Sequence[SectionTable], bends: Sequence[Any], path: KeyPath, issues: Issues) -> None:
+    """Report bends of sections that bend evenly which exceed their limits, one pair of bends a section."""
+    for k, (pair, section) in enumerate(zip(bends, sections, strict=True)):
+        limit = section.links * float(np.max(section.joint_limit_deg))
+        most = float(np.max(np.abs(pair)))
+        if most > limit + ANGLE_TOLERANCE:
+            passed = f"{math.degrees(most):g}° exceeds {math.degrees(limit):g}°, the limit of the section's bends"
+            issues.add((*path, "joints_deg", k), passed)
 
 
 def _one_each(

@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeGuard
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,7 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
+from ccm_opt.robot.arc_sections import fitting_arcs
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 
 MAX_LENGTH = 1e9
@@ -381,10 +382,49 @@ class FeedTable(Table):
         return ends
 
 
+class TendonTable(Table):
+    """Table of the tendons that bend a section evenly; they run along the whole arm up to the section's end."""
+
+    radius: PositiveLength = Field(description="Distance of the tendons from the arm's axis.")
+    number: Literal[3, 4] = Field(default=3, description="Number of tendons, evenly spread about the axis.")
+    angle_deg: Degrees = Field(
+        default=0.0, description="Angle of the first about the axis, from left (y) towards up (z) of the straight arm."
+    )
+
+
 class SectionTable(Table):
     """Table of a section of the arm, whose links are equal or taper evenly."""
 
-    links: Annotated[int, Field(ge=1, le=MAX_LINKS)] = Field(description="Number of links of the section; odd or even.")
+    drive: Literal["joints", "section"] = Field(
+        default="joints",
+        description=(
+            'What bends the section: `"joints"`, each by itself, or `"section"`, all alike, so that the section is an '
+            "arc of constant curvature in a plane of any azimuth, as tendons bend it (in space, for all sections)."
+        ),
+    )
+    links: Annotated[int, Field(ge=1, le=MAX_LINKS)] = Field(
+        description=(
+            'Number of links of the section; odd or even. With `drive = "section"` the number of arcs into which '
+            "planning divides it, by default so many that no link is farther from its arc than a tenth of the radius."
+        )
+    )
+    length: PositiveLength | None = Field(
+        default=None, description='With `drive = "section"`: arc length of the section, in place of `link_length`.'
+    )
+    bend_limit_deg: PositiveDegrees | None = Field(
+        default=None,
+        description=(
+            'With `drive = "section"`: limit on each of the two bends of the whole section, in place of '
+            "`joint_limit_deg`, which is that of one of its links."
+        ),
+    )
+    tendons: TendonTable | None = Field(
+        default=None,
+        description=(
+            'With `drive = "section"`: `{ radius = …, number = 3, angle_deg = 0 }`, of the tendons whose lengths are '
+            "in `solution.npz`."
+        ),
+    )
     link_length: PositiveLength = Field(description="Length of each of its links.")
     radius: Annotated[list[NonNegativeLength], Field(min_length=1, max_length=2), BeforeValidator(_both_ends)] = Field(
         description=(
@@ -413,6 +453,21 @@ class SectionTable(Table):
             raise ValueError(f"the section has {count} joints; expected their numbers, from 1")
         return joints
 
+    @field_validator("length", "bend_limit_deg")
+    @classmethod
+    def _in_place_of_links(cls, value: float | None) -> float | None:
+        # Where they are allowed, the values of the links have been computed from them.
+        if value is not None:
+            raise ValueError('expected only with drive = "section", and not together with those of its links')
+        return value
+
+    @field_validator("tendons")
+    @classmethod
+    def _of_driven(cls, tendons: TendonTable | None, info: ValidationInfo) -> TendonTable | None:
+        if tendons is not None and info.data.get("drive") == "joints":
+            raise ValueError('expected only with drive = "section"')
+        return tendons
+
     @property
     def radii(self) -> FloatArray:
         """Radius of each link, shape (links,) [m]."""
@@ -432,6 +487,28 @@ SECTION_KEYS = ("links", "link_length", "radius", "joint_limit_deg")
 """Keys of the whole arm that are computed from its sections, where sections are given."""
 
 
+def _divided(section: Any) -> Any:
+    """Return the data of a section that bends evenly with the values of its links in place of those of the whole.
+
+    Other sections, and invalid values, which are reported elsewhere, are returned unchanged.
+    """
+    if not isinstance(section, Mapping) or section.get("drive") != "section":
+        return section
+    row = dict(section)
+    radius = row.get("radius")
+    thin = min((each for each in (radius if isinstance(radius, list) else [radius]) if _is_number(each)), default=0.0)
+    count, each, bend = row.get("links"), row.get("joint_limit_deg"), row.get("bend_limit_deg")
+    if count is None and _is_number(row.get("length")) and _is_number(bend) and thin > 0.0:
+        count = row["links"] = fitting_arcs(row["length"], math.radians(bend), thin)
+    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+        return row
+    if row.get("link_length") is None and _is_number(row.get("length")):
+        row["link_length"] = row.pop("length") / count
+    if each is None and _is_number(bend):
+        row["joint_limit_deg"] = row.pop("bend_limit_deg") / count
+    return row
+
+
 def _whole_of(sections: list[Any]) -> dict[str, Any]:
     """Return the values of the whole arm's keys that follow from its sections.
 
@@ -448,7 +525,8 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
     lengths = numbers("link_length")
     if len(counts) != len(sections) or len(lengths) != len(sections):
         return {"links": 2, "link_length": 1.0, "radius": 0.0, "joint_limit_deg": 1.0}  # the sections are at fault
-    links = sum(counts)
+    # The first and the last link of sections that bend evenly are halves of links.
+    links = sum(counts) + any(row.get("drive") == "section" for row in rows)
     mean = float(np.dot(counts, lengths)) / links if links else 1.0
     widest = max(numbers("radius"), default=0.0)
     bending = [row for k, row in enumerate(rows) if _unlocked(row, int(k == 0)) > 0]
@@ -540,7 +618,15 @@ class ChainTable(Table):
     def _with_whole(cls, data: Any) -> Any:
         """Return the data with the keys of the whole arm computed from its sections; unchanged without sections."""
         sections = data.get("sections") if isinstance(data, Mapping) else None
-        return {**data, **_whole_of(sections)} if isinstance(sections, list) and sections else data
+        if not isinstance(sections, list) or not sections:
+            return data
+        divided = [_divided(each) for each in sections]
+        return {**data, "sections": divided, **_whole_of(divided)}
+
+    @property
+    def bends_evenly(self) -> bool:
+        """Whether the sections of the arm bend evenly."""
+        return self.sections is not None and any(each.drive == "section" for each in self.sections)
 
     @property
     def base_limits(self) -> FloatArray:
@@ -551,7 +637,8 @@ class ChainTable(Table):
 
     def bend_limit(self, joint: int, bend: int = 0) -> tuple[str, float]:
         """Return the key that limits a bend (index from 0) of a joint (index from 0), and the limit [rad]."""
-        limits = None if self.sections is None else np.concatenate([section.limits for section in self.sections])
+        still = [np.zeros((1, 2))] if self.bends_evenly else []  # the first of sections that bend evenly
+        limits = None if self.sections is None else np.concatenate([*still, *(each.limits for each in self.sections)])
         if joint == 0 and (limits is None or np.any(limits[0])):
             return "base_limit_deg", float(self.base_limits[bend])
         return "joint_limit_deg", self.joint_limit_deg if limits is None else float(limits[joint, bend])

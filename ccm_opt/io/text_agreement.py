@@ -132,11 +132,14 @@ def text_checks(
         model_texts(problem, obstacles=obstacles, bends_only=bends_only)
         for bends_only in (False, True)
         for obstacles in (True, False)
+        if problem.arm.sections is None  # others have no such description
     ]
     for name in NAMES:
         points: list[ControllerPoints] = []
         if name.startswith("trajectory"):
             find = partial(_point_defect, plan=plan, of_table=name.endswith("csv"), found=points)
+        elif not described:
+            continue
         else:
             texts = [each[name] for each in described]
             find = partial(_model_defect, folder=folder, problem=problem, texts=texts)

@@ -140,6 +140,7 @@ def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
     yield from _broken(
         (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
         (not arm.base_axes, "arm.feed is not supported for sections that bend evenly; leave it out"),
+        (arm.tool is None, "arm.tool is not supported for sections that bend evenly; leave it out"),
         (limits.torque is None, f"limits.torque: {_MODELLED}"),
         (plain, f"arm.payload, arm.rotor_inertia and arm.friction: {_MODELLED}"),
         (not limits.points, "limits of points of the arm are not supported for sections that bend evenly"),

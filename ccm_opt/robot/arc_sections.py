@@ -16,8 +16,33 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 
+DEVIATION_SHARE = 0.1
+"""Greatest distance of true arcs from links, as a fraction of the radius, for which sections are divided into links by
+default. Heuristic: planning takes longer with more links, and keeps that distance from obstacles."""
+_MOST_ARCS = 100
 MOST_ARC_TURN = 0.5 * np.pi
 """Greatest turn of an arc [rad]; the tangents of one that turns by π do not meet."""
+
+
+@dataclass(frozen=True)
+class Tendons:
+    """Tendons that bend a section, evenly spread about the arm's axis; they run from the base to the section's end.
+
+    Attributes:
+        radius: distance of the tendons from the axis [m].
+        number: number of tendons.
+        angle: angle of the first tendon about the axis, from left (y) towards up (z) of the straight arm [rad].
+    """
+
+    radius: float
+    number: int = 3
+    angle: float = 0.0
+
+    @property
+    def sides(self) -> FloatArray:
+        """Positions of the tendons across the axis, towards left and up, shape (number, 2) [m]."""
+        angles = self.angle + 2.0 * np.pi * np.arange(self.number) / self.number
+        return self.radius * np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +54,14 @@ class ArcSections:
         lengths: length of each section along its axis, shape (s,) [m].
         limits: bound on the absolute value of each of the two bends of a whole section, shape (s,) [rad].
         radii: radius of the body about the arcs at both ends of each section, between which it tapers, (s, 2) [m].
+        tendons: tendons of each section, if known; empty for none.
     """
 
     counts: IntArray
     lengths: FloatArray
     limits: FloatArray
     radii: FloatArray
+    tendons: tuple[Tendons | None, ...] = ()
 
     @property
     def links(self) -> int:
@@ -86,6 +113,47 @@ class ArcSections:
         """
         return np.asarray(bends @ np.linalg.pinv(self.coupling).T)
 
+    def shared(self, values: FloatArray) -> FloatArray:
+        """Return the share of each joint in values of all sections or of each, shape (s,), as rates; (links,).
+
+        The first joint, which does not bend, has that of the second.
+        """
+        each = np.broadcast_to(values, self.counts.shape) / self.counts
+        return np.asarray(each[np.maximum(self.section_of_joint, 0)])
+
+    def curvatures(self, drives: FloatArray) -> FloatArray:
+        """Return the curvature of each section for drives of shape (..., 2 s), shape (..., s) [1/m]."""
+        bends = drives.reshape(*drives.shape[:-1], -1, 2)
+        return np.asarray(np.linalg.norm(bends, axis=-1) / self.lengths)
+
+    def azimuths(self, drives: FloatArray) -> FloatArray:
+        """Return the direction in which each section bends, from left (y) towards up (z), (..., s) [rad].
+
+        Args:
+            drives: bends of the sections, shape (..., 2 s) [rad].
+        """
+        bends = drives.reshape(*drives.shape[:-1], -1, 2)
+        return np.asarray(np.arctan2(-bends[..., 1], bends[..., 0]))
+
+    def tendon_lengths(self, drives: FloatArray) -> FloatArray:
+        """Return the lengths of all tendons, those of the first section first, shape (..., count) [m].
+
+        A tendon at the position p across the axis is r p · u shorter than an arc of the turn r towards u. It keeps its
+        position in all sections that it runs through, whose frames follow the axis without roll.
+
+        Args:
+            drives: bends of the sections, shape (..., 2 s) [rad].
+        """
+        bends = drives.reshape(*drives.shape[:-1], -1, 2) * np.array([1.0, -1.0])
+        turned = np.cumsum(bends, axis=-2)
+        along = np.cumsum(self.lengths)
+        found = [
+            along[k] - turned[..., k, :] @ tendons.sides.T
+            for k, tendons in enumerate(self.tendons)
+            if tendons is not None
+        ]
+        return np.concatenate(found, axis=-1) if found else np.zeros((*drives.shape[:-1], 0))
+
     def misfit(self, bends: FloatArray) -> float:
         """Return by how much bends of the joints, (..., 2 links), differ from the nearest of the sections, at most."""
         return float(np.max(np.abs(bends - self.drives(bends) @ self.coupling.T)))
@@ -107,6 +175,21 @@ class ArcSections:
         widest = np.concatenate([np.maximum(each[:-1], each[1:]) for each in ends])
         beside = np.concatenate(([0.0], widest, [0.0])) + arc_deviation(2.0 * self.arcs, self.turn_limits)
         return np.maximum(beside[:-1], beside[1:])
+
+
+def fitting_arcs(length: float, limit: float, radius: float) -> int:
+    """Return the number of arcs of a section whose links are within a tenth of the radius of their arcs.
+
+    Args:
+        length: length of the section, in the unit of the radius.
+        limit: bound on each of the two bends of the section [rad].
+        radius: radius of the section's body, above 0.
+    """
+    turn = np.sqrt(2.0) * limit
+    count = max(int(np.ceil(turn / MOST_ARC_TURN)), 1)
+    while arc_deviation(length / count, turn / count) > DEVIATION_SHARE * radius and count < _MOST_ARCS:
+        count += 1
+    return count
 
 
 def arc_deviation(length: FloatArray | float, turn: FloatArray | float) -> FloatArray:

@@ -39,10 +39,13 @@ class DhRow(NamedTuple):
 
 
 def joint_names(arm: Arm) -> tuple[str, ...]:
-    """Return the names of all 3 * links revolutes of an arm from the base outwards, such as ``ball01_bend``."""
+    """Return the names of all 3 * links revolutes of an arm from the base outwards, such as ``ball01_bend``.
+
+    For sections that bend evenly they are the components of the joints' rotation vectors, such as ``arc01_y``.
+    """
     width = max(2, len(str(arm.links)))
-    kinds = REVOLUTE_NAMES[arm.axes]
-    return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
+    kinds, joint = (REVOLUTE_NAMES[arm.axes], "ball") if arm.sections is None else (("z", "y", "x"), "arc")
+    return tuple(f"{joint}{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
 
 
 def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:

@@ -81,7 +81,7 @@ def drive_efforts(
         axes, shape (T, k) [N, N m].
     """
     if arm.sections is not None:
-        return np.zeros((len(positions), 3 * arm.links)), np.zeros(len(positions))
+        return np.zeros((len(positions), 3 * arm.links)), np.zeros((len(positions), len(arm.base_axes)))
     states = (positions, velocities, accelerations)
     starts = range(0, max(len(positions), 1), _AT_ONCE)
     parts = [_efforts(arm, gravity, *(values[k : k + _AT_ONCE] for values in states)) for k in starts]

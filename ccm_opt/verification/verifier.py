@@ -12,6 +12,7 @@ from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_consistency, check_form
 from ccm_opt.verification.drives import check_names
+from ccm_opt.verification.even_sections import check_even_sections
 from ccm_opt.verification.following import check_following, check_given_paths
 from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -71,6 +72,7 @@ def verify(
     if problem.arm.self_collision:
         checks.append(check_self_collision(motion, settings))
     checks += check_limits(problem.arm, problem.limits, trajectory, joints, settings)
+    checks += check_even_sections(problem.arm, trajectory)
     checks += check_points(problem.arm, problem.limits, trajectory, settings)
     states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
@@ -93,7 +95,7 @@ def verify(
 def left_unchecked(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> tuple[str, ...]:
-    """Return remarks on clearances that a reader might assume were checked but were not; usually empty.
+    """Return remarks on what a reader might assume was checked but was not, clearances above all; usually empty.
 
     Args:
         problem: the problem that the motion solves.
@@ -105,6 +107,8 @@ def left_unchecked(
     """
     arm = problem.arm
     remarks = [_mount_note(arm)]
+    if arm.sections is not None:
+        remarks.append("efforts were neither computed nor checked, since sections that bend evenly are not modelled")
     if not arm.self_collision:
         remarks.append("clearance between links was not checked, since arm.self_collision is false")
     elif len(distant_pairs(arm)[0]) == 0:
