@@ -48,7 +48,7 @@ def test_tables_and_bodies() -> None:
     [
         ({"arm": ARM | {"links": 3}}, r"arm\.links: .*even"),
         ({"goal": (1, 2)}, r"goal\.position"),
-        ({"obstacles": {"a": {"box": [[0, 0, 0], [1, 1, 1]], "sphere": {}}}}, "exactly one of mesh, box"),
+        ({"obstacles": {"a": {"box": [[0, 0, 0], [1, 1, 1]], "sphere": {}}}}, "exactly one of mesh, points, box"),
         ({"obstacles": {"a": {"mesh": "part.stl"}}}, "was not read from a file"),
         ({"obstacles": {"a": 3}}, "'a' is neither a solid nor a table"),
         ({"unit": "cm"}, "one of m, mm, in"),
