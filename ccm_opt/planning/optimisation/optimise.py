@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.motion import CurveMotion
@@ -326,10 +327,14 @@ def _dearer(steps: ConvexSettings) -> ConvexSettings:
 
 
 def _worst_shortfall(motion: CurveMotion[Any], task: SearchTask) -> float:
-    """Return the largest shortfall from the preferred gap along the smooth path through a motion's keyframes [m].
+    """Return the largest shortfall from the preferred gap along the smooth path near a motion's keyframes [m].
 
-    The shortfall at the start or goal, whichever is larger, is subtracted.
+    The path is that with the keyframes as control points or, where that would touch something, the motion itself, to
+    which the smooth path has to be refined. The shortfall at the start or goal, whichever is larger, is subtracted.
     """
     control = at_least_four(motion.unknowns)
-    unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
-    return task.shortfall_on_the_way(motion.curve.configurations(unknowns))
+    places = places_along(len(control), _CLEARANCE_SAMPLES)
+    legs = make_interp_spline(np.linspace(0.0, 1.0, len(control)), control, k=1)
+    paths = (clamped_spline(control), legs)
+    smooth, straight = (task.shortfall_on_the_way(motion.curve.configurations(path(places))) for path in paths)
+    return smooth if smooth <= task.wanted_gap else straight
