@@ -1,0 +1,226 @@
+"""Is what is called solved safe for arms of any layout? Random arms in random scenes, swept from their files.
+
+    python -m tests.benchmarks.bench_random_arms --count 1000 --first 0 --limit 2
+
+Arms have sections of their own lengths, radii, tapers, limits and locked joints, on fixed bases, feed axes and chains
+of axes, in the plane and in space. Each problem is solved and checked by the commands, and each plan is swept by
+``swept_file.py``, which shares nothing with the package. What is found is kept in the folder of runs.
+"""
+
+# ruff: noqa: T201 - a benchmark prints its figures
+import argparse
+import json
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from typer.testing import CliRunner
+
+from ccm_opt.cli.commands import app
+from ccm_opt.core.arrays import FloatArray
+from tests.benchmarks.swept_file import FileArm, FileScene, broken_promises, least_own_gap
+
+GAP = 0.003
+"""Gap that starts and goals keep from everything drawn [m]."""
+
+
+class Drawn:
+    """A random problem.
+
+    Args:
+        seed: of everything about it; even ones are in the plane.
+        limit: time limit of planning [s].
+        kinds: what arms may have: "feed" and "axes".
+    """
+
+    def __init__(self, seed: int, limit: float, kinds: frozenset[str]) -> None:
+        self.rng = np.random.default_rng((20261126, seed))
+        self.space = bool(seed % 2)
+        self.data: dict[str, Any] = {
+            "schema": 1,
+            "name": f"drawn-{seed}",
+            "workspace": {"clearance": float(self.rng.choice((0.0, 0.002)))},
+            "arm": self._arm(kinds),
+            "limits": {"velocity": 1.5, "acceleration": 6.0},
+            "start": {"shape": "straight"},
+            "planner": {"time_limit": limit, "seed": 0},
+        }
+        if self.space:
+            self.data["space"] = 3
+        self._place()
+
+    def _arm(self, kinds: frozenset[str]) -> dict[str, Any]:
+        rng = self.rng
+        rows = []
+        for _ in range(int(rng.integers(1, 5))):
+            count = int(rng.integers(1, 7))
+            radius = rng.uniform(0.006, 0.03)
+            tapers = rng.random() < 0.5
+            row: dict[str, Any] = {
+                "links": count,
+                "link_length": round(rng.uniform(0.02, 0.12), 4),
+                "radius": [round(radius, 4), round(radius * rng.uniform(0.3, 1.7), 4)] if tapers else round(radius, 4),
+                "joint_limit_deg": round(rng.uniform(15.0, 90.0), 1),
+            }
+            if rng.random() < 0.2 and count > 1 and (self.space or "feed" not in kinds):
+                row["locked"] = [int(rng.integers(1, count + 1))]
+            rows.append(row)
+        rows[0]["links"] += max(0, 4 - sum(row["links"] for row in rows))
+        arm: dict[str, Any] = {"sections": rows}
+        if self.space:
+            vectors = rng.normal(size=(2, 3)).round(3).tolist()
+            arm["base"] = {"position": [0.0, 0.0, 0.0], "direction": vectors[0], "up": vectors[1]}
+        else:
+            arm["base"] = [0.0, 0.0]
+            arm["base_heading_deg"] = round(rng.uniform(-180.0, 180.0), 1)
+        if rng.random() < 0.5:
+            arm["base_limit_deg"] = round(rng.uniform(20.0, 170.0), 1)
+        if rng.random() < 0.3:
+            arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
+        if "feed" in kinds and rng.random() < 0.3:
+            length = sum(row["links"] * row["link_length"] for row in rows)
+            arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
+        return arm
+
+    def _place(self) -> None:
+        """Draw a goal pose, and bodies clear of it and of the start."""
+        rng, data = self.rng, self.data
+        arm = FileArm(data["arm"], self.space)
+        count = len(arm.lengths)
+        low = 0.0
+        axes = np.zeros((2, 0))
+        if "feed" in data["arm"]:
+            low = data["arm"]["feed"]["range"][0]
+            data["start"]["feed"] = low
+            data["limits"] |= {"feed_velocity": 0.3, "feed_acceleration": 1.0}
+            axes = np.array([[low], [0.3 * low]])
+        for _ in range(200):
+            bends = np.zeros((2, count, 2) if self.space else (2, count))
+            bends[1] = self._pose(arm)
+            if len(axes[0]):
+                bends[1][axes[1, 0] + arm.places[:-1] < data["arm"]["feed"].get("hole", 0.0)] = 0.0
+            points, _ = arm.placed(bends, axes)
+            if least_own_gap(arm, points)[0] > GAP:
+                break
+        else:
+            raise ValueError("no goal")
+        pad = rng.uniform(0.05, 0.3)
+        reach = points.reshape(-1, points.shape[-1])
+        corners = [(reach.min(axis=0) - arm.radii.max() - pad), (reach.max(axis=0) + arm.radii.max() + pad)]
+        bounds = np.round(corners, 3)
+        data["workspace"]["bounds"] = bounds.tolist() if self.space else bounds.ravel().tolist()
+        rows: list[dict[str, Any]] = []
+        for _ in range(int(rng.integers(3, 14))):
+            row = self._body(points, bounds) | {"name": f"body {len(rows)}"}
+            if self._is_clear(arm, points, row):
+                rows.append(row)
+        data["workspace"]["obstacles"] = rows
+        data["goal"] = {"position": points[1, -1].round(5).tolist()}
+        if rng.random() < 0.2:
+            data["goal"] = {"joints_deg": np.rad2deg(bends[1]).round(4).tolist()}
+            if len(axes[0]):
+                data["goal"]["feed"] = float(axes[1, 0])
+
+    def _pose(self, arm: FileArm) -> FloatArray:
+        rng, count = self.rng, len(arm.lengths)
+        knots = np.linspace(0, count - 1, 3)
+        waves = [np.interp(np.arange(count), knots, rng.normal(0.0, 0.5, 3)) for _ in range(2 if self.space else 1)]
+        limits = 0.8 * np.minimum(arm.limits, 2.0)
+        shapes = [np.clip(wave, -limits, limits) for wave in waves]
+        return np.stack(shapes, axis=1) if self.space else shapes[0]
+
+    def _body(self, points: FloatArray, bounds: FloatArray) -> dict[str, Any]:
+        rng = self.rng
+        size = rng.uniform(0.01, 0.06)
+        near = points.reshape(-1, points.shape[-1])
+        at = near[rng.integers(len(near))] + rng.normal(0.0, 0.08, near.shape[1])
+        at = at if rng.random() < 0.7 else rng.uniform(*bounds)
+        kind = rng.integers(3)
+        half = size * rng.uniform(0.5, 1.5, len(at))
+        if kind == 0 and self.space:
+            pose = {"position": at.round(4).tolist(), "rotation_deg": rng.uniform(-180.0, 180.0, 3).round(1).tolist()}
+            return {"box": [(-half).round(4).tolist(), half.round(4).tolist()], "pose": pose}
+        if kind == 0:
+            return {"box": [*(at - half).round(4).tolist(), *(at + half).round(4).tolist()]}
+        if kind == 1:
+            ball = {"center": at.round(4).tolist(), "radius": round(size, 4)}
+            return {"sphere": ball} if self.space else {"circle": ball}
+        ends = [(at + sign * 2.0 * half).round(4).tolist() for sign in (-1.0, 1.0)]
+        if self.space:
+            return {"capsule": {"from": ends[0], "to": ends[1], "radius": round(0.5 * size, 4)}}
+        corners = at + size * np.array([[1.0, 0.0], [0.0, 1.3], [-0.8, 0.0], [0.2, -1.0]])
+        return {"polygon": corners.round(4).tolist()}
+
+    def _is_clear(self, arm: FileArm, points: FloatArray, row: dict[str, Any]) -> bool:
+        scene = FileScene({"obstacles": [row]}, space=self.space)
+        kept = self.data["workspace"]["clearance"] + GAP
+        base = points[:1, 0]
+        gaps = [gap for _, gap in scene.gaps(base - 1e-6, base + 1e-6, 0.01)]
+        gaps += [gap - kept for k, a, b in arm.exposed(points) for _, gap in scene.gaps(a, b, float(arm.radii[k]))]
+        return min(gaps) > 0.0
+
+
+def toml(data: dict[str, Any]) -> str:
+    """A problem file of the tables."""
+
+    def value(of: Any) -> str:
+        if isinstance(of, dict):
+            return "{ " + ", ".join(f'"{key}" = {value(each)}' for key, each in of.items()) + " }"
+        if isinstance(of, (list, tuple)):
+            return f"[{', '.join(map(value, of))}]"
+        return json.dumps(of)
+
+    return "\n".join(f"{key} = {value(each)}" for key, each in data.items()) + "\n"
+
+
+def looked_at(folder: Path, data: dict[str, Any]) -> tuple[str, list[str]]:
+    """What became of a problem, and what is wrong with that."""
+    file = folder / f"{data['name']}.toml"
+    file.write_text(toml(data))
+    solved = CliRunner().invoke(app, ["solve", str(file), "--out", str(folder), "--no-pictures"])
+    wrong = []
+    if solved.exception is not None and not isinstance(solved.exception, SystemExit):
+        wrong.append(f"raised {solved.exception!r}")
+    if "independent verif" in solved.output or "did not pass" in solved.output:
+        wrong.append(solved.output[-300:])
+    plan = folder / data["name"]
+    if not (plan / "solution.npz").exists():
+        return f"exit {solved.exit_code}", wrong
+    with np.load(plan / "solution.npz") as arrays:
+        wrong += broken_promises(data, dict(arrays))
+    checked = CliRunner().invoke(app, ["check", str(plan)])
+    if checked.exit_code != solved.exit_code and solved.exit_code == 0:
+        wrong.append(f"check: {checked.output[-300:]}")
+    return "solved", wrong
+
+
+def main() -> None:
+    """Draw, solve, check and sweep, and print the counts."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--limit", type=float, default=2.0)
+    parser.add_argument("--runs", type=Path, default=Path("runs/random-arms"))
+    parser.add_argument("--kinds", nargs="*", default=["feed"])
+    given = parser.parse_args()
+    given.runs.mkdir(parents=True, exist_ok=True)
+    counts: Counter[str] = Counter()
+    for seed in range(given.first, given.first + given.count):
+        begun = time.process_time()
+        try:
+            data = Drawn(seed, given.limit, frozenset(given.kinds)).data
+        except ValueError:
+            counts["not drawn"] += 1
+            continue
+        outcome, wrong = looked_at(given.runs, data)
+        counts[f"{outcome}, {'space' if seed % 2 else 'plane'}{', fed' if 'feed' in data['arm'] else ''}"] += 1
+        counts["wrong"] += bool(wrong)
+        print(seed, outcome, f"{time.process_time() - begun:.1f} s", "; ".join(wrong), flush=True)
+    for name, count in sorted(counts.items()):
+        print(f"{count:5d} {name}")
+
+
+if __name__ == "__main__":
+    main()

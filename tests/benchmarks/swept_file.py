@@ -1,0 +1,350 @@
+"""An oracle for plans of arms of any layout that reads problem file and arrays itself and uses nothing of the package.
+
+Keys of the file are read here, links are placed by scipy's rotations, and distances are coal's in space and shapely's
+in the plane.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import coal
+import numpy as np
+import shapely
+from scipy.spatial.transform import Rotation
+
+from ccm_opt.core.arrays import FloatArray
+
+TRAVEL = 2e-3
+"""No joint of the arm moves farther than this between two poses that are looked at [m]."""
+TOUCH = 1e-5
+"""Gap that may be missing, of arms as long as a metre: poses are not where the gap is least [m]."""
+LOOK = 0.02
+"""Gaps are not told apart beyond this [m]."""
+Keys = Mapping[str, Any]
+"""A table of a problem file, with lengths in metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class FileArm:
+    """The arm of a problem file.
+
+    Attributes:
+        table: the arm's table.
+        space: whether it moves in space.
+    """
+
+    table: Keys
+    space: bool
+
+    def _each(self, value: Any) -> FloatArray:
+        """Values of all links, shape (links,), from a function of each section and its number of links."""
+        return np.concatenate(
+            [np.broadcast_to(value(row, row["links"]), row["links"]) for row in self.table["sections"]]
+        )
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Length of each link, shape (links,) [m]."""
+        return self._each(lambda row, _: row["link_length"])
+
+    @cached_property
+    def radii(self) -> FloatArray:
+        """Radius of each link, shape (links,) [m]."""
+
+        def radius(row: Keys, count: int) -> Any:
+            if np.ndim(row["radius"]) == 0:
+                return row["radius"]
+            ends = np.linspace(*row["radius"], count + 1)
+            return np.maximum(ends[:-1], ends[1:])
+
+        return self._each(radius)
+
+    @cached_property
+    def limits(self) -> FloatArray:
+        """Limit of each joint's bends, shape (links,) [rad]."""
+
+        def limit(row: Keys, count: int) -> FloatArray:
+            free = ~np.isin(np.arange(1, count + 1), row.get("locked", ()))
+            return np.where(free, row["joint_limit_deg"], 0.0)
+
+        degrees = self._each(limit)
+        if degrees[0] > 0.0:
+            degrees[0] = self.table.get("base_limit_deg", 360.0)
+        return np.deg2rad(degrees)
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """Arc lengths of the joints and the tip, shape (links + 1,) [m]."""
+        return np.concatenate(([0.0], np.cumsum(self.lengths)))
+
+    @cached_property
+    def base(self) -> tuple[FloatArray, FloatArray]:
+        """Position of the base with all axes at zero [m], and its rotation in space or its heading in the plane."""
+        base = self.table["base"]
+        if not self.space:
+            return np.array(base), np.array(np.deg2rad(self.table.get("base_heading_deg", 0.0)))
+        ahead = np.array(base.get("direction", (1.0, 0.0, 0.0)))
+        ahead = ahead / np.linalg.norm(ahead)
+        up = np.array(base.get("up", (0.0, 0.0, 1.0)))
+        up = up - (up @ ahead) * ahead
+        up = up / np.linalg.norm(up)
+        return np.array(base.get("position", (0.0, 0.0, 0.0))), np.column_stack((ahead, np.cross(up, ahead), up))
+
+    def placed(self, bends: FloatArray, axes: FloatArray) -> tuple[FloatArray, Any]:
+        """Return joints and tip, shape (T, links + 1, d) [m], and the last links' frames or headings.
+
+        Args:
+            bends: bends of the joints, shape (T, links) or (T, links, 2) [rad].
+            axes: positions of the axes below the arm, shape (T, k) [m, rad].
+        """
+        count = len(bends)
+        place, turn = self.base
+        if not self.space:
+            headings = turn + np.cumsum(bends, axis=1)
+            steps = self.lengths[:, None] * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
+            feed = axes.sum(axis=1)[:, None] * np.array([np.cos(turn), np.sin(turn)])
+            points = place + feed[:, None] + np.concatenate((np.zeros((count, 1, 2)), np.cumsum(steps, axis=1)), axis=1)
+            return points, headings[:, -1]
+        origin, frames = self._carried(axes)
+        points = np.empty((count, len(self.lengths) + 1, 3))
+        points[:, 0] = origin
+        for k, length in enumerate(self.lengths.tolist()):
+            frames = frames * Rotation.from_euler("ZY", bends[:, k])
+            points[:, k + 1] = points[:, k] + frames.apply([length, 0.0, 0.0])
+        return points, frames
+
+    def _carried(self, axes: FloatArray) -> tuple[FloatArray, Rotation]:
+        """Return where axes carry the base, one frame in the other from the ground up, as their keys say."""
+        place, turn = self.base
+        count = len(axes)
+        frames = Rotation.from_matrix(np.broadcast_to(turn, (count, 3, 3)))
+        rows = self.table["base"].get("axes", ())
+        if not rows:
+            return place + axes.sum(axis=1)[:, None] * turn[:, 0], frames
+        # The axes' frames coincide with that of the base where all are at zero, so that each acts in the one before.
+        origin = np.broadcast_to(place, (count, 3))
+        for row, values in zip(rows, axes.T, strict=True):
+            axis = np.array(row["axis"], dtype=float)
+            axis /= np.linalg.norm(axis)
+            if row["kind"] == "prismatic":
+                origin = origin + values[:, None] * frames.apply(axis)
+            else:
+                frames = frames * Rotation.from_rotvec(values[:, None] * axis)
+        return origin, frames
+
+    @cached_property
+    def mounted(self) -> FloatArray:
+        """Share of each link that belongs to the mount, shape (links,)."""
+        mount = self.table.get("mount_length", self.radii[0])
+        return np.clip((mount - self.places[:-1]) / self.lengths + 1e-9, 0.0, 1.0)
+
+    def exposed(self, points: FloatArray) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+        """Yield each link beyond the mount with the two ends of its axis, each of shape (T, d) [m]."""
+        for k, share in enumerate(self.mounted.tolist()):
+            if share < 1.0 - 1e-8:
+                yield k, points[:, k] + share * (points[:, k + 1] - points[:, k]), points[:, k + 1]
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of links with two links and half a turn of the thickest between them."""
+        if not self.table.get("self_collision", True):
+            return []
+        count = len(self.lengths)
+        return [
+            (i, j)
+            for i in range(count)
+            for j in range(i + 3, count)
+            if self.places[j] - self.places[i + 1] >= np.pi * self.radii[i : j + 1].max() - 1e-9 * self.lengths.mean()
+        ]
+
+
+class FileScene:
+    """The bodies of a problem file and the room about them.
+
+    Args:
+        table: the table of the workspace.
+        space: whether it is one of solids.
+    """
+
+    def __init__(self, table: Keys, *, space: bool) -> None:
+        self.clearance = float(table.get("clearance", 0.0))
+        self.space = space
+        self.bounds = None if table.get("bounds") is None else np.reshape(table["bounds"], (2, -1))
+        read = _solid if space else _flat
+        self.bodies = [(row["name"], *read(row)) for row in table.get("obstacles", ())]
+
+    def gaps(self, start: FloatArray, end: FloatArray, radius: float) -> Iterator[tuple[str, float]]:
+        """Yield each body with its least gap from a link at T poses, told apart up to ``LOOK`` [m]."""
+        if self.bounds is not None:
+            ends = np.concatenate((start, end))
+            yield "the room", float(min((ends - self.bounds[0]).min(), (self.bounds[1] - ends).min())) - radius
+        for name, shape, place, rounding in self.bodies:
+            if self.space:
+                yield name, _least_gap(start, end, radius, shape, place)
+            else:
+                lines = shapely.linestrings(np.stack((start, end), axis=1))
+                yield name, float(shapely.distance(lines, shape).min()) - radius - rounding
+
+
+def _flat(row: Keys) -> tuple[Any, Any, float]:
+    if "box" in row:
+        return shapely.box(*row["box"]), None, 0.0
+    if "circle" in row:
+        return shapely.Point(row["circle"]["center"]), None, row["circle"]["radius"]
+    return shapely.Polygon(row["polygon"]), None, 0.0
+
+
+def _solid(row: Keys) -> tuple[Any, Any, float]:
+    if "box" in row:
+        low, high = np.array(row["box"], dtype=float)
+        pose = row.get("pose", {})
+        turn = Rotation.from_euler("xyz", np.deg2rad(pose.get("rotation_deg", (0.0, 0.0, 0.0))))
+        place = np.array(pose.get("position", (0.0, 0.0, 0.0))) + turn.apply(0.5 * (low + high))
+        return coal.Box(*(high - low)), coal.Transform3s(turn.as_matrix(), place), 0.0
+    if "sphere" in row:
+        place = np.array(row["sphere"]["center"], dtype=float)
+        return coal.Sphere(row["sphere"]["radius"]), coal.Transform3s(np.eye(3), place), 0.0
+    body = row["capsule"]
+    first, last = np.array(body["from"], dtype=float), np.array(body["to"], dtype=float)
+    return coal.Capsule(body["radius"], float(np.linalg.norm(last - first))), _along(first, last), 0.0
+
+
+def _along(start: FloatArray, end: FloatArray) -> Any:
+    """The frame in the middle of a segment whose z axis runs along it."""
+    return coal.Transform3s(_turned(end - start), 0.5 * (start + end))
+
+
+def _turned(line: FloatArray) -> FloatArray:
+    """A rotation that takes z to a direction."""
+    ahead = line / max(float(np.linalg.norm(line)), 1e-300)
+    side = np.cross(ahead, np.eye(3)[int(np.argmin(np.abs(ahead)))])
+    side /= np.linalg.norm(side)
+    return np.column_stack((side, np.cross(ahead, side), ahead))
+
+
+def _least_gap(start: FloatArray, end: FloatArray, radius: float, shape: Any, place: Any) -> float:
+    """Least distance of a capsule at T poses from a solid, at most ``LOOK`` [m]."""
+    shape.computeLocalAABB()
+    centre = place.transform(shape.aabb_center)
+    line = end - start
+    share = np.clip(np.einsum("td,td->t", centre - start, line) / np.einsum("td,td->t", line, line), 0.0, 1.0)
+    bound = np.linalg.norm(start + share[:, None] * line - centre, axis=1) - shape.aabb_radius - radius
+    least = LOOK
+    link = coal.Capsule(radius, float(np.linalg.norm(line[0])))
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    for k in np.argsort(bound):
+        if bound[k] >= least:
+            break
+        result.clear()
+        least = min(least, coal.distance(link, _along(start[k], end[k]), shape, place, request, result))
+    return least
+
+
+def least_own_gap(arm: FileArm, points: FloatArray) -> tuple[float, str]:
+    """Least gap of links far apart along the arm at T poses, at most ``LOOK`` [m], and which."""
+    least, which = LOOK, ""
+    middles = 0.5 * (points[:, 1:] + points[:, :-1])
+    for i, j in arm.pairs:
+        thick = arm.radii[i] + arm.radii[j]
+        bound = np.linalg.norm(middles[:, i] - middles[:, j], axis=1) - 0.5 * (arm.lengths[i] + arm.lengths[j]) - thick
+        near = np.flatnonzero(bound < least)
+        if len(near):
+            ends = (points[near, i], points[near, i + 1], points[near, j], points[near, j + 1])
+            gap = float(_segment_gaps(*ends).min()) - thick
+            if gap < least:
+                least, which = gap, f"links {i + 1} and {j + 1}"
+    return least, which
+
+
+def _segment_gaps(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
+    """Distances of segments pq and rs, each of shape (T, d): alternating projections between ends, and the lines."""
+    line, other, away = q - p, s - r, p - r
+    a, b, c = (np.einsum("td,td->t", *each) for each in ((line, line), (line, other), (other, other)))
+    d, e = np.einsum("td,td->t", line, away), np.einsum("td,td->t", other, away)
+    det = a * c - b * b
+    inside = det > 1e-12 * a * c
+    shares = [np.where(inside, np.clip((b * e - c * d) / np.where(inside, det, 1.0), 0.0, 1.0), 0.0)]
+    shares += [np.zeros(len(a)), np.ones(len(a)), np.clip(-d / a, 0.0, 1.0), np.clip((b - d) / a, 0.0, 1.0)]
+    gaps = []
+    for share in shares:
+        on_other = np.clip((b * share + e) / c, 0.0, 1.0)
+        back = np.clip((b * on_other - d) / a, 0.0, 1.0)
+        gaps.append(np.linalg.norm(away + back[:, None] * line - on_other[:, None] * other, axis=1))
+    return np.asarray(np.min(gaps, axis=0))
+
+
+def densely(arm: FileArm, bends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rows of a motion, linear between its samples, so near each other that no joint moves far from one to the next."""
+    points = arm.placed(bends, axes)[0]
+    travel = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1)
+    along = np.concatenate(([0.0], np.cumsum(np.maximum(travel, 1e-9))))
+    wanted = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / TRAVEL)) + 1)
+    at = np.interp(np.union1d(wanted, along[:: max(1, len(along) // 200)]), along, np.arange(len(along)))
+    k = np.minimum(at.astype(int), len(bends) - 2)
+    share = at - k
+
+    def between(rows: FloatArray) -> FloatArray:
+        part = share.reshape(-1, *[1] * (rows.ndim - 1))
+        return np.asarray(rows[k] + part * (rows[k + 1] - rows[k]))
+
+    return between(bends), between(axes)
+
+
+def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
+    """What a plan breaks, in words: contact, limits of bends and axes, start and goals.
+
+    Args:
+        data: the problem file, with lengths in metres.
+        arrays: arrays of the plan's folder.
+    """
+    space = data.get("space", 2) == 3
+    arm, scene = FileArm(data["arm"], space), FileScene(data["workspace"], space=space)
+    bends = arrays["bend_angles"]
+    axes = arrays["base_axes"] if "base_axes" in arrays else arrays.get("base_feed", np.zeros((len(bends), 0)))
+    axes = axes.reshape(len(bends), -1)
+    found: list[str] = []
+    points, _ = arm.placed(bends, axes)
+    if np.abs(points - arrays["joint_positions"]).max() > 1e-9:
+        found.append("joints are not where the arrays say")
+    over = np.abs(bends).reshape(len(bends), len(arm.lengths), -1).max(axis=(0, 2)) - arm.limits
+    if over.max() > 1e-6:
+        found.append(f"joint {int(over.argmax()) + 1} is {over.max():.2g} rad beyond its limit")
+    found += list(_beyond_ends(data, arrays, arm, bends, axes))
+    dense = arm.placed(*densely(arm, bends, axes))[0]
+    allowed = TOUCH * max(float(arm.places[-1]), 0.1)
+    for k, start, end in arm.exposed(dense):
+        for name, gap in scene.gaps(start, end, float(arm.radii[k])):
+            if gap < scene.clearance - allowed:
+                found.append(f"link {k + 1} is {gap - scene.clearance:.2g} m too near to {name}")
+    gap, which = least_own_gap(arm, dense)
+    if gap < -allowed:
+        found.append(f"{which} overlap by {-gap:.2g} m")
+    return found
+
+
+def _beyond_ends(
+    data: Keys, arrays: Mapping[str, FloatArray], arm: FileArm, bends: FloatArray, axes: FloatArray
+) -> Iterator[str]:
+    """Yield what start and goals miss, and axes beyond their range or joints bent in the guide tube."""
+    start = data["start"]
+    if np.abs(bends[0] - np.deg2rad(start.get("joints_deg", np.zeros(bends.shape[1:])))).max() > 1e-6:
+        yield "the start is another"
+    feed = data["arm"].get("feed")
+    if feed is not None:
+        low, high = feed["range"]
+        if axes.min() < low - 1e-9 or axes.max() > high + 1e-9:
+            yield "the feed is out of its range"
+        inside = axes + arm.places[:-1] < feed.get("hole", high) - 1e-8
+        if np.abs(bends.reshape(*inside.shape, -1)[inside]).max(initial=0.0) > 1e-6:
+            yield "a joint bends in the guide tube"
+    goals: Sequence[Keys] = data["goal"] if isinstance(data["goal"], list) else [data["goal"]]
+    tips = arrays["joint_positions"][:, -1]
+    for goal, sample in zip(goals, (*arrays["stops"], len(tips) - 1), strict=True):
+        if "position" in goal:
+            away = float(np.linalg.norm(tips[sample] - goal["position"]))
+            if away > goal.get("position_tolerance", 1e-3) + 1e-9:
+                yield f"the tip misses a goal by {away:.2g} m"
+        elif np.abs(bends[sample] - np.deg2rad(goal["joints_deg"])).max() > np.deg2rad(1.001):
+            yield "the pose misses a goal"
