@@ -15,6 +15,7 @@ from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.robot_models import mjcf_text
+from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner
 from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
@@ -367,8 +368,17 @@ def test_a_thin_tip_goes_where_the_base_does_not_fit() -> None:
         assert np.all(away[1:] >= problem.arm.radii[1:] - 1e-6)
 
 
-def test_methods_for_equal_links_refuse_others() -> None:
-    """The paper's planner and maps of the reach say so, instead of taking the links to be equal."""
+def test_the_papers_planner_refuses_unequal_links() -> None:
+    """It says so, instead of taking the links to be equal."""
     problem = posed(sections({**EQUAL, "links": 3}, {**EQUAL, "links": 4, "link_length": 0.05}))
     with pytest.raises(ProblemError, match="equal links"):
-        ccm_opt.reach_map(problem)
+        HillClimbingPlanner().plan(problem)
+
+
+@pytest.mark.planning
+def test_the_reach_of_a_tapered_arm_is_mapped() -> None:
+    """Many cells are reached, none of which is proved to be out of reach."""
+    arm = sections({**EQUAL, "links": 2, "radius": 0.03}, {**EQUAL, "links": 4, "radius": [0.012, 0.004]})
+    found = ccm_opt.reach_map(posed(arm, goal=(0.2, 0.1, 0.1)), step=0.15)
+    assert found.reachable.sum() > 10
+    assert not np.any(found.reachable & found.proved)

@@ -81,8 +81,6 @@ def reach_map(
     plane = problem.dimension == 2
     if plane and arm.base_axes:
         raise ProblemError("the reach is mapped for a fixed base only, not on a feed axis; leave arm.feed out")
-    if arm.proportions is not None:
-        raise ProblemError("the reach is mapped for an arm of equal links only; leave arm.sections out")
     stages = Stages()
     with words_in(problem.length_unit):
         width = _width(problem, numbers.step if plane else numbers.step_in_space, step)
@@ -269,15 +267,16 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
     along = np.clip((flat - arm.base) @ arm.direction, low, high) if arm.base_axes else np.zeros(len(flat))
     away = np.linalg.norm(flat - arm.base - along[:, None] * arm.direction, axis=1)
     closed = away > arm.length
-    kept = arm.radius + problem.workspace.clearance
+    kept = arm.tip_radius + problem.workspace.clearance
     if kept > 0.0 and len(problem.workspace.triangle_soup):
         # If the mount reaches to the tip, the tip may touch the surface that the arm is mounted on.
         points = np.repeat(in_space(flat)[:, None], 2, axis=1)
         tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
         closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
     for part in _parts(np.flatnonzero(~closed)):
-        closed[part[enclosed(problem.workspace, flat[part], arm.radius)]] = True
-    for number in np.flatnonzero(~closed):
+        closed[part[enclosed(problem.workspace, flat[part], arm.tip_radius)]] = True
+    # The proof by the limits of bends takes all links to be equal.
+    for number in np.flatnonzero(~closed) if arm.proportions is None else ():
         closed[number] = any(finding.proved for finding in within_bend_limits(_at(problem, flat[number])))
     return np.asarray(closed.reshape(places.shape[:-1]))
 

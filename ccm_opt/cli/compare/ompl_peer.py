@@ -97,12 +97,10 @@ class OmplPlanner:
         """Return a certified path for a problem.
 
         Raises:
-            ProblemError: the arm has unequal links, or is planar with a feed axis, or the goal has via points; or the
+            ProblemError: the arm is planar with a feed axis, or the goal has via points; or the
                 start cannot be represented in the coordinates of the sampler.
             NoPlanFound: no path was found in time.
         """
-        if problem.arm.proportions is not None:
-            raise ProblemError("the method ompl supports arms of equal links only; leave arm.sections out")
         if problem.dimension == 3:
             return self._path(_InSpace(problem, self.settings))
         if problem.arm.base_axes:
