@@ -101,7 +101,12 @@ def arm_lines(problem: Problem) -> list[str]:
     along = "the base's direction" if problem.dimension == 3 else "the base heading"
     lines += [
         f"feed axis from {number(axis.low)} to {words(axis.high)} along {along}, guide tube ends at {words(axis.hole)}"
-        for axis in arm.base_axes
+        for axis in (() if arm.feed is None else (arm.feed,))
+    ]
+    lines += [
+        f"base axis {axis_name} {'revolute' if axis.revolute else 'prismatic'}, from {axis.low:.9g} to {axis.high:.9g} "
+        f"{axis.unit}, direction {_components(axis.direction)}"
+        for axis_name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=bool(arm.carrier))
     ]
     return lines
 

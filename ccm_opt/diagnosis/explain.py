@@ -243,7 +243,8 @@ def refuse_impossible(problem: Problem) -> None:
     Raises:
         UnreachableGoal: there is no plan; carries the findings.
     """
-    refuse(rank_findings(failed(problem, CHEAP_CHECKS)))
+    if not problem.arm.carrier:
+        refuse(rank_findings(failed(problem, CHEAP_CHECKS)))
 
 
 def refuse_infeasible(problem: Problem) -> None:

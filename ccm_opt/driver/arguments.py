@@ -60,7 +60,7 @@ def refuse_without_effect(problem: Problem) -> None:
     """
     found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
-    if problem.planner.follow_within is not None and not problem.arm.base_axes:
+    if problem.planner.follow_within is not None and problem.arm.feed is None:
         lines.append("planner.follow_within: only allowed together with arm.feed; leave it out for a fixed base")
     if lines:
         raise ProblemError(f"problem '{problem.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in lines))
@@ -106,6 +106,8 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
     if not (constraints or costs):
         return None
     refuse_sections(arm, "constraints and costs of the user")
+    if arm.carrier:
+        raise ProblemError("constraints and costs are not supported for an arm on arm.base.axes; leave them out")
     from ccm_opt.ik.compiled_terms import compile_terms  # noqa: PLC0415 - most problems have no terms
 
     return compile_terms(arm, constraints, costs)

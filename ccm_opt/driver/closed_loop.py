@@ -145,6 +145,9 @@ def simulated_once(
     Arguments are those of ``simulate_and_check``.
     """
     options = problem.simulation
+    if problem.arm.carrier:
+        reason = "the dynamics of base axes other than a feed axis are not simulated"
+        return JudgedMotion(not_simulated(trajectory, joints, options.step, reason), seen=None)
     try:
         motion = simulate(problem.arm, trajectory, joints, options, problem.limits)
     except SimulationError as error:

@@ -115,6 +115,8 @@ def _refuse_other_questions(problem: Problem) -> None:
         )
     if problem.goal.path is not None:
         raise ProblemError("goal.path determines the pose at the goal; give goal.position instead")
+    if problem.arm.carrier:
+        raise ProblemError("finding a pose is not supported for an arm on arm.base.axes; use a fixed base or arm.feed")
     if problem.arm.base_axes and problem.dimension == 2:
         raise ProblemError(
             "in the plane, goal poses are found for a fixed base only, not on a feed axis; leave arm.feed out"

@@ -140,8 +140,8 @@ class LivePlan:
         if not self.suits(problem):
             raise ProblemError(
                 f"'{problem.name}' cannot be planned live: it has several goals, a required joint error, a planner "
-                "other than nlp, sections that bend evenly, or in the plane a feed axis; solve it anew after every "
-                "change"
+                "other than nlp, sections that bend evenly, base axes, or in the plane a feed axis; solve it anew "
+                "after every change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
@@ -159,7 +159,8 @@ class LivePlan:
     def suits(problem: Problem) -> bool:
         """Return whether a problem is supported: no stops, joint error, planar feed axis or even sections."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
-        plain = not (fed or problem.arm.sections or problem.stops or problem.joint_error)
+        arm = problem.arm
+        plain = not (fed or arm.sections or arm.carrier or problem.stops or problem.joint_error)
         return plain and problem.planner.method == "nlp"
 
     def move_goal(

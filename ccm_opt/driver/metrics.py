@@ -44,7 +44,7 @@ def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ())
         positions: configurations at T samples of the motion, with c coordinates each, shape (T, c) [rad, m].
         stops: indices of the samples at which the arm rests at intermediate goals, each of which begins a new tip path.
     """
-    if not arm.base_axes:
+    if arm.feed is None:
         return None
     parts = []
     for first, last in pairwise((0, *stops, len(positions) - 1)):

@@ -20,6 +20,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.positioning import PositioningPlanner
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
@@ -41,7 +42,8 @@ def default_planner(
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
         return HillClimbingPlanner(stages)
-    return MotionPlanner(stages, terms, refuse_infeasible, settings.curve, settings.space)
+    planner = MotionPlanner(stages, terms, refuse_infeasible, settings.curve, settings.space)
+    return PositioningPlanner(stages, planner) if problem.arm.carrier else planner
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,8 @@ class PlanningRun:
     def _explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         begun = time.process_time()
         self.stages.tell(known=failure.diagnosis)
+        if self.problem.arm.carrier:
+            return failure  # the checks and changes are those of arms that no axes carry, or a feed axis alone
         if self.problem.arm.tool is not None:
             # Changes are not tried for arms with tools.
             return add_proof(problem_with_tool_links(self.problem), failure)

@@ -79,6 +79,10 @@ def reach_map(
     numbers = (settings or DEFAULT_SETTINGS).reach
     arm = problem.arm
     plane = problem.dimension == 2
+    if problem.arm.carrier:
+        raise ProblemError(
+            "maps of the reach are not supported for an arm on arm.base.axes; use a fixed base or arm.feed"
+        )
     if plane and arm.base_axes:
         raise ProblemError("the reach is mapped for a fixed base only, not on a feed axis; leave arm.feed out")
     stages = Stages()

@@ -79,6 +79,10 @@ def retarget(
     reached = partial(
         solve, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings
     )
+    if problem.arm.carrier:
+        raise ProblemError(
+            "new goals on the way are not supported for an arm on arm.base.axes; use a fixed base or arm.feed"
+        )
     # A fed arm may come to rest with a joint barely out of its guide tube, from where no motion leads on.
     left = solution.trajectory.duration - time
     later = [time + share * left for share in LATER] if problem.arm.base_axes else []

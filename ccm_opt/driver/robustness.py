@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.core.arguments import expect
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.arguments import expect_arguments, refuse_sections
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -74,6 +75,8 @@ def motion_tolerance(
         settings: settings of all stages of planning.
     """
     refuse_sections(problem.arm, "tolerated errors")
+    if problem.arm.carrier:
+        raise ProblemError("tolerated errors are not certified for arms on arm.base.axes")
     errors = tolerated_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors
@@ -93,11 +96,13 @@ def motion_tolerance(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[ToleratedError, ...]:
-    """Return the joint error that a motion tolerates, as the only entry; empty if the motion is too long for this.
+    """Return the joint error that a motion tolerates, as the only entry; empty if it is not certified.
 
-    Empty, too, for sections that bend evenly, whose joints do not err by themselves.
+    That is for motions that are too long, for arms on other base axes than a feed axis, and for sections that bend
+    evenly, whose joints do not err by themselves.
     """
-    if problem.arm.sections is not None or len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
+    uncertified = bool(problem.arm.carrier) or problem.arm.sections is not None
+    if uncertified or len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
 

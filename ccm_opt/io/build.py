@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.schema import (
+    BaseAxisTable,
     GoalTable,
     ObstacleTable,
     PlacementTable,
@@ -39,8 +41,9 @@ from ccm_opt.problem import (
 )
 from ccm_opt.robot.arc_sections import ArcSections, Tendons
 from ccm_opt.robot.arm import Arm, MappingName
-from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.base_axes import BaseAxis, Feed
 from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.coordinates import DriveLimits
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
@@ -159,7 +162,7 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
         description=tables["root"].description,
         workspace=build_workspace(tables["workspace"], tables["obstacles"], tables["meshes"]),
         arm=arm,
-        limits=build_limits(tables["limits"], arm),
+        limits=_with_axis_limits(build_limits(tables["limits"], arm), tables["arm"]),
         start=build_pose(tables["start"], arm, mapping),
         goal=last[0],
         tolerances=last[1],
@@ -288,7 +291,32 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         return Arm(base=np.array(table.base), base_heading=table.base_heading_deg, **parts)
     direction = np.array(table.base.direction)
     up = _across(np.array(table.base.up), direction)
-    return Arm(base=np.array(table.base.position), direction=direction, up=up, **parts)
+    carrier = tuple(_base_axis(axis, table.base.position) for axis in table.base.axes or ())
+    return Arm(base=np.array(table.base.position), direction=direction, up=up, carrier=carrier, **parts)
+
+
+def _base_axis(table: BaseAxisTable, base: list[float]) -> BaseAxis:
+    """Return an axis that carries an arm, whose base is at a position where all axes are at zero [m]."""
+    point = np.array(base if table.position is None else table.position)
+    revolute = table.kind == "revolute"
+    return BaseAxis(
+        np.array(table.axis), *table.bounds, revolute=revolute, point=point if revolute else np.zeros(3),
+        inertia=table.inertia,
+    )  # fmt: skip
+
+
+def _with_axis_limits(limits: Limits, table: ArmTable | SpaceArmTable) -> Limits:
+    """Return limits with those of the axes that carry an arm, from the arm's table."""
+    axes = table.base.axes if isinstance(table, SpaceArmTable) else None
+    if axes is None:
+        return limits
+    of_axes = DriveLimits(
+        velocity=np.array([axis.velocity for axis in axes]),
+        acceleration=np.array([axis.acceleration for axis in axes]),
+        jerk=np.full(len(axes), np.inf),
+        effort=np.array([axis.force or axis.torque or np.inf for axis in axes]),
+    )
+    return replace(limits, axes=of_axes)
 
 
 def _each_link(
@@ -386,14 +414,22 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
             [np.array(segment.curvature) for segment in table.segments],
             [(segment.knots[0], segment.knots[1], segment.knots[2]) for segment in table.segments],
         )
-        return JointPose.along(arm, curve, mapping, feed)
+        return JointPose.along(arm, curve, mapping, float(feed))
     if table.joints_deg is not None:
         return JointPose(np.array(table.joints_deg), feed)
     return JointPose(folded_bends(arm) if table.shape == "folded" else np.zeros(arm.links), feed)
 
 
-def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
-    """Return the feed (position of the base on its feed axis) of a pose [m]; by default the lower end of the axis."""
+def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> FloatArray | float:
+    """Return the feed (position of the base on its feed axis) of a pose [m]; by default the lower end of the axis.
+
+    Where other axes carry the base, their positions are returned, shape (k,) [m, rad], by default those nearest to 0.
+    """
+    if arm.carrier:
+        if not isinstance(table, SpacePoseTable) or table.axes is None:
+            return np.array([min(max(0.0, axis.low), axis.high) for axis in arm.carrier])
+        both = np.array(table.axes)
+        return np.array([both[k, int(axis.revolute)] for k, axis in enumerate(arm.carrier)])
     return arm.base_range[0] if table.feed is None else table.feed
 
 

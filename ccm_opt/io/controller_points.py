@@ -12,14 +12,13 @@ import json
 import logging
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.io.robot_models import FEED
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
@@ -391,8 +390,10 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
     joints = bending_joints(points.joints, motion.coordinates) if bends_only else points.joints
     names, tables = trajectory_tables(motion, joints)
     rows = [number_rows(table) for table in tables]
+    coordinates = motion.coordinates
+    slides = [name for name, unit in zip(coordinates.base_names, coordinates.base_units, strict=True) if unit == "m"]
     written = {"positions", "velocities", *(["accelerations"] * points.smooth), *(["effort"] * effort)}
-    return "\n".join(_csv(motion.time, names, rows)), "\n".join(_yaml(motion.time, names, rows, written))
+    return "\n".join(_csv(motion.time, names, rows, slides)), "\n".join(_yaml(motion.time, names, rows, written))
 
 
 def number_rows(table: FloatArray) -> list[str]:
@@ -444,9 +445,9 @@ def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates
     )
 
 
-def _csv(time: FloatArray, names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
+def _csv(time: FloatArray, names: tuple[str, ...], columns: list[list[str]], slides: Collection[str]) -> Iterator[str]:
     quantities = zip(QUANTITIES, _FEED_QUANTITIES, strict=True)
-    headings = [f"{name}_{feed if name == FEED else joint}" for joint, feed in quantities for name in names]
+    headings = [f"{name}_{feed if name in slides else joint}" for joint, feed in quantities for name in names]
     yield ",".join(["time", *headings])
     for now, *rows in zip(time.tolist(), *columns, strict=True):
         yield ",".join([f"{now:.12g}", *rows])

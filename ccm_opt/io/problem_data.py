@@ -1,6 +1,7 @@
 """Conversion of planning problems to the tables of a problem file."""
 
 import hashlib
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -16,6 +17,7 @@ from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.scene_solids import unique_names
 from ccm_opt.io.schema import (
+    BaseAxisTable,
     BaseTable,
     GoalTable,
     PlacementTable,
@@ -106,7 +108,8 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     else:
         workspace = workspace_table(problem.workspace, unit)
     check_curves(problem)
-    written = partial(goal_table, unit=unit, in_space=problem.dimension == 3, fed=bool(problem.arm.base_axes))
+    written = partial(goal_table, unit=unit, in_space=problem.dimension == 3, fed=problem.arm.feed is not None)
+    written = partial(written, arm_axes=problem.arm.coordinates.base_units)
     stops = [written(stop.goal, tolerances=stop.tolerances) | {"pause": float(stop.pause)} for stop in problem.stops]
     goal = written(problem.goal, tolerances=problem.tolerances)
     return {
@@ -115,7 +118,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
         "description": problem.description,
         "units": unit,
         "workspace": workspace,
-        "arm": arm_table(problem.arm, unit),
+        "arm": arm_table(problem.arm, unit, problem.limits),
         "limits": limits_table(problem.limits, unit),
         "start": written(problem.start),
         "goal": [*stops, goal] if stops else goal,
@@ -157,11 +160,20 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
     return table | {"obstacles": [obstacle_table(obstacle, unit) for obstacle in workspace.obstacles]}
 
 
-def arm_table(arm: Arm, unit: LengthUnit) -> Table:
-    """Return an arm as the table ``[arm]`` of a problem file, with lengths in ``unit``."""
+def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table:
+    """Return an arm as the table ``[arm]`` of a problem file, with lengths in ``unit``.
+
+    Args:
+        arm: the arm.
+        unit: unit of the lengths in the table.
+        limits: limits of the axes that carry the arm, which belong to its table; None if there are none.
+
+    Raises:
+        ProblemError: axes carry the arm, and their limits are not given.
+    """
     entries: dict[str, object] = {
         "inertia": InertiaTable.from_object(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
-        "feed": next((FeedTable.from_object(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
+        "feed": None if arm.feed is None else FeedTable.from_object(arm.feed, range=[arm.feed.low, arm.feed.high]),
     }
     if arm.proportions is not None:
         entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
@@ -171,9 +183,9 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
-        return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **entries).written(
-            unit
-        )
+        axes = [_axis_table(arm, number, limits) for number in range(len(arm.carrier))] or None
+        of_base = BaseTable.from_object(arm, position=arm.base, axes=axes)
+        return SpaceArmTable.from_object(arm, base=of_base, **entries).written(unit)
     return ArmTable.from_object(arm, **entries).written(unit)
 
 
@@ -201,6 +213,24 @@ def _driven_arm(arm: Arm, sections: ArcSections, entries: Mapping[str, object]) 
 def _pair(limits: FloatArray) -> float | list[float]:
     """Return the limits of a joint's bends, shape (k,), as one number if all are equal."""
     return limits.tolist() if np.ptp(limits) else float(limits[0])
+
+
+def _axis_table(arm: Arm, number: int, limits: Limits | None) -> BaseAxisTable:
+    """Return an axis that carries an arm, given by its index, as a table of a problem file."""
+    axis = arm.carrier[number]
+    bounds = None if limits is None else limits.axes
+    if bounds is None:
+        raise ProblemError("the limits of the axes that carry an arm are missing; give Limits.axes")
+    ends = [axis.low, axis.high]
+    effort = bounds.effort[number] if np.isfinite(bounds.effort[number]) else None
+    kind = "revolute" if axis.revolute else "prismatic"
+    of_kind = (
+        {"range_deg": ends, "position": axis.point, "torque": effort, "range": None, "force": None}
+        if axis.revolute
+        else {"range": ends, "force": effort, "range_deg": None, "position": None, "torque": None}
+    )
+    rates = {"velocity": bounds.velocity[number], "acceleration": bounds.acceleration[number]}
+    return BaseAxisTable.from_object(axis, kind=kind, axis=axis.direction, **rates, **of_kind)
 
 
 def _sections(arm: Arm) -> list[SectionTable]:
@@ -235,7 +265,13 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
 
 
 def goal_table(
-    goal: Goal, unit: LengthUnit, *, in_space: bool, fed: bool, tolerances: Tolerances | None = None
+    goal: Goal,
+    unit: LengthUnit,
+    *,
+    in_space: bool,
+    fed: bool,
+    tolerances: Tolerances | None = None,
+    arm_axes: tuple[str, ...] | None = None,
 ) -> Table:
     """Return a goal as the table ``[goal]`` of a problem file, or a start pose as the table ``[start]``.
 
@@ -245,6 +281,7 @@ def goal_table(
         in_space: whether the arm moves in three dimensions.
         fed: whether the base is on a feed axis (a linear axis that advances the arm).
         tolerances: tolerances of the goal; None for a start, which has none.
+        arm_axes: units of the axes that carry the base; None if there are none.
     """
     entries: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
     if goal.path is not None:
@@ -254,6 +291,10 @@ def goal_table(
         entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}
     if (pose := goal.for_joints) is not None:
         entries["feed"] = pose.feed if fed else None
+        if in_space and np.ndim(pose.feed):
+            units = arm_axes or ()
+            pairs = zip(units, np.atleast_1d(pose.feed), strict=True)
+            entries["axes"] = [[math.nan, value] if unit == "rad" else [value, math.nan] for unit, value in pairs]
         if pose.curve is None:
             entries["joints_deg"] = pose.bends
         else:

@@ -230,7 +230,7 @@ def make_problem(
         "tolerance": {"joint_error_deg": joint_error_deg},
         "verification": verification,
     }
-    fed = bool(arm.base_axes) if isinstance(arm, Arm) else "feed" in arm
+    fed = arm.feed is not None if isinstance(arm, Arm) else "feed" in arm
     write_goal = partial(goal_table, in_space=in_space, fed=fed)
     writers: Mapping[type, Callable[[Any, LengthUnit], Table]]
     writers = {**_WRITERS, TipGoal: write_goal, JointPose: write_goal}

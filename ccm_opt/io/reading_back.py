@@ -18,7 +18,7 @@ from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import read_plain
 from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.io.records import SCHEMA, drive_arrays
+from ccm_opt.io.records import AXIS_NAMES, SCHEMA, drive_arrays
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError
 from ccm_opt.robot.arm import Arm
@@ -311,6 +311,8 @@ DRIVE_ARRAYS = (
     "tendon_lengths",
 )
 """Names of the additional arrays of ``solution.npz`` for sections that bend evenly."""
+AXES_SHAPES: Shapes = {AXIS_NAMES[name]: (*shape, "axes") for name, shape in FEED_SHAPES.items()}
+"""Shapes of the additional arrays of ``solution.npz`` for an arm on other base axes."""
 CLEARANCE_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
 """Shapes of the additional arrays of ``solution.npz`` where the clearance of the motion was measured."""
 
@@ -404,7 +406,8 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
     shapes = {
         **(SPACE_SHAPES if arm.dimension == 3 else SHAPES),
-        **(FEED_SHAPES if arm.base_axes else {}),
+        **(FEED_SHAPES if arm.feed is not None else {}),
+        **(AXES_SHAPES if arm.carrier else {}),
         **(CLEARANCE_SHAPES if CLEARANCE_SHAPES.keys() & arrays.keys() else {}),
     }
     _check_shapes(arrays, path, arm.links, shapes)
@@ -416,7 +419,8 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
 
     def of_base(name: str, rows_of: str = "time") -> FloatArray:
-        """Return an array of the feed axis as a column, shape (T, 1), or shape (T, 0) for a fixed base."""
+        """Return an array of the k base axes as columns, shape (T, k); a fixed base has none."""
+        name = AXIS_NAMES[name] if arm.carrier else name
         columns = [numbers[name]] if name in numbers else []
         return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
@@ -472,7 +476,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
     Raises:
         ProblemError: the file cannot be read.
     """
-    return read_archive(path, (*SHAPES, *FEED_SHAPES, *CLEARANCE_SHAPES, *DRIVE_ARRAYS))
+    return read_archive(path, (*SHAPES, *FEED_SHAPES, *AXES_SHAPES, *CLEARANCE_SHAPES, *DRIVE_ARRAYS))
 
 
 MOST_BYTES_OF_ARRAYS = 2**29

@@ -5,6 +5,7 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from io import BytesIO
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -247,7 +248,7 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "simulated_torques": solution.simulation.torques,
         "stops": np.array(trajectory.stops, dtype=np.int64),
         # A fixed base has no columns here, and gaps are present only where they were measured.
-        **{name: column for name, values in of_base.items() for column in values.T},
+        **_of_base(of_base, solution.problem.arm),
         **drive_arrays(solution.problem.arm, trajectory.bend_angles),
         **({} if room is None else {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}),
     }
@@ -272,6 +273,26 @@ def drive_arrays(arm: Arm, bends: FloatArray) -> dict[str, npt.NDArray[np.generi
         "section_lengths": sections.lengths,
         "tendon_lengths": sections.tendon_lengths(drives),
     }
+
+
+AXIS_NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        "base_feed": "base_axes",
+        "feed_velocities": "axis_velocities",
+        "feed_accelerations": "axis_accelerations",
+        "feed_forces": "axis_efforts",
+        "keyframe_feeds": "keyframe_axes",
+        "simulated_feed": "simulated_axes",
+    }
+)
+"""Names of arrays of several base axes, with a column for each, by the names of those of a feed axis."""
+
+
+def _of_base(columns: Mapping[str, FloatArray], arm: Arm) -> dict[str, FloatArray]:
+    """Return the arrays of the axes that carry an arm, by name: one column of a feed axis, else all of them."""
+    if arm.carrier:
+        return {AXIS_NAMES[name]: values for name, values in columns.items()}
+    return {name: column for name, values in columns.items() for column in values.T}
 
 
 def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:

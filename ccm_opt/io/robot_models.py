@@ -314,6 +314,8 @@ def _add_urdf_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> No
 
 def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
     """Add the links and joints between world and first ball joint to a URDF model; return the name of the last link."""
+    if arm.carrier:
+        return _add_carrier(robot, arm, limits)
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
     _add_joint(robot, "base_mount", "fixed", "world", names[0], arm.base_position, roll_pitch_yaw(arm.base_rotation))
@@ -323,6 +325,30 @@ def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
         ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
         effort = UNLIMITED_EFFORT if limits.feed_force is None else limits.feed_force
         _add_limit(slide, (axis.low, axis.high), limits.feed_velocity or UNLIMITED_VELOCITY, effort)
+    return "base"
+
+
+def _add_carrier(robot: ET.Element, arm: Arm, limits: Limits) -> str:
+    """Add the axes that carry an arm to a URDF model; return the name of the base's link, the last one.
+
+    Where all axes are at zero, the frames of their links are parallel to the world's.
+    """
+    bounds = limits.of_drives(arm.coordinates)
+    parent, place = "world", np.zeros(3)
+    for number, (name, axis) in enumerate(zip(arm.coordinates.base_names, arm.carrier, strict=True)):
+        drive = arm.coordinates.revolutes + number
+        child = f"{name}_carriage"
+        _add_inertia(ET.SubElement(robot, "link", name=child), 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
+        kind, at = ("revolute", axis.point) if axis.revolute else ("prismatic", place)
+        joint = _add_joint(robot, name, kind, parent, child, at - place)
+        ET.SubElement(joint, "axis", xyz=numbers(axis.direction))
+        effort = float(bounds.effort[drive])
+        effort = effort if np.isfinite(effort) else UNLIMITED_EFFORT
+        _add_limit(joint, (axis.low, axis.high), float(bounds.velocity[drive]), effort)
+        parent, place = child, at
+    _add_inertia(ET.SubElement(robot, "link", name="base"), 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
+    away = arm.base_position - place
+    _add_joint(robot, "base_mount", "fixed", parent, "base", away, roll_pitch_yaw(arm.base_rotation))
     return "base"
 
 
@@ -427,10 +453,9 @@ def mjcf_text(
     place, turn = arm.base_position, arm.base_rotation
     for ball, group in groupby(revolutes(arm, bends_only=bends_only), key=lambda revolute: revolute.ball):
         parent = ET.SubElement(parent, "body", name=f"link{ball:02d}", pos=numbers(place), quat=_quaternion(turn))
-        for axis in arm.base_axes if ball == 1 else ():
-            span = numbers((axis.low, axis.high))
-            ET.SubElement(parent, "joint", name=FEED, type="slide", axis="1 0 0", range=span)
-            ET.SubElement(actuators, "motor", name=f"{FEED}_motor", joint=FEED)
+        for attributes in _base_joints(arm) if ball == 1 else ():
+            ET.SubElement(parent, "joint", attributes)
+            ET.SubElement(actuators, "motor", name=f"{attributes['name']}_motor", joint=attributes["name"])
         for revolute in group:
             # MuJoCo takes an empty range as none, and a joint without a range as free.
             limit = max(revolute.limit, _LOCKED)
@@ -448,6 +473,23 @@ def mjcf_text(
         ET.SubElement(payload, "inertial", pos="0 0 0", mass=number(arm.payload), diaginertia="0 0 0")
     ET.indent(model)
     return ET.tostring(model, encoding="unicode") + "\n"
+
+
+def _base_joints(arm: Arm) -> Iterator[dict[str, str]]:
+    """Yield the attributes of the MJCF joint of each axis that carries the arm, in the frame of its first link."""
+    if arm.feed is not None:
+        span = numbers((arm.feed.low, arm.feed.high))
+        yield {"name": FEED, "type": "slide", "axis": "1 0 0", "range": span}
+    for name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=bool(arm.carrier)):
+        into = arm.base_rotation.T
+        attributes = {
+            "name": name,
+            "type": "hinge" if axis.revolute else "slide",
+            "axis": numbers(into @ axis.direction),
+            "pos": numbers(into @ (axis.point - arm.base_position) if axis.revolute else np.zeros(3)),
+            "range": numbers((axis.low, axis.high)),
+        }
+        yield attributes | ({"armature": number(axis.inertia)} if axis.inertia else {})
 
 
 def _quaternion(turn: FloatArray) -> str:

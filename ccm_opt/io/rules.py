@@ -63,6 +63,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
             if lookup(data, (*path, key)) is not None and not _given(data, path, others):
                 issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
     _check_feed_keys(data, issues)
+    _check_base_axes(data, issues)
     _check_contact(data, issues)
     _check_sections(data, issues)
 
@@ -203,6 +204,77 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
         place = path[:-1]
         if lookup(data, path) is not None and lookup(data, (*place, "position")) is not None:
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the feed is planned")
+
+
+def _check_base_axes(data: Mapping[str, object], issues: Issues) -> None:
+    """Report defects of base axes, of their positions in poses, and keys that are not supported together with them."""
+    axes = lookup(data, ("arm", "base", "axes"))
+    listed = [each if isinstance(each, Mapping) else {} for each in axes] if isinstance(axes, list) else []
+    _check_positions_of_axes(data, len(listed), issues)
+    if listed and lookup(data, ("arm", "feed")) is not None:
+        issues.add(("arm", "feed"), "not together with arm.base.axes; make it the last of them")
+    if listed and lookup(data, ("tolerance", "joint_error_deg")):
+        issues.add(("tolerance", "joint_error_deg"), "not supported for an arm on arm.base.axes; leave it out")
+    for path, value in (("planner", "method"), "hill-climbing"), (("planner", "retiming"), "paul"):
+        if listed and lookup(data, path) == value:
+            issues.add(path, f'"{value}" is not supported for an arm on arm.base.axes; leave it out')
+    for key in ("tip_velocity", "tip_acceleration", "points"):
+        if listed and lookup(data, ("limits", key)) is not None:
+            issues.add(("limits", key), "not supported for an arm on arm.base.axes; leave it out")
+    for k, table in enumerate(listed):
+        if table.get("kind") in {"prismatic", "revolute"}:  # others are reported elsewhere
+            _check_base_axis(table, ("arm", "base", "axes", k), issues)
+
+
+def _check_positions_of_axes(data: Mapping[str, object], count: int, issues: Issues) -> None:
+    """Report positions of base axes, in poses, that do not fit the number of axes, or are given with a tip goal."""
+    for path in [("start", "axes"), *((*path, "axes") for path in goal_paths(data))]:
+        given = lookup(data, path)
+        if given is None:
+            continue
+        if count == 0:
+            issues.add(path, "only allowed together with arm.base.axes")
+        elif isinstance(given, list) and len(given) != count:
+            issues.add(path, f"expected one number for each of the {count} axes of arm.base, got {len(given)}")
+        if lookup(data, (*path[:-1], "position")) is not None:
+            issues.add(path, "only allowed with a whole-arm goal; with a tip goal the axes are planned")
+
+
+def _check_base_axis(table: Mapping[str, Any], where: KeyPath, issues: Issues) -> None:
+    """Report keys of a base axis that do not fit its kind, and a range that is missing, reversed or too short."""
+    kind = table["kind"]
+    key, effort, others = (
+        ("range", "force", ("range_deg", "torque", "position"))
+        if kind == "prismatic"
+        else ("range_deg", "torque", ("range", "force"))
+    )
+    for other in others:
+        if other in table:
+            issues.add((*where, other), f"not for a {kind} axis, which has {key} and {effort}")
+    ends = table.get(key)
+    numbers = [each for each in ends if isinstance(each, (int, float))] if isinstance(ends, list) else []
+    if ends is None:
+        issues.add((*where, key), f"missing; a {kind} axis needs it")
+    elif len(numbers) != 2 or not numbers[0] < numbers[1]:
+        issues.add((*where, key), "expected [lower, upper] with lower < upper")
+    else:
+        _check_braking(table, numbers[1] - numbers[0], where, issues)
+
+
+def _check_braking(table: Mapping[str, Any], width: float, where: KeyPath, issues: Issues) -> None:
+    """Report an axis that needs more than its whole range to brake from its greatest velocity, v² / 2 a."""
+    speed, gain = table.get("velocity"), table.get("acceleration")
+    if not (isinstance(speed, (int, float)) and isinstance(gain, (int, float)) and gain > 0.0):
+        return  # reported elsewhere
+    if table.get("kind") == "revolute":
+        width = math.radians(width)
+    needed = speed**2 / (2.0 * gain)
+    if needed > width:
+        issues.add(
+            (*where, "acceleration"),
+            f"the axis cannot brake: from its velocity of {speed:g} it needs {needed:.4g} to stop, more than its range "
+            f"of {width:.4g}; expected at least {speed**2 / (2.0 * width):.4g}, or a lower velocity",
+        )
 
 
 _LENGTH_TOLERANCE = 1e-6

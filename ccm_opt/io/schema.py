@@ -9,11 +9,19 @@ these descriptions.
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import shapely
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    PlainSerializer,
+    SerializationInfo,
+    ValidationInfo,
+    field_serializer,
+    field_validator,
+)
 
 from ccm_opt.io.schema_tables import (
     ArmTable,
@@ -23,6 +31,7 @@ from ccm_opt.io.schema_tables import (
     Degrees,
     Length,
     LimitsTable,
+    NonNegative,
     NonNegativeLength,
     PlannerTable,
     Point,
@@ -37,8 +46,11 @@ from ccm_opt.io.schema_tables import (
     ToleranceTable,
     VerificationTable,
     exactly,
+    lengths,
+    to_metres,
 )
 from ccm_opt.problem import LengthUnit, Tolerances
+from ccm_opt.robot.base_axes import MOST_AXES
 
 CLOSEST_KNOTS = 1e-6
 """Minimum distance between knots, as a fraction of the segment's length; splines through closer knots oscillate."""
@@ -395,6 +407,74 @@ class SpaceWorkspaceTable(Table):
     )
 
 
+def _positions_of_axes(values: list[float], info: ValidationInfo) -> list[list[float]]:
+    """Return each position both in metres and in radians, as the kind of its axis is known to another table."""
+    return [[to_metres(value, info), math.radians(value)] for value in values]
+
+
+def _written_positions(values: list[list[float]], info: SerializationInfo) -> list[float]:
+    """Return positions in the unit of the serialisation context or in degrees; of each, the other is not a number."""
+    return [math.degrees(angle) if math.isnan(metres) else lengths(metres, info) for metres, angle in values]
+
+
+AxisPositions: TypeAlias = Annotated[
+    list[float],
+    Field(description="one number an axis: length, or degrees of a revolute axis"),
+    AfterValidator(_positions_of_axes),
+    PlainSerializer(_written_positions),
+]
+
+
+class BaseAxisTable(Table):
+    """Table of an axis between the ground and the base of an arm."""
+
+    rules = Rules()
+
+    kind: Literal["prismatic", "revolute"] = Field(description="Kind of the axis.")
+    axis: Direction = Field(
+        description=(
+            "Its direction in the frame of the axis before it. All these frames are parallel to the world's where all "
+            "axes are at zero."
+        )
+    )
+    position: SpacePoint | None = Field(
+        default=None,
+        description=(
+            "A point on a revolute axis, where all axes are at zero. Default: the position of the base. Only with "
+            '`kind = "revolute"`.'
+        ),
+    )
+    range: Annotated[list[Length], exactly(2)] | None = Field(
+        default=None, description="`[lower, upper]` limit of a prismatic axis."
+    )
+    range_deg: Annotated[list[Degrees], exactly(2)] | None = Field(
+        default=None, description="`[lower, upper]` limit of a revolute axis [deg]."
+    )
+    velocity: Positive = Field(description="Limit on its velocity [length/s, or rad/s].")
+    acceleration: Positive = Field(description="Limit on its acceleration [length/s², or rad/s²].")
+    force: Positive | None = Field(default=None, description="Force of a prismatic axis [N]. Default: none.")
+    torque: Positive | None = Field(default=None, description="Torque of a revolute axis [N m]. Default: none.")
+    inertia: NonNegative = Field(
+        default=0.0,
+        description="What its drive moves beside the arm: mass [kg], or moment of inertia of a revolute axis [kg m²].",
+    )
+
+    @field_validator("velocity", "acceleration")
+    @classmethod
+    def _in_metres(cls, value: float, info: ValidationInfo) -> float:
+        return to_metres(value, info) if info.data.get("kind") == "prismatic" else value
+
+    @field_serializer("velocity", "acceleration")
+    def _in_unit(self, value: float, info: SerializationInfo) -> Any:
+        return lengths(value, info) if self.kind == "prismatic" else value
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper limit of the position [m, rad]; both 0 if not given."""
+        low, high = (self.range if self.kind == "prismatic" else self.range_deg) or (0.0, 0.0)
+        return low, high
+
+
 class BaseTable(Table):
     """Table of the position and orientation of the base of an arm in space."""
 
@@ -409,6 +489,14 @@ class BaseTable(Table):
         description=(
             "Axis about which the first bend of a joint turns while the arm is straight; its component along "
             "`direction` is ignored. Required if `direction` is along z."
+        ),
+    )
+    axes: Annotated[list[BaseAxisTable], Field(min_length=1, max_length=MOST_AXES)] | None = Field(
+        default=None,
+        description=(
+            f"`[[arm.base.axes]]`: up to {MOST_AXES} axes between the ground and the arm, from the ground; `position`, "
+            "`direction` and `up` are then those where all axes are at zero. Not with `arm.feed`, which is the short "
+            "form of one along `direction`. Default: none."
         ),
     )
 
@@ -439,6 +527,10 @@ class SpacePoseTable(Table):
         description=(
             "Feed of the whole-arm pose: position of the base on the feed axis. Default: the lower end of its range."
         ),
+    )
+    axes: AxisPositions | None = Field(
+        default=None,
+        description="Positions of `arm.base.axes` in the whole-arm pose. Default: 0 each, or the limit next to it.",
     )
 
 

@@ -57,7 +57,12 @@ def _scale(info: ValidationInfo) -> float:
     return float((info.context or {}).get("scale", 1.0))
 
 
-def _to_metres(value: float, info: ValidationInfo) -> float:
+def to_metres(value: float, info: ValidationInfo) -> float:
+    """Return a length of a file in metres.
+
+    Raises:
+        ValueError: it is too large.
+    """
     metres = value * _scale(info)
     if abs(metres) > MAX_LENGTH:
         raise ValueError(f"expected lengths and coordinates of at most {MAX_LENGTH:g} m")
@@ -71,7 +76,7 @@ def _to_inverse_metres(value: float, info: ValidationInfo) -> float:
     return result
 
 
-def _lengths(values: npt.ArrayLike, info: SerializationInfo) -> Any:
+def lengths(values: npt.ArrayLike, info: SerializationInfo) -> Any:
     """Return lengths or points [m] in the ``unit`` of the serialisation context, as a number or nested lists."""
     metres = np.asarray(values, dtype=np.float64)
     given = np.array([in_unit(value, (info.context or {})["unit"]) for value in metres.flat])
@@ -86,8 +91,8 @@ def _degrees(value: float) -> float:
     return float(np.rad2deg(value))
 
 
-_METRES = AfterValidator(_to_metres)
-_UNIT = PlainSerializer(_lengths)
+_METRES = AfterValidator(to_metres)
+_UNIT = PlainSerializer(lengths)
 _RADIANS = AfterValidator(math.radians)
 _DEGREES = PlainSerializer(_degrees)
 
@@ -130,7 +135,7 @@ def _two_places(points: list[list[float]]) -> list[list[float]]:
 
 
 def _points_to_metres(points: list[list[float]], info: ValidationInfo) -> list[list[float]]:
-    return [[_to_metres(value, info) for value in point] for point in points]
+    return [[to_metres(value, info) for value in point] for point in points]
 
 
 def exactly(count: int) -> AfterValidator:

@@ -1,5 +1,6 @@
 """Validation of parsed problem files: each table alone, then tables against each other, then the problem they give."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -220,7 +221,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
         # Obstacles without exactly one shape are reported elsewhere and cannot be built.
         whole = [(k, each) for k, each in found["obstacles"] if k in found["meshes"] or _has_shape(each)]
         arm = build_arm(table)
-        base = arm.base + pose_feed(found["start"], arm) * arm.direction
+        at = pose_feed(found["start"], arm)
+        base = arm.joint_positions_at(arm.configuration(np.zeros(arm.bends_a_joint * arm.links), at))[0]
         check_base(build_workspace(room, whole, found["meshes"]), base, arm.length, issues, drawing)
 
 
@@ -244,10 +246,13 @@ def _check_built_pose(
             build_pose(pose, arm, mapping)
         except ProblemError as error:
             issues.add((*path, key), str(error))
+    for axis, value, number in zip(arm.carrier, np.atleast_1d(pose_feed(pose, arm)), itertools.count(1), strict=False):
+        if not axis.low <= value <= axis.high:
+            issues.add((*path, "axes"), f"outside the range of axis {number} of arm.base")
     if table.feed is None:
         return
     low, high = table.feed.range
-    at = pose_feed(pose, arm)
+    at = float(pose_feed(pose, arm))
     if not low <= at <= high:
         words = f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
         issues.add((*path, "feed"), words)

@@ -197,6 +197,25 @@ class TipGrid:
         price[self.gaps <= 0.0] = -1.0
         return price
 
+    def costs_to_go(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
+        """Return the cost of the cheapest path from each cell to a point.
+
+        Args:
+            goal: the point, shape (3,) [m].
+            price: costs of the cells per length, as returned by ``prices``.
+
+        Returns:
+            The costs, inf if there is no path, shape (nx, ny, nz) [m]; None if no cell near the point is free, or the
+            deadline has passed.
+        """
+        last = self.free_near(goal)
+        if last is None:
+            return None
+        _, cost = self._settled(price, last, None)
+        if self.deadline.passed():
+            return None
+        return np.asarray(self.cell * cost, dtype=np.float64)
+
     def cheapest_way(
         self, start: FloatArray, goal: FloatArray, nearness: float, dear: FloatArray | None = None
     ) -> FloatArray | None:
@@ -228,14 +247,14 @@ class TipGrid:
         return np.concatenate((start[None], self.low + self.cell * cells, goal[None]))
 
     def _settled(
-        self, price: npt.NDArray[np.float32], first: tuple[int, int, int], last: tuple[int, int, int]
+        self, price: npt.NDArray[np.float32], first: tuple[int, int, int], last: tuple[int, int, int] | None
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
         """Return the predecessor of each cell on its cheapest path from a first cell, and the cost of that path.
 
         Args:
             price: costs of the cells per length.
             first: first cell of all paths.
-            last: cell at which the search ends.
+            last: cell at which the search ends; None to search all cells.
 
         Returns:
             Flat indices of predecessors, −1 for none, shape (cells,); and costs in cell sizes, inf for cells not
@@ -249,9 +268,10 @@ class TipGrid:
         NativeCall(
             "cheapest_way",
             nx=nx, ny=ny, nz=nz, start=int(np.ravel_multi_index(first, shape)),
-            goal=int(np.ravel_multi_index(last, shape)),
+            goal=-1 if last is None else int(np.ravel_multi_index(last, shape)),
             price=price, room=(self.gaps + self.kept) / self.cell,
-            least=float(np.min(price[price > 0.0], initial=np.inf)), most_time=max(self.deadline.left, 0.0),
+            least=0.0 if last is None else float(np.min(price[price > 0.0], initial=np.inf)),
+            most_time=max(self.deadline.left, 0.0),
             before=before, cost=cost, capacity=capacity, heap=np.empty(capacity, dtype=np.int64),
             key=np.empty(capacity, dtype=np.float32),
         )()  # fmt: skip

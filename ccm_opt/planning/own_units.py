@@ -172,7 +172,7 @@ class OwnUnits:
         )
 
     def _pose(self, pose: JointPose, arm: Arm) -> JointPose:
-        feed = self._length(pose.feed)
+        feed = self._length(float(pose.feed))
         if pose.curve is None:
             return replace(pose, feed=feed)
         return JointPose.along(arm, self._in_units(pose.curve), pose.mapping, feed)

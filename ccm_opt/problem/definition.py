@@ -26,6 +26,7 @@ from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.problem.tool_rules import Key, tool_defects
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
+from ccm_opt.robot.base_axes import MOST_AXES
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body
@@ -213,7 +214,8 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
     for name, pose in poses:
         joints = pose.for_joints
         if joints:
-            placed.append((name, float(joints.feed)))
+            if not problem.arm.carrier:
+                placed.append((name, float(joints.feed)))
             yield from array_defects(f"{name}.bends", joints.bends, (links,) if d == 2 else (links, 2), positive=False)
             continue
         yield from array_defects(f"{name}.position", pose.tip(problem.arm), (d,), positive=False)
@@ -227,6 +229,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
         if pose.path is not None:
             yield from _path_defects(name, pose, pose.path, problem.arm)
     yield from feed_defects(problem.arm, problem.limits, placed)
+    yield from _carrier_defects(problem)
 
 
 def _path_defects(name: str, goal: TipGoal, path: FloatArray, arm: Arm) -> Iterator[str]:
@@ -306,6 +309,8 @@ def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) 
         limits: limits of the drives, including the feed axis.
         placed: name and feed (position of the base on the axis) of each pose [m].
     """
+    if arm.carrier:
+        return
     if not arm.base_axes:
         yield from (
             f"{name}.feed is {value} m, but the arm has no feed axis; set arm.feed, or leave it out"
@@ -332,6 +337,43 @@ def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) 
                 )
                 for name, value in placed
             ),
+        )
+
+
+def _carrier_defects(problem: "Problem") -> Iterator[str]:
+    """Yield a sentence for every invalid axis that carries the base, of its limits, and of its positions in poses."""
+    arm, limits = problem.arm, problem.limits
+    if not arm.carrier:
+        yield from _broken(
+            (limits.axes is None, "limits.axes is given, but no axes carry the arm: arm.carrier is empty")
+        )
+        return
+    count = len(arm.carrier)
+    yield from _broken(
+        (count <= MOST_AXES, f"arm.carrier must have at most {MOST_AXES} axes, got {count}"),
+        (arm.feed is None, "arm.feed and arm.carrier must not both be given; make the feed axis one of the carrier"),
+        (limits.axes is not None, "limits.axes must give the limits of the axes that carry the arm, got None"),
+        (problem.joint_error == 0.0, "joint_error is not supported for an arm on axes that carry it"),
+        (not limits.points, "limits of points are not supported for an arm on axes that carry it"),
+    )
+    for k, axis in enumerate(arm.carrier):
+        yield from _unit_defects(f"arm.carrier[{k}].direction", axis.direction, 3)
+        yield from array_defects(f"arm.carrier[{k}].point", axis.point, (3,), positive=False)
+        yield from _broken(
+            (axis.low < axis.high, f"arm.carrier[{k}] must have low < high, got {axis.low} and {axis.high}"),
+            (axis.inertia >= 0.0, f"arm.carrier[{k}].inertia must not be negative, got {axis.inertia}"),
+        )
+    if limits.axes is not None:
+        for name in ("velocity", "acceleration"):
+            yield from array_defects(f"limits.axes.{name}", getattr(limits.axes, name), (count,), positive=True)
+    for name, pose in [("start", problem.start), ("goal", problem.goal)]:
+        if pose.for_joints is None:
+            continue
+        values = np.broadcast_to(pose.for_joints.feed, count)
+        yield from (
+            f"{name}: axis {k} is at {value:g}, outside its range from {axis.low:g} to {axis.high:g} {axis.unit}"
+            for k, (axis, value) in enumerate(zip(arm.carrier, values, strict=True), start=1)
+            if not axis.low <= value <= axis.high
         )
 
 

@@ -12,7 +12,7 @@ from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.coordinates import FEED, Coordinates
 from ccm_opt.robot.mapping import map_curve
 
 
@@ -23,14 +23,15 @@ class JointPose:
     Attributes:
         bends: bend angles of the joints of n links, shape (n,) [rad]; in space, angles about the local z axis and then
             the new y axis, shape (n, 2).
-        feed: position of the base on its feed axis [m]; 0 without one.
+        feed: position of the base on its feed axis [m], or of the k axes that carry it, shape (k,) [m, rad]; 0 without
+            them.
         curve: backbone curve to which the joints were fitted, positioned for a feed of 0; None if the joint angles
             alone define the pose. A motion reaches the pose when the arm follows the curve, by any mapping.
         mapping: name of the method that fits the joints to the curve.
     """
 
     bends: FloatArray
-    feed: float = 0.0
+    feed: FloatArray | float = 0.0
     curve: Configuration | None = None
     mapping: MappingName = "least-squares"
     direction: ClassVar[None] = None
@@ -102,7 +103,9 @@ class JointPose:
         bends = q[coordinates.bends]
         if coordinates.bends_a_joint > 1:
             bends = bends.reshape(-1, coordinates.bends_a_joint)
-        return cls(bends.copy(), float(coordinates.advance(q)))
+        if coordinates.base_names in {(), (FEED,)}:
+            return cls(bends.copy(), float(coordinates.advance(q)))
+        return cls(bends.copy(), q[coordinates.base].copy())
 
     def configuration(self, arm: Arm) -> FloatArray:
         """Return the pose as a configuration of the given arm, with one entry per coordinate, shape (c,) [rad, m]."""

@@ -270,7 +270,7 @@ class Arm(LinkLayout):
     @property
     def coordinates(self) -> Coordinates:
         """Layout of the arm's configurations, with name, unit and drive of each of their c coordinates."""
-        names = tuple(f"axis {number}" for number in range(1, len(self.carrier) + 1)) or tuple(
+        names = tuple(f"axis_{number}" for number in range(1, len(self.carrier) + 1)) or tuple(
             FEED for _ in self.base_axes
         )
         units = tuple(axis.unit for axis in self.base_axes)

@@ -159,6 +159,9 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     first = "" if arm.base_limit == arm.joint_limit else f", the first joint ±{units.given(arm.base_limit, 'rad')}"
     yield "bends", bends + first
     yield "mass", f"{units.shown(float(arm.masses.sum()), 'kg')} in total"
+    for name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=bool(arm.carrier)):
+        low, high = (units.given(value, axis.unit) for value in (axis.low, axis.high))
+        yield name, f"{'revolute' if axis.revolute else 'prismatic'}, {_direction(axis.direction)}, {low} to {high}"
     if arm.feed is not None:
         low, high = (units.given(value, "m") for value in (arm.feed.low, arm.feed.high))
         yield "feed axis", f"{low} to {high}, guide tube ends at {units.given(arm.feed.hole, 'm')}"

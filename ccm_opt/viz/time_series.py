@@ -145,6 +145,9 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
     names = trajectory.coordinates.base_names
     if not names:
         return
+    if solution.problem.arm.carrier:
+        yield from _axis_groups(solution)
+        return
     free = np.full(len(names), np.inf)
     speed = free if limits.feed_velocity is None else np.full(len(names), limits.feed_velocity)
     force = free if limits.feed_force is None else np.full(len(names), limits.feed_force)
@@ -153,6 +156,25 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
     velocities = trajectory.base_velocities / unit.metres
     yield SeriesGroup("feed-velocity", "Feed velocity", f"{unit.name}/s", names, velocities, speed / unit.metres)
     yield SeriesGroup("feed-force", "Feed force", "N", names, solution.joints.base_forces, force)
+
+
+def _axis_groups(solution: Solution) -> Iterator[SeriesGroup]:
+    """Yield position, velocity and effort of the base axes, one kind of axes after the other."""
+    trajectory, problem = solution.trajectory, solution.problem
+    limits = problem.limits.of_drives(problem.arm.coordinates)
+    for unit, kind, effort in (("m", "Prismatic", "N"), ("rad", "Revolute", "N m")):
+        number = np.array([k for k, each in enumerate(trajectory.coordinates.base_units) if each == unit], dtype=int)
+        if not len(number):
+            continue
+        names = tuple(trajectory.coordinates.base_names[k] for k in number)
+        drives = trajectory.coordinates.revolutes + number
+        key = kind.lower()
+        free = np.full(len(names), np.inf)
+        yield SeriesGroup(f"{key}-axes", f"{kind} base axes", unit, names, trajectory.base_positions[:, number], free)
+        speeds = (trajectory.base_velocities[:, number], limits.velocity[drives])
+        yield SeriesGroup(f"{key}-axes-velocity", f"{kind} base axes, velocity", f"{unit}/s", names, *speeds)
+        efforts = (solution.joints.base_forces[:, number], limits.effort[drives])
+        yield SeriesGroup(f"{key}-axes-effort", f"{kind} base axes, effort", effort, names, *efforts)
 
 
 def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
@@ -263,6 +285,16 @@ def limit_shares(solution: Solution) -> list[LimitShare]:
         jerk = np.gradient(states.accelerations, trajectory.time, axis=0)
         found.append(_share("jerk", jerk, limits.jerk, joints))
     axes = trajectory.coordinates.base_names
+    if solution.problem.arm.carrier:
+        of_axes = solution.problem.limits.of_drives(trajectory.coordinates)
+        first = trajectory.coordinates.revolutes
+        for name, values, bounds in (
+            ("velocity of base axes", trajectory.base_velocities, of_axes.velocity),
+            ("acceleration of base axes", trajectory.base_accelerations, of_axes.acceleration),
+            ("effort of base axes", states.base_forces, of_axes.effort),
+        ):
+            if np.any(np.isfinite(bounds[first:])):
+                found.append(_share(name, values, bounds[first:], axes))
     for name, values, bound in (
         ("feed velocity", trajectory.base_velocities, limits.feed_velocity),
         ("feed acceleration", trajectory.base_accelerations, limits.feed_acceleration),

@@ -101,6 +101,8 @@ class OmplPlanner:
                 start cannot be represented in the coordinates of the sampler.
             NoPlanFound: no path was found in time.
         """
+        if problem.arm.carrier:
+            raise ProblemError("the method ompl does not support arm.base.axes; use planner.method nlp")
         if problem.dimension == 3:
             return self._path(_InSpace(problem, self.settings))
         if problem.arm.base_axes:

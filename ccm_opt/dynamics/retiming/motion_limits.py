@@ -285,6 +285,14 @@ class DriveEffort(MotionLimit):
             acceleration: accelerations of the coordinates, shape (N, n) [rad/s², m/s²].
         """
         path = self._path
+        if path.arm is not None and path.arm.carrier:
+            states = (place, velocity, acceleration)
+            of_arm = tuple(path.revolutes(values[:, path.coordinates.bends]) for values in states)
+            with_base: Any = path.inverse_dynamics
+            torque, on_axes = with_base.with_base(of_arm, tuple(each[:, path.coordinates.base] for each in states))
+            limits = path.limits.of_drives(path.coordinates).effort[path.coordinates.revolutes :]
+            shares = torque / self._torque if self._torque_limited else np.zeros_like(torque)
+            return np.column_stack((shares, (on_axes / limits)[:, np.isfinite(limits)]))
         motion = [path.revolutes(values[:, path.coordinates.bends]) for values in (place, velocity, acceleration)]
         # One more argument for each axis that carries the base.
         motion += [np.ascontiguousarray(column) for column in acceleration[:, path.coordinates.base].T]

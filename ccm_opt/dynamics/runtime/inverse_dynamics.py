@@ -9,6 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, native_constant
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model
+from ccm_opt.dynamics.algorithms.base_motion import CarriedBase
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
@@ -98,6 +99,29 @@ class CompiledFunction:
         self._many()
         return out, out_feed
 
+    def carried(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, base: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Evaluate inverse dynamics in N states, whose base moves as axes carry it.
+
+        Args:
+            first: angles of the revolutes, shape (N, 3 * links) [rad].
+            second: velocities of the revolutes, of this shape [rad/s].
+            third: accelerations of the revolutes, of this shape [rad/s²].
+            base: (ω, ω̇, a − g) of the base in its frame, shape (N, 9).
+
+        Returns:
+            Torques of the revolutes, shape (N, 3 * links) [N m], and force and moment on the base in its frame, shape
+            (N, 6) [N, N m].
+        """
+        out, wrench = np.empty(first.shape), np.empty((len(base), 6))
+        none = np.zeros(len(base))
+        self._many.set(count=len(base), q=first, qd=second, third=third, feed=none, out=out, out_feed=none.copy())
+        self._many.set(carried=base, wrench=wrench)
+        self._many()
+        self._many.set(carried=None, wrench=None)
+        return out, wrench
+
 
 MISFIT = (TypeError, ValueError, NotImplementedError)
 """Errors that memory views raise for anything but contiguous doubles of the expected shape."""
@@ -178,6 +202,31 @@ class InverseDynamics:
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
         self._rnea = DynamicsFunction("inverse_dynamics", arm_model(arm, gravity))
+        self._arm, self._gravity = arm, np.asarray(gravity, dtype=np.float64)
+        self._carried = CompiledFunction("inverse_dynamics", arm_model(arm, gravity)).carried if arm.carrier else None
+
+    def with_base(
+        self, revolutes: tuple[FloatArray, FloatArray, FloatArray], axes: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the torques of the revolutes and the efforts of the k axes that carry the base, in N states.
+
+        Args:
+            revolutes: angles, velocities and accelerations of the revolutes, each of shape (N, 3 * links).
+            axes: positions, velocities and accelerations of the axes, each of shape (N, k).
+
+        Returns:
+            Shapes (N, 3 * links) [N m] and (N, k) [N, N m].
+
+        Raises:
+            ValueError: no axes but a feed axis carry the arm.
+        """
+        if self._carried is None:
+            raise ValueError("no axes but a feed axis carry the arm")
+        place, velocity, acceleration = axes
+        base = CarriedBase.at(self._arm, place)
+        q, qd, qdd = (np.ascontiguousarray(each, dtype=np.float64) for each in revolutes)
+        torques, wrench = self._carried(q, qd, qdd, base.state(velocity, acceleration, self._gravity))
+        return torques, base.efforts(wrench, acceleration)
 
     def __call__(
         self,
@@ -261,6 +310,10 @@ def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: Invers
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
+    if arm.carrier:
+        axes = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations)
+        torques, on_axes = inverse_dynamics.with_base((angles, velocities, accelerations), axes)
+        return JointStates(joint_names(arm), angles, velocities, accelerations, torques, on_axes)
     carried = trajectory.coordinates.advance(trajectory.accelerations)
     if arm.sections is None:
         torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)

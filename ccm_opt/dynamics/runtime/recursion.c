@@ -26,6 +26,8 @@ typedef struct {
     const double *feed;  /* acceleration of the base or thrust on it, (count,) */
     double *out;         /* torques or accelerations, (count, 3 links) */
     double *out_feed;    /* thrust or acceleration of the base, (count,) */
+    const double *carried; /* for a base that axes carry, else missing: its state (ω, ω̇, a less gravity), (count, 9) */
+    double *wrench;        /* out: force and moment on that base, (count, 6) */
 } Call;
 
 /* Row k of an array. Generated code tests every pointer for null before each access, for callers that leave arguments
@@ -51,8 +53,10 @@ static ALWAYS_INLINE void trigonometry(const Arm *arm, const double *q, double *
         }
 }
 
-/* Torques, and the thrust as result: rnea.py. What a link passes on is written over what it was given two links ago. */
-static WIDE double inverse(const Arm *arm, const double *q, const double *qd, const double *qdd, double feed, double *tau)
+/* Torques, and the thrust as result: rnea.py. A state of the base replaces a feed where it is given, and then the force
+   and moment on the base are put out. What a link passes on is written over what it was given two links ago. */
+static WIDE double inverse_on(const Arm *arm, const double *q, const double *qd, const double *qdd, double feed,
+                              const double *carried, double *tau, double *wrench)
 {
     int64_t links = arm->links;
     double *trig = arm->work;
@@ -60,7 +64,10 @@ static WIDE double inverse(const Arm *arm, const double *q, const double *qd, co
     trigonometry(arm, q, trig);
 
     double state[2][9];
-    rnea_base((const double *[]){arm->world, &feed}, (double *[]){state[0]}, 0, 0, 0);
+    if (carried)
+        memcpy(state[0], carried, sizeof(state[0]));
+    else
+        rnea_base((const double *[]){arm->world, &feed}, (double *[]){state[0]}, 0, 0, 0);
     for (int64_t k = 0; k < links; k++) {
         const double *in[] = {state[k & 1], row(trig, 6, k), row(qd, 3, k), row(qdd, 3, k), row(arm->bodies, 4, k)};
         double *out[] = {state[(k + 1) & 1], row(loads, 6, k)};
@@ -75,7 +82,13 @@ static WIDE double inverse(const Arm *arm, const double *q, const double *qd, co
         double *out[] = {force[k & 1], row(tau, 3, k)};
         rnea_inward(in, out, 0, 0, 0);
     }
+    if (wrench) memcpy(wrench, force[0], sizeof(force[0]));
     return force[0][0];
+}
+
+static double inverse(const Arm *arm, const double *q, const double *qd, const double *qdd, double feed, double *tau)
+{
+    return inverse_on(arm, q, qd, qdd, feed, NULL, tau, NULL);
 }
 
 /* Accelerations of the joints, and that of the base as result: aba.py. */
@@ -119,8 +132,9 @@ PUBLIC void inverse_dynamics(const Call *call)
 {
     int64_t n = 3 * call->arm->links;
     for (int64_t i = 0; i < call->count; i++)
-        call->out_feed[i] = inverse(call->arm, call->q + i * n, call->qd + i * n, call->third + i * n, call->feed[i],
-                                    call->out + i * n);
+        call->out_feed[i] = inverse_on(call->arm, call->q + i * n, call->qd + i * n, call->third + i * n, call->feed[i],
+                                       call->carried ? call->carried + 9 * i : NULL, call->out + i * n,
+                                       call->wrench ? call->wrench + 6 * i : NULL);
 }
 
 PUBLIC void forward_dynamics(const Call *call)

@@ -243,7 +243,7 @@ class HillClimbingPlanner:
                 'hill climbing maps the curve to pairs of equal links; use planner.method = "nlp", or leave '
                 "arm.sections out"
             )
-        if problem.arm.feed is not None:
+        if problem.arm.base_axes:
             raise ProblemError('hill climbing moves no feed axis; use planner.method = "nlp", or leave arm.feed out')
         with planning_units(problem) as units:
             with self.stages("mapping"):
