@@ -132,7 +132,7 @@ def test_a_bound_on_following_is_kept_and_verified(name: str) -> None:
     check = next(check for check in solution.checks if check.name == "following the tip")
     assert check.passed
     assert check.limit == pytest.approx(0.01)
-    assert check.worst == pytest.approx(solution.metrics["leader_deviation_worst_m"], rel=0.1)
+    assert 1.0 <= check.worst / solution.metrics["leader_deviation_worst_m"] <= 1.2
 
 
 def test_a_bound_that_cannot_be_kept_says_by_how_much() -> None:

@@ -1,17 +1,28 @@
 """Motions whose tip follows a path that the user gives, planned and verified."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
+from ccm_opt.planning.limits.following import FollowingLimit
+from ccm_opt.planning.path_fit import fitted_path
+from ccm_opt.planning.tip_path import TipPath
 from ccm_opt.problem.solution import Solution
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.verification.verifier import verify
+
+from .arc_arms import arc_arm
 
 PROBLEM = """
 schema = 1
@@ -139,3 +150,58 @@ def test_a_path_is_written_back() -> None:
     again = problem_from_mapping(problem_data(problem))
     assert again.goal.path is not None
     assert np.array_equal(again.goal.path, np.array(BEND))
+
+
+def six_axis_arm() -> Arm:
+    """An arm of three sections that bend evenly, on three prismatic and three revolute axes."""
+    axes = [BaseAxis(axis, -3.0, 3.0, revolute=False) for axis in np.eye(3)]
+    axes += [BaseAxis(axis, -3.0, 3.0, revolute=True) for axis in np.eye(3)[::-1]]
+    return arc_arm((6, 6, 6), (0.3, 0.3, 0.3), carrier=tuple(axes))
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10**6), st.booleans())
+def test_sections_on_six_axes_follow_a_path(seed: int, flat: bool) -> None:
+    """The tip exactly, at all times, and the arm within 5 % of its length, from any straight start."""
+    arm = six_axis_arm()
+    rng = np.random.default_rng(seed)
+    start = np.append(np.zeros(2 * arm.links), [0.1, -0.2, 0.3, *rng.uniform(-1.0, 1.0, 3)])
+    tip, frame = arm.joint_positions_at(start)[-1], arm.link_rotations(start)[-1]
+    s = np.linspace(0.0, 1.0, 12)
+    turn = rng.uniform(-1.2, 1.2, (2, 1)) * [[1.0], [0.0 if flat else 1.0]] * s**2
+    along = np.stack((np.cos(turn[0]) * np.cos(turn[1]), np.sin(turn[0]) * np.cos(turn[1]), np.sin(turn[1])), axis=1)
+    steps = arm.length / 11 * 0.5 * (along[1:] + along[:-1])
+    path = TipPath(tip + np.vstack((np.zeros(3), np.cumsum(steps, axis=0))) @ frame.T, arm.length / 400)
+    spline = fitted_path(arm, start, path)
+    assert np.array_equal(spline(0.0), start)
+    q = np.asarray(spline(np.linspace(0.0, 1.0, 777)))
+    assert arm.sections is not None
+    assert arm.sections.misfit(q[:, :-6]) < 1e-9
+    tips = arm.joint_positions_at(q)[:, -1]
+    samples = path.at(np.linspace(0.0, path.length, 20001))
+    nearest, index = cKDTree(samples).query(tips)
+    tangent = path.tangents(np.asarray(index) * path.length / 20000)
+    off = tips - samples[index]
+    assert np.max(np.linalg.norm(off - np.sum(off * tangent, axis=1)[:, None] * tangent, axis=1)) < 1e-6
+    assert np.max(nearest) < 1e-4
+    assert np.linalg.norm(tips[-1] - path.points[-1]) < 1e-9
+    assert FollowingLimit(arm, 1.0).worst_deviation(q) < 0.05 * arm.length
+
+
+def test_the_bound_on_following_holds_between_samples(solution: Solution) -> None:
+    """Of the centre line at a hundred places of every link, at five moments between samples, by brute force."""
+    positions, arm = solution.trajectory.positions, solution.problem.arm
+    at = np.arange(0.0, len(positions) - 1.0, 3.7)
+    between = np.stack([np.interp(at, np.arange(len(positions)), column) for column in positions.T], axis=1)
+    points = arm.joint_positions_at(between)
+    share = np.linspace(0.0, 1.0, 30)[:, None]
+    places = points[:, :-1, None] + share * (points[:, 1:, None] - points[:, :-1, None])
+    tips = solution.joint_positions[:, -1]
+    hole = arm.base + arm.hole * arm.direction
+    leading = positions[:, -1] + arm.length > arm.hole
+    corners = np.vstack((hole, tips[leading]))
+    path = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(corners)])
+    outside = between[:, -1, None, None] + arm.joint_places[:-1, None] + arm.lengths[:, None] * share[:, 0] > arm.hole
+    worst = float(np.max(cKDTree(path).query(places[outside])[0]))
+    bound = next(check for check in solution.checks if check.name == "following the tip").worst
+    assert worst <= bound <= 1.3 * worst + 2e-4

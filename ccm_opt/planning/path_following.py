@@ -1,13 +1,11 @@
 """Motions in space along a path that the user gives: the tip stays on it, and the arm follows.
 
-An arm on a feed axis is slid along the path, joint behind joint (``OwnPath``).
+An arm on a feed axis is slid along the path, joint behind joint (``OwnPath``). Other arms are fitted to it
+(``path_fit``).
 """
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import FloatArray
@@ -17,68 +15,19 @@ from ccm_opt.planning.ends import describe_contact
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.leader_motion import OwnPath
 from ccm_opt.planning.limits.following import FOLLOWING_SHARE, FollowingLimit
+from ccm_opt.planning.path_fit import fitted_path
 from ccm_opt.planning.path_on_limits import certified_samples
 from ccm_opt.planning.slides import feeds_to_end
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.tip_path import SAMPLES, TipPath
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 
 _STRAIGHT = 1e-9
 """Bends up to which joints count as straight, and excess of limits that counts as rounding [rad, m]."""
-_FINE = 400
-"""Number of samples of the path per arm length. Heuristic: their chords deviate by less than a millionth of the length
-from an arc of 90 degrees over the arm."""
-
-
-@dataclass(frozen=True, eq=False)
-class TipPath:
-    """The path of a tip: the natural cubic spline through given points over their chord lengths.
-
-    Attributes:
-        points: the points, shape (m ≥ 2, 3) [m].
-        spacing: maximum spacing of the samples by which arc lengths are measured [m].
-    """
-
-    points: FloatArray
-    spacing: float
-
-    @cached_property
-    def _curve(self) -> CubicSpline:
-        chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        return CubicSpline(np.concatenate(([0.0], np.cumsum(chords))), self.points, bc_type="natural")
-
-    @cached_property
-    def _parameter(self) -> CubicSpline:
-        """The spline's parameter over the arc length."""
-        ends = self._curve.x
-        count = max(4, int(np.ceil(ends[-1] / self.spacing)))
-        places = np.union1d(ends, np.linspace(0.0, ends[-1], 4 * count + 1))
-        # The trapezoidal rule for the speed, whose ends are corrected by the chords' own middle (Simpson).
-        middle = 0.5 * (places[:-1] + places[1:])
-        speed, between = (np.linalg.norm(self._curve(at, 1), axis=1) for at in (places, middle))
-        arcs = np.diff(places) * (speed[:-1] + 4.0 * between + speed[1:]) / 6.0
-        return CubicSpline(np.concatenate(([0.0], np.cumsum(arcs))), places)
-
-    @property
-    def length(self) -> float:
-        """Arc length of the path [m]."""
-        return float(self._parameter.x[-1])
-
-    def at(self, arcs: FloatArray) -> FloatArray:
-        """Return the points at arc lengths (k,) [m], shape (k, 3) [m]."""
-        return np.asarray(self._curve(self._parameter(arcs)))
-
-    def tangents(self, arcs: FloatArray) -> FloatArray:
-        """Return the unit vectors along the path at arc lengths (k,) [m], shape (k, 3)."""
-        slopes = self._curve(self._parameter(arcs), 1)
-        return np.asarray(slopes / np.linalg.norm(slopes, axis=1, keepdims=True))
-
-    @cached_property
-    def samples(self) -> FloatArray:
-        """Points along the path, at most ``spacing`` apart, shape (k, 3) [m]."""
-        count = max(2, int(np.ceil(self.length / self.spacing)) + 1)
-        return self.at(np.linspace(0.0, self.length, count))
+_KEYFRAMES = 61
+"""Number of keyframes, which are taken from the path. Heuristic."""
 
 
 def motion_along(task: SpaceTask, points: FloatArray, tolerance: float, within: float | None) -> JointPath:
@@ -102,12 +51,8 @@ def motion_along(task: SpaceTask, points: FloatArray, tolerance: float, within: 
         raise ProblemError(
             f"goal.path begins {short_length(away)} from the tip at the start; begin it at [{where}], or move the start"
         )
-    path = TipPath(np.vstack((tip, points[1:])), arm.length / _FINE)
-    slide = _slide(task, path)
-    spline = path_near_configurations(slide, task)
-    if spline is None:
-        _refuse_beyond_limits(arm, slide)
-        raise MotionNotFound(_touching(task, slide))
+    path = TipPath(np.vstack((tip, points[1:])), arm.length / SAMPLES)
+    spline = fitted_path(arm, start, path) if arm.feed is None else _slid(task, path)
     q = np.asarray(spline(certified_samples(spline)))
     _refuse_beyond_limits(arm, q)
     if len(failing := task.certificate.failures(q)):
@@ -142,7 +87,7 @@ def motion_along(task: SpaceTask, points: FloatArray, tolerance: float, within: 
                 {"leader_deviation_m": behind},
             )
         )
-    keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(slide))))
+    keyframes = np.asarray(spline(np.linspace(0.0, 1.0, _KEYFRAMES)))
     return JointPath(spline, keyframes, (), "along goal.path")
 
 
@@ -191,11 +136,12 @@ def _distance(points: FloatArray, path: FloatArray) -> float:
     return float(np.max(np.linalg.norm(points - path[found - 1] - share[:, None] * legs, axis=1)))
 
 
-def _slide(task: SpaceTask, path: TipPath) -> FloatArray:
-    """Return keyframes (K, c) of an arm that slides along the path of its tip.
+def _slid(task: SpaceTask, path: TipPath) -> BSpline:
+    """Return a certified path of configurations on which a fed arm slides along the path of its tip.
 
     Raises:
         ProblemError: the arm is bent at the start.
+        MotionNotFound: the arm exceeds a limit, or touches something.
     """
     arm, start = task.arm, task.start
     if np.any(np.abs(start[: 2 * arm.links]) > _STRAIGHT):
@@ -209,4 +155,8 @@ def _slide(task: SpaceTask, path: TipPath) -> FloatArray:
     pose = arm.configuration(np.zeros(2 * arm.links), float(last))
     slide = OwnPath(arm, pose, 0.0, way).slide(feed, np.inf)
     slide[0] = start
-    return slide
+    spline = path_near_configurations(slide, task)
+    if spline is None:
+        _refuse_beyond_limits(arm, slide)
+        raise MotionNotFound(_touching(task, slide))
+    return spline

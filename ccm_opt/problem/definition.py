@@ -233,8 +233,8 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 
 
 def _path_defects(name: str, goal: TipGoal, path: FloatArray, arm: Arm) -> Iterator[str]:
-    if arm.dimension == 2 or arm.feed is None:
-        yield f"{name}.path is for arms in space with a feed axis; leave it out"
+    if arm.dimension == 2 or not arm.base_axes:
+        yield f"{name}.path is for arms in space whose base moves; leave it out"
         return
     found = tuple(array_defects(f"{name}.path", path, (max(len(path), 2), 3), positive=False))
     yield from found

@@ -1,14 +1,17 @@
 """Checks of how far an arm with a feed axis is from the path of its tip, and the tip from a path given for it."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
+from ccm_opt.robot.arc_sections import arc_deviation
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.chain_motion import ChainMotion, base_displacement
@@ -29,12 +32,16 @@ _AHEAD = 3.0
 """Longest way on a given path that is searched for the tip's next place, as a multiple of the tip's step. Heuristic."""
 _NEWTON_STEPS = 3
 """Number of steps of Newton's method onto a given path. Heuristic."""
+_WINDOW = 128
+"""Number of vertices of the tip path that may lie between those near to a part of a link over a step. Heuristic."""
+_LEAST_SPACING = 0.5
+"""Least way of the tip between two vertices of its path, as a fraction of the spacing of the vertices. Heuristic."""
 _CHUNK = 200
 """Number of poses whose distances from the tip path are computed per batch."""
 
 
 def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTrajectory) -> list[Check]:
-    """Check how far the arm deviates from its tip path at all samples; return [] if the problem sets no bound.
+    """Check how far the arm deviates from its tip path at all times; return [] if the problem sets no bound.
 
     The reference path to a goal is the arm's centre line outside the guide tube when the motion to that goal begins,
     followed by the path of the tip.
@@ -49,7 +56,7 @@ def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTraj
         return []
     worst, where = 0.0, "t = 0.0000 s"
     for first, last in pairwise((0, *trajectory.stops, len(motion.time) - 1)):
-        away, sample, link = _farthest(problem.arm, motion, slice(first, last + 1), _SPACING * within)
+        away, sample, link = _farthest(motion, slice(first, last + 1), _SPACING * within)
         if away >= worst:
             worst, where = away, f"link {link + 1} at t = {motion.time[first + sample]:.4f} s"
     return [Check("following the tip", worst, within, "m", where, passed=worst <= within)]
@@ -119,29 +126,123 @@ def _off_path(tips: FloatArray, bends: FloatArray, points: FloatArray, within: f
     return np.asarray(np.maximum(away[:-1], away[1:]) + bends / 8.0 + bulge)
 
 
-def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> tuple[float, int, int]:
-    """Return the largest distance of any point of the arm outside the tube from the reference path [m].
+def _farthest(motion: ChainMotion, samples: slice, spacing: float) -> tuple[float, int, int]:
+    """Return a bound on the distance of the arm outside the tube from the reference path, at all times [m].
 
-    The distance comes with the index of the sample, counted within `samples`, and of the link where it occurs. All
-    three are 0 if the whole arm stays in the tube.
+    The bound comes with the index of the sample, counted within `samples`, and of the link where it occurs. All three
+    are 0 if the whole arm stays in the tube.
+
+    Every link is cut into parts. Over a step, a part leaves the bilinear interpolation of its ends at both samples by
+    at most an eighth of the bound on their second derivatives. So it is no farther from one of these four places than
+    half of its length and half of their way, and no farther from the path than the farthest of them and this. Nor is
+    the interpolation farther from the same one of four vertices of the path than these are from the places. Let the
+    path between the vertices be within β of a line. It passes every chord between two of its points there within 2 β,
+    so the interpolation of the vertices, a chord of chords, is within 4 β of the path.
     """
+    arm = motion.arm
     points = motion.points[samples]
-    along = base_displacement(arm, motion.positions[samples])[:, None] + arm.joint_places - arm.hole
+    along = _out_of_tube(arm, motion.positions[samples])
+    bows = motion.second_derivatives[samples.start : samples.stop - 1] / 8.0
     path = _path(arm, points, along, spacing)
     tree = cKDTree(path)
     share = np.arange(_PLACES + 1)[:, None] / _PLACES
     found = (0.0, 0, 0)
-    for begin in range(0, len(points), _CHUNK):
-        some = points[begin : begin + _CHUNK]
+    for begin in range(0, len(points) - 1, _CHUNK):
+        some = points[begin : begin + _CHUNK + 1]
         places = some[:, :-1, None] + share * (some[:, 1:, None] - some[:, :-1, None])
-        outside = along[begin : begin + _CHUNK, :-1, None] + arm.lengths[:, None] * share[:, 0] > 0.0
+        outside = along[begin : begin + _CHUNK + 1, :-1, None] + arm.lengths[:, None] * share[:, 0] > 0.0
         if not outside.any():
             continue
-        distance = np.asarray(tree.query(places[outside])[0])
-        k = int(np.argmax(distance))
-        sample, link, _ = (int(index[k]) for index in np.nonzero(outside))
-        found = max(found, (float(distance[k]), begin + sample, link))
-    return found
+        # What is inside the tube is on its axis, at whose end the path begins.
+        away, vertex = np.zeros(outside.shape), np.zeros(outside.shape, dtype=np.intp)
+        away[outside], vertex[outside] = tree.query(places[outside])
+        places[~outside] = path[0]
+        corners, vertices = _corners(places), _corners(vertex)
+        bow = np.maximum(bows[begin : begin + _CHUNK, :-1], bows[begin : begin + _CHUNK, 1:])[..., None]
+        least = np.max(_corners(away), axis=0) + bow
+        sides = (corners[0] - corners[1], corners[2] - corners[3], corners[0] - corners[2], corners[1] - corners[3])
+        part, part_after, way, way_beyond = (lengths_of(side) for side in sides)
+        bound = least + 0.5 * (np.maximum(part, part_after) + np.maximum(way, way_beyond))
+        floor = max(found[0], float(np.max(least)))
+        near = bound > floor
+        bound[near] = np.minimum(
+            bound[near],
+            np.broadcast_to(bow, bound.shape)[near] + _beside_path(path, corners[:, near], vertices[:, near]),
+        )
+        bound[~np.any(_corners(outside), axis=0)] = 0.0
+        k = int(np.argmax(bound))
+        sample, link, _ = (int(index) for index in np.unravel_index(k, bound.shape))
+        found = max(found, (float(bound.ravel()[k]), begin + sample, link))
+    if arm.sections is None:
+        return found
+    # The links are tangents of the true arcs.
+    beside = float(np.max(arc_deviation(2.0 * arm.sections.arcs, arm.sections.turn_limits)))
+    return found[0] + beside, *found[1:]
+
+
+def _beside_path(path: FloatArray, corners: FloatArray, vertices: IntArray) -> FloatArray:
+    """Return bounds on the distance from a path of the bilinear interpolations of four places each, shape (k,) [m].
+
+    Where the path passes more than once, the vertices nearest to the first place count for all four.
+
+    Args:
+        path: vertices, shape (m, d) [m].
+        corners: the places, shape (4, k, d) [m].
+        vertices: index of a vertex near each place, shape (4, k).
+    """
+    low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
+    again = np.flatnonzero(high - low > _WINDOW)
+    vertices = vertices.copy()
+    window = np.clip(vertices[0, again, None] + np.arange(-_WINDOW // 2, _WINDOW // 2 + 1), 0, len(path) - 1)
+    for corner in range(1, 4):
+        off = lengths_of(path[window] - corners[corner, again, None])
+        vertices[corner, again] = window[np.arange(len(again)), np.argmin(off, axis=1)]
+    low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
+    return np.asarray(np.max(lengths_of(corners - path[vertices]), axis=0) + 4.0 * _bulges(path, low, high))
+
+
+def _out_of_tube(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Return the distances of joints and tip from the tube's end along the arm, (T, links + 1) [m]; ∞ without a tube.
+
+    Distances are negative in the tube.
+
+    Args:
+        arm: arm whose base moves.
+        positions: configurations at T samples, shape (T, c) [rad, m].
+    """
+    if arm.feed is None:
+        return np.full((len(positions), arm.links + 1), np.inf)
+    return np.asarray(base_displacement(arm, positions)[:, None] + arm.joint_places - arm.hole)
+
+
+def _corners(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the values at the ends of the parts of links at both ends of the steps, shape (4, T − 1, links, parts).
+
+    Args:
+        values: values at the ends of all parts of links at all samples, shape (T, links, parts + 1).
+    """
+    return np.stack((values[:-1, :, :-1], values[:-1, :, 1:], values[1:, :, :-1], values[1:, :, 1:]))
+
+
+def _bulges(path: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
+    """Return the largest distance of a polyline from the lines through two of its vertices, between them, (k,) [m].
+
+    Args:
+        path: vertices, shape (m, d) [m].
+        low: index of the first of two vertices, shape (k,).
+        high: index of the second, shape (k,).
+    """
+    start = path[low]
+    chord = path[high] - start
+    square = np.sum(chord**2, axis=1)
+    along = chord / np.where(square > 0.0, np.sqrt(square), 1.0)[:, None]
+    worst = np.zeros(len(low))
+    for step in range(1, int(np.max(high - low, initial=0))):
+        inner = np.flatnonzero(low + step < high)
+        off = path[low[inner] + step] - start[inner]
+        off -= np.sum(off * along[inner], axis=1)[:, None] * along[inner]
+        worst[inner] = np.maximum(worst[inner], lengths_of(off))
+    return worst
 
 
 def _path(arm: Arm, points: FloatArray, along: FloatArray, spacing: float) -> FloatArray:
@@ -154,10 +255,14 @@ def _path(arm: Arm, points: FloatArray, along: FloatArray, spacing: float) -> Fl
             [m].
         spacing: largest distance between consecutive points [m].
     """
-    hole = arm.base + arm.hole * arm.direction
+    hole = np.zeros((0, arm.dimension)) if arm.feed is None else (arm.base + arm.hole * arm.direction)[None]
     beyond = along[0] > 0.0
     leading = along[1:, -1] > 0.0
-    corners = np.concatenate((hole[None], points[0][beyond], points[1:, -1][leading]))
+    corners = np.concatenate((hole, points[0][beyond], points[1:, -1][leading]))
+    steps = lengths_of(np.diff(corners, axis=0))
+    # Where the tip is slow, not every sample is a vertex.
+    sections = np.floor(np.concatenate(([0.0], np.cumsum(steps))) / (_LEAST_SPACING * spacing))
+    corners = corners[np.concatenate((np.diff(sections) > 0.0, [True]))]
     steps = lengths_of(np.diff(corners, axis=0))
     parts = np.maximum(np.ceil(steps / spacing), 1.0).astype(np.intp)
     # Every segment of the path is divided into equal parts.

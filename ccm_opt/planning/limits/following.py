@@ -1,8 +1,8 @@
 """Deviation of a fed arm from the path of its leading tip, as numbers and as a limit on the motion.
 
-The leader's path is the centre line of the arm at the start of the motion, from the end of the guide tube (the hole)
-on, followed by the path of the tip. The deviation is the distance of the arm's centre line beyond the hole from the
-leader's path.
+The leader's path is the centre line of the arm at the start of the motion, from the end of the guide tube (the hole) on
+if there is one, followed by the path of the tip. The deviation is the distance of the arm's centre line beyond the hole
+from the leader's path.
 """
 
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None
     shares = (np.arange(_PLACES_PER_LINK) + 0.5) / _PLACES_PER_LINK
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
     along = arm.joint_places[:-1, None] + np.multiply.outer(arm.lengths, shares)
-    outside = arm.coordinates.advance(poses)[:, None, None] + along > arm.hole
+    outside = _feeds(arm, poses)[:, None, None] + along > arm.hole
     points = arm.embedded(places[outside])
     path = arm.embedded(leaders_path(arm, poses, joints))
     if len(points) == 0 or len(path) < 2:
@@ -79,14 +79,19 @@ def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
         poses: configurations along the motion, shape (T, c) [rad, m].
         joints: joints and tip at these configurations, shape (T, links + 1, d) [m].
     """
-    hole = arm.base + arm.hole * arm.direction
-    feeds = arm.coordinates.advance(poses)
+    hole = joints[0, 0] if arm.feed is None else arm.base + arm.hole * arm.direction
+    feeds = _feeds(arm, poses)
     outside = feeds[0] + arm.joint_places > arm.hole
     # A tip inside the tube leads nothing.
     leading = feeds[1:] + arm.length > arm.hole
     path = np.concatenate((hole[None], joints[0][outside], joints[1:, -1][leading]))
     far = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-3 * arm.link_length
     return path[np.concatenate(([True], far))]
+
+
+def _feeds(arm: Arm, poses: FloatArray) -> FloatArray:
+    """Return the position of the base on its feed axis for configurations (T, c), shape (T,) [m]; 0 without one."""
+    return np.zeros(len(poses)) if arm.feed is None else arm.coordinates.advance(poses)
 
 
 @dataclass(frozen=True)
