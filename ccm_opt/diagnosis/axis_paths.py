@@ -6,7 +6,7 @@ axis itself is such a path. Messages and findings call it a *way*.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from ccm_opt.diagnosis.gaps import Gaps, beside, depth_beyond
 from ccm_opt.diagnosis.named_goals import NamedTipGoal
 from ccm_opt.diagnosis.ranking import degrees, diameter_words, listed, point
 from ccm_opt.diagnosis.reach import angle_between, most_turn, within_reach
+from ccm_opt.diagnosis.sections import Part, parts_of
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
@@ -70,6 +71,7 @@ class AxisPaths(ABC):
         problem: the problem.
         place: the goal.
         until: deadline of the search.
+        part: the part of an arm of unequal links that the problem is about; None for a whole arm of equal links.
         shortest_is_proved: whether ``shortest`` is proved to be the shortest path that is wide enough.
         fed_from: text that says where the paths of a fed arm begin.
     """
@@ -79,6 +81,27 @@ class AxisPaths(ABC):
     problem: Problem
     place: NamedTipGoal
     until: Deadline
+    part: Part | None = field(default=None, kw_only=True)
+
+    @property
+    def who(self) -> str:
+        """What has to follow the paths, in messages."""
+        return "the arm" if self.part is None else self.part.section.name
+
+    @property
+    def part_words(self) -> str:
+        """What is too short for the paths, in messages."""
+        return "the arm" if self.part is None or not self.part.beyond else f"the arm as far as {self.who}"
+
+    @property
+    def ends_at(self) -> str:
+        """Text that says where the paths end: the goal, or near it where links beyond those of a part reach it."""
+        beyond = 0.0 if self.part is None else self.part.beyond
+        return f"within {long_length(beyond)} of the goal, where the links beyond reach it" if beyond else "the goal"
+
+    def keys(self, bounds: dict[str, float]) -> dict[str, float]:
+        """Return bounds with the keys of sections for those of links."""
+        return bounds if self.part is None else self.part.keys(bounds)
 
     @property
     def begin(self) -> str:
@@ -166,7 +189,14 @@ class AxisPaths(ABC):
 
 
 def axis_paths(problem: Problem, until: Deadline) -> Iterator[AxisPaths]:
-    """Yield, per tip goal of a problem, the paths of the arm's axis to that goal, searchable until a deadline."""
+    """Yield, per tip goal of a problem, the paths of the arm's axis to that goal, searchable until a deadline.
+
+    For an arm of unequal links there are those of each part of it that thinner links follow, and those of the whole.
+    """
+    if problem.arm.proportions is not None:
+        for part in parts_of(problem.arm):
+            yield from (replace(paths, part=part) for paths in axis_paths(part.problem(problem), until))
+        return
     # Imported on demand: only one of the two is ever needed, and most problems need neither.
     if problem.dimension == 2:
         from ccm_opt.diagnosis.planar_axis_paths import planar_axis_paths  # noqa: PLC0415
@@ -198,6 +228,7 @@ def _closed_off_goals(problem: Problem, until: Deadline) -> Iterator[AxisPaths]:
         if key in touched or not paths.closed:
             continue
         if key not in far or not paths.closed_to_short_arms or _is_detour(paths):
+            touched.add(key)  # of an arm of unequal links the thickest part says most
             yield paths
 
 
@@ -232,9 +263,11 @@ def _too_long(paths: AxisPaths) -> Finding:
             f"too short: every way that is wide enough is longer than its {long_length(arm.length)}; the shortest found"
         )
     only = "the arm is only" if arm.length == paths.problem.arm.length else "beyond the hole the arm reaches only"
+    only = only if paths.part is None else f"as far as {paths.who} the arm is only"
     return Finding(
         "too short",
-        f"{paths.place.key}: the arm is {lacking}{paths.begin} to the goal{round_what} is {long_length(paths.least)} "
+        f"{paths.place.key}: {paths.part_words} is {lacking}{paths.begin} to {paths.ends_at}{round_what} is "
+        f"{long_length(paths.least)} "
         f"long; {only} {long_length(arm.length)}{' long' * only.endswith('is only')}",
         key=paths.place.key,
         place=point(corner),
@@ -242,7 +275,7 @@ def _too_long(paths: AxisPaths) -> Finding:
         allowed=arm.length,
         obstacles=tuple(dict.fromkeys((*paths.opening(corner, closed=False), *walls))),
         way=path_corners(path),
-        bounds=paths.length_remedies(),
+        bounds=paths.keys(paths.length_remedies()),
     )
 
 
@@ -261,7 +294,7 @@ def _too_thick(paths: AxisPaths) -> Finding:
     opened = paths.opening(widest.place, closed=widest.closed)
     arm = paths.problem.arm
     clearance = paths.problem.workspace.clearance
-    bounds = {}
+    bounds: dict[str, float] = {}
     if widest.closed:
         who = opened[:3] or widest.walls
         if opened:
@@ -281,8 +314,9 @@ def _too_thick(paths: AxisPaths) -> Finding:
         gap = 2.0 * max(widest.most, widest.unbounded_excess)
         known = short_length(gap) if widest.exact else f"{short_length(gap)} at most"
         reason = (
-            f"the arm is too thick for every way to the goal; the widest leads through a gap of {known} "
-            f"{between(widest.walls)} at {at(widest.place)}; the arm has {diameter_words(paths.problem)}"
+            f"{paths.who} is too thick for every way to {paths.ends_at}; the widest leads through a gap of "
+            f"{known} "
+            f"{between(widest.walls)} at {at(widest.place)}; {paths.who} has {diameter_words(paths.problem)}"
         )
         if 0.0 < 2.0 * widest.most < _SPANNED * gap:
             within = short_length(2.0 * widest.most)
@@ -300,7 +334,7 @@ def _too_thick(paths: AxisPaths) -> Finding:
         allowed=2.0 * (arm.radius + clearance),
         obstacles=tuple(dict.fromkeys((*opened, *widest.walls))),
         way=path_corners(widest.path),
-        bounds=bounds,
+        bounds=paths.keys(bounds),
     )
 
 
@@ -315,7 +349,8 @@ def tight_passages(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     for paths in axis_paths(problem, until):
         found += _narrow(paths)
         found += _short(paths)
-        found += _stiff(paths)
+        # Bends are those of equal links.
+        found += _stiff(paths) if paths.part is None else ()
     return tuple(sorted(found, key=lambda finding: (finding.measured or 0.0) / max(finding.allowed or 0.0, 1e-300)))
 
 
@@ -331,7 +366,7 @@ def _narrow(paths: AxisPaths) -> Iterator[Finding]:
     need = 2.0 * paths.required_distance
     yield Finding(
         "too thick",
-        f"the arm has little clearance: no way to the goal within its length is wider than {short_length(gap)}, "
+        f"{paths.who} has little clearance: no way to the goal within its length is wider than {short_length(gap)}, "
         f"narrowest {between(widest.walls)} at {at(widest.place)}, and the arm takes {short_length(need)}",
         proved=False,
         place=point(widest.place),
@@ -339,7 +374,7 @@ def _narrow(paths: AxisPaths) -> Iterator[Finding]:
         allowed=need,
         obstacles=widest.walls,
         way=path_corners(widest.path),
-        bounds={"arm.radius": paths.problem.arm.radius},
+        bounds=paths.keys({"arm.radius": paths.problem.arm.radius}),
     )
 
 
@@ -357,7 +392,7 @@ def _short(paths: AxisPaths) -> Iterator[Finding]:
             proved=False,
             measured=paths.arm.length,
             allowed=length,
-            bounds={"arm.link_length": paths.problem.arm.link_length},
+            bounds=paths.keys({"arm.link_length": paths.problem.arm.link_length}),
         )
 
 

@@ -74,7 +74,7 @@ def three_links_turn(problem: Problem) -> Iterator[Finding]:
 
 def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
     # A fed base has no fixed centre of rotation, and in space the bends of three links need too many cells.
-    if problem.dimension == 3 or problem.arm.base_axes:
+    if problem.dimension == 3 or problem.arm.base_axes or problem.arm.proportions is not None:
         return
     start, *others = named_poses(problem)
     # A goal given as a curve does not determine the bends uniquely.
@@ -303,20 +303,26 @@ QUICK_CHECKS = tuple(check for check in NECESSARY_CHECKS if check is not axis_pa
 """All necessary checks except the search for axis paths, which takes long to explain its result."""
 
 
+def is_covered(arm: Arm) -> bool:
+    """Return whether the checks hold for an arm: one whose joints bend by themselves, fixed or on a feed axis."""
+    return arm.sections is None and not arm.carrier
+
+
 def failed(
     problem: Problem, checks: tuple[Check, ...] = NECESSARY_CHECKS, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
     """Return the findings of necessary checks, in the order of the checks.
 
-    There are none for an arm of unequal links, which the proofs do not cover.
+    There are none for an arm of sections that bend evenly, or on other axes than a feed axis, which the proofs do not
+    cover.
 
     Args:
         problem: the problem to check.
         checks: the checks to run.
         until: deadline after which no search is started; slow checks also have their own deadlines.
     """
-    if problem.arm.proportions is not None:
-        return ()  # the proofs take all links to be equal
+    if not is_covered(problem.arm):
+        return ()
     last = until or Deadline.never()
     return find_scaled(problem, lambda p: (each for check in checks for each in _found(check, p, last)))
 
@@ -339,8 +345,8 @@ def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]
 
 def is_goal_closed_off(problem: Problem, until: Deadline) -> bool:
     """Return whether it is proved for any goal that no path of the arm's axis is wide and short enough."""
-    if problem.arm.proportions is not None:
-        return False  # the proof takes all links to be equally thick
+    if not is_covered(problem.arm):
+        return False
     scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
     return is_any_goal_closed_off(scaled, until)
 

@@ -12,6 +12,7 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.gaps import Gaps, ObstacleGap, gaps_of
 from ccm_opt.diagnosis.named_goals import NamedPose, NamedTipGoal, named_poses, named_tip_goals
 from ccm_opt.diagnosis.ranking import point
+from ccm_opt.diagnosis.sections import link_words, section_at
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
@@ -58,12 +59,14 @@ def _touched_by_links(problem: Problem, gaps: Gaps, pose: NamedPose) -> Iterator
     first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
     if not len(segments):
         return
-    need = arm.radius + problem.workspace.clearance
-    for found in gaps.touched(segments, need):
+    needs = arm.radii[first:] + problem.workspace.clearance
+    for found in gaps.touched(segments, float(np.max(needs))):
         # One finding per obstacle; it is proved if the goal's tolerances cannot free all links.
-        k = int(np.argmin(found.gaps))
-        touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", found, k, 0.0)
-        lacking = need - found.gaps - found.error - pose.displacement_bounds(arm)[first:]
+        k = int(np.argmin(found.gaps - needs))
+        if found.gaps[k] >= needs[k] - ROUNDING:
+            continue  # only a thicker link would touch it
+        touch = _touch(problem, pose.name, pose.key, link_words(arm, first + k), found, k, 0.0, first + k)
+        lacking = needs - found.gaps - found.error - pose.displacement_bounds(arm)[first:]
         yield replace(touch, proved=bool(np.max(lacking) > touching_overlap(arm)))
 
 
@@ -80,19 +83,21 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: NamedTipGoal) -> Iterat
     what = "the tip"
     back = np.zeros_like(tip)
     if place.goal.direction is not None:
-        visible = min(arm.link_length, arm.length - arm.mount_length)
+        visible = min(float(arm.lengths[-1]), arm.length - arm.mount_length)
         back = visible * place.goal.direction / np.linalg.norm(place.goal.direction)
-        what = f"link {arm.links}"
+        what = link_words(arm, arm.links - 1)
         # The last link may be shifted by the position tolerance and turned about the tip by the heading tolerance.
         allowance += visible * place.tolerances.heading
     body = np.stack((tip - back, tip))[None]
-    need = arm.radius + problem.workspace.clearance
+    need = arm.tip_radius + problem.workspace.clearance
     for found in gaps.touched(body, need):
         if found.gaps[0] + found.error + allowance - need < -touching_overlap(arm):
-            yield _touch(problem, place.name, place.key, what, found, 0, allowance)
+            yield _touch(problem, place.name, place.key, what, found, 0, allowance, arm.links - 1)
 
 
-def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, allowance: float) -> Finding:
+def _touch(
+    problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, allowance: float, link: int
+) -> Finding:
     """Return the finding of one contact, with the radius and the clearance that would just avoid the contact.
 
     Args:
@@ -103,8 +108,9 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         found: gaps to the obstacle.
         k: index of the segment in contact.
         allowance: amount by which tolerances may widen the gap [m].
+        link: index of the link in contact.
     """
-    radius = problem.arm.radius
+    radius = float(problem.arm.radii[link])
     clearance = problem.workspace.clearance
     gap = float(found.gaps[k])
     where = at(found.places[k])
@@ -118,9 +124,9 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         # Rounding is not given as a length.
         near = short_length(gap - radius if gap - radius > ROUNDING else 0.0)
         how = f"{what} has a clearance of {near} to '{found.name}' at {where}, {short_length(clearance)} is required"
-    bounds = {}
+    bounds: dict[str, float] = {}
     if (thinnest := gap + allowance - clearance) > 0.0:
-        bounds["arm.radius"] = thinnest
+        bounds |= _thinner(problem.arm, link, thinnest)
     if (nearest := gap + allowance - radius) >= 0.0 and clearance > 0.0:
         bounds["workspace.clearance"] = nearest
     return Finding(
@@ -135,6 +141,17 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
     )
 
 
+def _thinner(arm: Arm, link: int, radius: float) -> dict[str, float]:
+    """Return by key the radius that a link may have at most [m], for links that taper that of the thickest; or none."""
+    if radius <= ROUNDING:
+        return {}
+    if arm.proportions is None:
+        return {"arm.radius": radius}
+    section = section_at(arm, link)
+    widest = float(np.max(arm.radii[section.first : section.end]))
+    return {section.key("radius"): radius * widest / float(arm.radii[link])}
+
+
 def _self_touched(arm: Arm, pose: NamedPose) -> Iterator[Finding]:
     """Yield a finding for the pair of non-adjacent links that overlap most in a pose, if any do."""
     i, j = arm.self_pairs
@@ -142,8 +159,9 @@ def _self_touched(arm: Arm, pose: NamedPose) -> Iterator[Finding]:
         return
     points = arm.joint_positions_at(pose.q)
     distances = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
-    k = int(np.argmin(distances))
-    overlap = 2.0 * arm.radius - float(distances[k])
+    k = int(np.argmin(distances - arm.radii[i] - arm.radii[j]))
+    thick = float(arm.radii[i[k]] + arm.radii[j[k]])
+    overlap = thick - float(distances[k])
     allowance = pose.displacement_bounds(arm)
     # In the plane, even links of zero thickness cannot pass through each other.
     crossing = arm.dimension == 2 and distances[k] <= ROUNDING
@@ -159,7 +177,7 @@ def _self_touched(arm: Arm, pose: NamedPose) -> Iterator[Finding]:
         place=point(points[i[k]]),
         measured=overlap,
         allowed=0.0,
-        bounds={"arm.radius": 0.5 * float(distances[k])} if distances[k] > ROUNDING else {},
+        bounds=_thinner(arm, int(j[k]), float(arm.radii[j[k]]) * float(distances[k]) / thick),
     )
 
 
@@ -196,7 +214,7 @@ def _lighter(problem: Problem, pose: NamedPose) -> FloatArray:
     nearer = np.cumsum((weights * moved)[::-1])[::-1][: arm.links] + carried * allowance
     # In space, bends also tilt the joint's axes, which changes the load of a moment M by at most M times the angle.
     if arm.coordinates.bends_a_joint > 1:
-        lever = arm.link_length * (arm.links - np.arange(arm.links))
+        lever = arm.places_from_tip[:-1]
         nearer = nearer + carried * lever * pose.rotation_bounds(arm)
     return np.repeat(nearer, 3)
 

@@ -15,6 +15,7 @@ from ccm_opt.diagnosis.checks import (
     QUICK_CHECKS,
     failed,
     find_scaled,
+    is_covered,
     is_goal_closed_off,
     provably_infeasible,
 )
@@ -59,7 +60,7 @@ def _curve(problem: Problem) -> Iterator[Finding]:
 
     The finding names the violated constraints. Only planar problems with a fixed base are checked.
     """
-    if problem.arm.base_axes or problem.dimension == 3:
+    if problem.arm.base_axes or problem.dimension == 3 or problem.arm.proportions is not None:
         return
     try:
         ends = resolve_ends(problem)
@@ -150,8 +151,8 @@ def explain_failure(problem: Problem, error: NoPlanFound, trials: Trials, stages
         trials: solves changed problems in the remaining time.
         stages: receives the diagnosis as it grows.
     """
-    if problem.arm.proportions is not None:
-        return error  # causes and changes are known for arms of equal links
+    if not is_covered(problem.arm):
+        return error
     stages = stages or Stages()
     checked = failed(problem)
     # Likely causes are of no use once there is a proof; an overload concerns only the path that was found.

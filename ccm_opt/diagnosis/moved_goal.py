@@ -319,10 +319,10 @@ def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
     reached = places
     if goal.direction is not None:
         for share in np.linspace(0.0, 1.0, _LINK_SAMPLES)[1:]:
-            back = share * arm.link_length * goal.direction
+            back = share * float(arm.lengths[-1]) * goal.direction
             places = shapely.intersection(places, affinity.translate(reached, *back))
     places = shapely.intersection(places, base.buffer(_STRETCH * arm.length))
-    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
+    nearest = 0.0 if arm.proportions else least_chord(arm.links, arm.link_length, arm.joint_limit)
     too_near = base.buffer(max(nearest, 0.0))
     left: shapely.Geometry = shapely.difference(places, too_near)
     return left

@@ -84,7 +84,7 @@ class NamedPose:
         """Return bounds on the displacement of each link within the tolerances of the pose, shape (links,) [m]."""
         # The displacements of all links up to link j add up at its end; a rotation moves a link by at most its chord.
         chords = 2.0 * np.sin(0.5 * self.rotation_bounds(arm))
-        return np.asarray(self.base_tolerance + arm.link_length * np.cumsum(chords))
+        return np.asarray(self.base_tolerance + np.cumsum(arm.lengths * chords))
 
 
 def named_poses(problem: Problem) -> Iterator[NamedPose]:

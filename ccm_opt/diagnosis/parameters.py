@@ -1,6 +1,6 @@
 """Values of a problem that may be relaxed, one at a time, and how each is read, changed and reported."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,8 +11,8 @@ from ccm_opt.core.errors import Finding, Relaxation
 from ccm_opt.core.length_words import METRES, file_length, in_unit
 from ccm_opt.diagnosis.gaps import WORKSPACE_NAMES
 from ccm_opt.diagnosis.named_goals import named_poses, named_tip_goals
+from ccm_opt.diagnosis.sections import Section, as_cylinders, sections_of, with_section
 from ccm_opt.problem import Problem
-from ccm_opt.robot.arm import Arm
 
 Read = Callable[[Any], float]
 """Function that reads a number from a problem, in the plane or in space."""
@@ -105,21 +105,7 @@ def _with_radius(problem: Problem, radius: float) -> Problem:
     """
     arm = problem.arm
     mount = radius if arm.mount_length == arm.radius else arm.mount_length
-    return replace(problem, arm=_as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
-
-
-def _as_cylinders(old: Arm, new: Arm) -> Arm:
-    """Return a new arm, with inertias of solid cylinders if the inertias of the old arm are of this kind."""
-    given = (old.inertia_axial, old.inertia_transverse)
-    if new.radius <= 0.0 or not all(map(np.allclose, given, _cylinder_inertia(old))):
-        return new
-    axial, transverse = _cylinder_inertia(new)
-    return replace(new, inertia_axial=axial, inertia_transverse=transverse)
-
-
-def _cylinder_inertia(arm: Arm) -> tuple[FloatArray, FloatArray]:
-    """Return the axial and transverse inertias of links that are solid cylinders, each of shape (links,) [kg m²]."""
-    return arm.masses * arm.radius**2 / 2.0, arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
+    return replace(problem, arm=as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
 
 
 def _with_feed_range(problem: Problem, high: float) -> Problem:
@@ -196,7 +182,7 @@ LENGTH = Parameter(
     "arm.link_length",
     +1,
     lambda p: p.arm.link_length,
-    lambda p, v: replace(p, arm=_as_cylinders(p.arm, replace(p.arm, link_length=v))),
+    lambda p, v: replace(p, arm=as_cylinders(p.arm, replace(p.arm, link_length=v))),
     lambda p, v: f"arm length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
     lambda p: p.arm.links * _per_file_unit(p),
     _no_curves,
@@ -240,6 +226,60 @@ MASS = Parameter(
 )
 PARAMETERS = (RADIUS, CLEARANCE, FEED_RANGE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
 """All parameters that may be relaxed, in the order in which they are tried if nothing else decides."""
+_OF_LINKS = (RADIUS, LENGTH, JOINT_LIMIT)
+"""Parameters of links, which every section of an arm of unequal links has for itself."""
+
+
+def parameters_of(problem: Problem) -> tuple[Parameter, ...]:
+    """Return the parameters of a problem that may be relaxed: those of links section by section, if links differ."""
+    if problem.arm.proportions is None:
+        return PARAMETERS
+    shared = tuple(each for each in PARAMETERS if each not in _OF_LINKS)
+    return (*(of for each in sections_of(problem.arm) for of in _of_section(each)), *shared)
+
+
+def _of_section(section: Section) -> Iterator[Parameter]:
+    """Yield the radius, link length and joint limit of a section; the greatest, of links that differ within it."""
+    links = slice(section.first, section.end)
+
+    def scaled(key: str, read: Read) -> Write:
+        return lambda p, v: replace(p, arm=with_section(p.arm, section, key, v / read(p)))
+
+    def limit(problem: Problem) -> float:
+        limits = problem.arm.bend_limits.reshape(problem.arm.links, -1)[max(section.first, 1) : section.end]
+        return float(np.max(limits, initial=0.0))
+
+    def radius(problem: Problem) -> float:
+        return float(np.max(problem.arm.radii[links]))
+
+    def length(problem: Problem) -> float:
+        return float(problem.arm.lengths[section.first])
+
+    thick, long, bent = (section.key(key) for key in ("radius", "link_length", "joint_limit_deg"))
+    yield replace(
+        RADIUS,
+        key=thick,
+        read=radius,
+        write=scaled("radius", radius),
+        words=lambda _, v: f"{thick} ? {file_length(v)}",
+        fits=lambda p: radius(p) > 0.0,
+    )
+    yield replace(
+        LENGTH,
+        key=long,
+        read=length,
+        write=scaled("link_length", length),
+        words=lambda _, v: f"{long} ? {file_length(v, 6)}",
+        scale=_per_file_unit,
+    )
+    yield replace(
+        JOINT_LIMIT,
+        key=bent,
+        read=limit,
+        write=scaled("joint_limit_deg", limit),
+        words=lambda _, v: f"{bent} ? {np.rad2deg(v):.4g}°",
+        fits=lambda p: limit(p) > 0.0,
+    )
 
 
 @dataclass(frozen=True)

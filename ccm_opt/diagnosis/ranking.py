@@ -1,5 +1,7 @@
 """Order in which findings are reported, the errors raised with findings, and text for their parts."""
 
+import re
+
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
@@ -47,7 +49,7 @@ def rank_findings(
         relaxations: relaxations with which the problem was solved, the smallest first.
         most: maximum number of findings returned.
     """
-    mended = [kind for relaxed in relaxations for kind in REPAIRED_KINDS.get(relaxed.key, ())]
+    mended = [kind for relaxed in relaxations for kind in REPAIRED_KINDS.get(_of_arm(relaxed.key), ())]
 
     def place(finding: Finding) -> tuple[bool, int, int, float]:
         by_change = len(mended)
@@ -59,6 +61,11 @@ def rank_findings(
 
     different = {finding.reason: finding for finding in findings}
     return tuple(sorted(different.values(), key=place))[:most]
+
+
+def _of_arm(key: str) -> str:
+    """Return the key of the whole arm for that of one of its sections."""
+    return re.sub(r"\.sections\[\d+\]", "", key)
 
 
 def refuse(findings: tuple[Finding, ...]) -> None:

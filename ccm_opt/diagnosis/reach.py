@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import brentq
@@ -12,6 +13,7 @@ from ccm_opt.core.length_words import in_metres, long_length
 from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.named_goals import NamedTipGoal, named_poses, named_tip_goals
 from ccm_opt.diagnosis.ranking import degrees, point
+from ccm_opt.diagnosis.sections import longer_sections, section_at, sections_of, with_section
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
@@ -43,7 +45,7 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
             place=point(goal),
             measured=least,
             allowed=arm.length,
-            bounds={"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)},
+            bounds={**longer_sections(arm, least - arm.length), **_feed_that_reaches(arm, place)},
         )
 
 
@@ -83,7 +85,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
         if bends[worst] - limits[worst] <= ROUNDING:
             continue
         joint = worst // a_joint
-        key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
+        key = _limit_key(arm, joint) if joint else "arm.base_limit_deg"
         yield Finding(
             "joint limit",
             f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, but its limit is "
@@ -93,8 +95,15 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
             measured=float(bends[worst]),
             allowed=float(limits[worst]),
             unit="rad",
-            bounds={key: float(np.max(bends[a_joint:] if joint else bends[:a_joint]))},
+            bounds={
+                key: float(np.max(bends[a_joint:] if joint and arm.proportions is None else bends[worst : worst + 1]))
+            },
         )
+
+
+def _limit_key(arm: Arm, joint: int) -> str:
+    """Return the key of the limit of a joint (index from 0) other than the first."""
+    return "arm.joint_limit_deg" if arm.proportions is None else section_at(arm, joint).key("joint_limit_deg")
 
 
 def within_bend_limits(problem: Problem) -> Iterator[Finding]:
@@ -103,7 +112,8 @@ def within_bend_limits(problem: Problem) -> Iterator[Finding]:
     for place in named_tip_goals(problem):
         turned = list(_turned_far_enough(arm, place))
         yield from turned
-        curled = [] if arm.base_axes else list(_can_curl(arm, place))
+        # The theorem by which an arm curls up least takes its links to be equal.
+        curled = [] if arm.base_axes or arm.proportions is not None else list(_can_curl(arm, place))
         yield from curled
         near = _from_base(arm, place.goal.position) - place.tolerances.position <= arm.length
         if near and not turned and not curled:
@@ -122,6 +132,16 @@ def most_turn(arm: Arm, limit: float) -> float:
     return float(min(limit, np.pi))
 
 
+def joint_turns(arm: Arm) -> FloatArray:
+    """Return the largest angle between the links before and beyond each joint, shape (links,) [rad]."""
+    if arm.proportions is None:
+        return np.append(most_turn(arm, arm.base_limit), np.full(arm.links - 1, most_turn(arm, arm.joint_limit)))
+    limits = arm.bend_limits.reshape(arm.links, -1)
+    greatest = np.minimum(np.max(limits, axis=1), np.pi)
+    both = np.arccos(np.prod(np.cos(np.minimum(limits, 0.5 * np.pi)), axis=1))
+    return np.asarray(np.where(greatest <= 0.5 * np.pi, both, greatest))
+
+
 def least_limit(arm: Arm, turn: float) -> float:
     """Return the least limit of each bend with which a joint can turn by an angle [rad]; inverts ``most_turn``."""
     if arm.coordinates.bends_a_joint > 1 and turn <= 0.5 * np.pi:
@@ -138,7 +158,7 @@ def _turned_far_enough(arm: Arm, place: NamedTipGoal) -> Iterator[Finding]:
     """
     towards = place.goal.position - arm.base
     distance = float(np.linalg.norm(towards))
-    base = most_turn(arm, arm.base_limit)
+    base = float(joint_turns(arm)[0])
     tip = place.goal.direction
     if tip is not None:
         turn = angle_between(tip, arm.direction) - place.tolerances.heading
@@ -172,10 +192,12 @@ def _insufficient_turn(arm: Arm, place: NamedTipGoal, what: str, turn: float, ba
         turn: required turn [rad].
         base: largest turn of the first joint; 0 if it does not contribute [rad].
     """
-    most = (arm.links - 1) * most_turn(arm, arm.joint_limit) + base
+    turns = joint_turns(arm)
+    beyond = float(np.sum(turns[1:])) if arm.proportions is not None else (arm.links - 1) * float(turns[1])
+    most = beyond + base
     if turn <= most + ROUNDING:
         return
-    bounds = {"arm.joint_limit_deg": least_limit(arm, (turn - base) / (arm.links - 1))}
+    bounds = _limits_that_turn(arm, turn - most)
     if base:
         bounds["arm.base_limit_deg"] = least_limit(arm, min(base + turn - most, np.pi))
     yield Finding(
@@ -189,6 +211,20 @@ def _insufficient_turn(arm: Arm, place: NamedTipGoal, what: str, turn: float, ba
         unit="rad",
         bounds=bounds,
     )
+
+
+def _limits_that_turn(arm: Arm, lacking: float) -> dict[str, float]:
+    """Return by key the joint limits with which all joints but the first turn farther by an angle [rad] in all."""
+    turns = joint_turns(arm)
+    if arm.proportions is None:
+        return {"arm.joint_limit_deg": least_limit(arm, float(turns[1]) + lacking / (arm.links - 1))}
+    found = {}
+    for section in sections_of(arm):
+        own = turns[max(section.first, 1) : section.end]
+        count = int(np.sum(own > 0.0))
+        if count and (needed := float(np.max(own)) + lacking / count) < np.pi:
+            found[section.key("joint_limit_deg")] = least_limit(arm, needed)
+    return found
 
 
 def _can_curl(arm: Arm, place: NamedTipGoal) -> Iterator[Finding]:
@@ -253,13 +289,13 @@ class TurnCaps:
         by at most l cos β, where β is the larger of the angles by which w is outside the cones.
         """
         arm = self.arm
-        turn = most_turn(arm, arm.joint_limit)
-        before = most_turn(arm, arm.base_limit) + turn * np.arange(arm.links)
+        turns = joint_turns(arm)
+        before = np.cumsum(turns)
         outside = _angles(directions, arm.direction)[:, None] - before
         if self.place.goal.direction is not None:
-            after = self.place.tolerances.heading + turn * np.arange(arm.links)[::-1]
+            after = self.place.tolerances.heading + np.append(np.cumsum(turns[:0:-1])[::-1], 0.0)
             outside = np.maximum(outside, _angles(directions, self.place.goal.direction)[:, None] - after)
-        return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
+        return np.asarray(np.cos(np.clip(outside, 0.0, np.pi)) @ arm.lengths)
 
     def missing(self, directions: FloatArray) -> FloatArray:
         """Return the arm's shortfall from the goal along directions (k, d), for the best base position, (k,) [m]."""
@@ -313,7 +349,7 @@ def _both_at_once(arm: Arm, place: NamedTipGoal) -> Iterator[Finding]:
     if missing <= touching_overlap(arm):
         return
     reached = "with its direction " if place.goal.direction is not None else ""
-    sharpest = degrees(most_turn(arm, arm.joint_limit))
+    sharpest = degrees(float(np.max(joint_turns(arm)[1:])))
     yield Finding(
         "too stiff",
         f"{place.key}: the arm cannot turn to the goal {reached}within its length: it is {long_length(missing)} too "
@@ -349,4 +385,18 @@ def _limits_that_reach(arm: Arm, place: NamedTipGoal, direction: FloatArray) -> 
             lambda value: replace(arm, link_length=value), arm.link_length, 10.0 * arm.link_length
         ),
     }
+    if arm.proportions is not None:
+        found = {"arm.base_limit_deg": found["arm.base_limit_deg"]}
+        for section in sections_of(arm):
+            limits = arm.bend_limits.reshape(arm.links, -1)[max(section.first, 1) : section.end]
+            given = {
+                "link_length": float(arm.lengths[section.first]),
+                "joint_limit_deg": float(np.max(limits, initial=0.0)),
+            }
+            for key, value in given.items():
+                most = 10.0 if key == "link_length" else np.pi / max(value, 1e-300)
+                factor = None
+                if value > 0.0 and most > 1.0:
+                    factor = least(partial(with_section, arm, section, key), 1.0, most)
+                found[section.key(key)] = None if factor is None else factor * value
     return {key: value for key, value in found.items() if value is not None}

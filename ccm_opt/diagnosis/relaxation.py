@@ -15,10 +15,10 @@ from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
 from ccm_opt.diagnosis.gaps import WORKSPACE_NAMES
 from ccm_opt.diagnosis.moved_goal import moved_goals, omissions
 from ccm_opt.diagnosis.parameters import (
-    PARAMETERS,
     Parameter,
     WholeChange,
     larger_bounds,
+    parameters_of,
     without_obstacle,
     without_term,
 )
@@ -208,7 +208,7 @@ def candidates(
     keys = [key for finding in relevant for key in finding.bounds]
     # Every proved finding must be resolved, or there is still no plan.
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
-    fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
+    fitting = [each for each in parameters_of(problem) if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
     room = larger_bounds(problem, proved)
     if room is not None:

@@ -343,7 +343,8 @@ def _each_link(
     bends = np.minimum(limits / table.joint_limit_deg, 1.0)
     bends[0] = base / np.max(base) if np.any(bends[0]) else 0.0
     bends = bends.ravel() if isinstance(table, SpaceArmTable) else bends[:, 0]
-    return lengths, radii, Proportions(lengths / table.link_length, shares, bends)
+    counts = tuple(each.links for each in table.sections or ())
+    return lengths, radii, Proportions(lengths / table.link_length, shares, bends, counts)
 
 
 def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:

@@ -29,11 +29,13 @@ class Proportions:
         radii: radius of each link over ``Arm.radius``, shape (links,), at most 1.
         limits: limit of each bend over ``Arm.joint_limit``, over ``Arm.base_limit`` for the first joint, joint by
             joint, shape (k links,) for k bends per joint, at most 1; 0 locks a bend.
+        counts: number of links of each section of the problem file, for messages; empty if there are none.
     """
 
     lengths: FloatArray
     radii: FloatArray
     limits: FloatArray
+    counts: tuple[int, ...] = ()
 
 
 class LinkLayout:
