@@ -43,7 +43,7 @@ def told(problem: Problem) -> Diagnosis:
 
 
 def drawn(seed: int, *, in_space: bool) -> Problem:
-    """A random arm of sections with a goal that it reaches in a pose among obstacles that touch neither it nor the start."""
+    """A random arm of sections with a goal that it reaches in a pose that, like the start, touches no obstacle."""
     rng = np.random.default_rng(seed)
     rows = [
         {

@@ -44,8 +44,8 @@ LENGTHS = frozenset(
     )
 )
 """Names of those numbers in the data of a diagnosis that are lengths and have to be converted to metres."""
-LENGTHS = (".radius", ".clearance", ".link_length", ".feed.range")
-"""Keys of the problem file whose values are lengths and may be bounded by a finding of a diagnosis."""
+LENGTH_KEYS = (".radius", ".clearance", ".link_length", ".feed.range")
+"""Ends of keys of the problem file whose values are lengths and may be bounded by a finding of a diagnosis."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ class OwnUnits:
             measured=measured,
             allowed=allowed,
             way=tuple(tuple(self.metres * x for x in place) for place in finding.way),
-            bounds={key: self.metres * x if key.endswith(LENGTHS) else x for key, x in finding.bounds.items()},
+            bounds={key: self.metres * x if key.endswith(LENGTH_KEYS) else x for key, x in finding.bounds.items()},
         )
 
     def _figure(self, key: str, value: object) -> object:
