@@ -304,8 +304,8 @@ QUICK_CHECKS = tuple(check for check in NECESSARY_CHECKS if check is not axis_pa
 
 
 def is_covered(arm: Arm) -> bool:
-    """Return whether the checks hold for an arm: one whose joints bend by themselves, fixed or on a feed axis."""
-    return arm.sections is None and not arm.carrier
+    """Return whether the checks hold for an arm: without tool, each joint by itself, fixed or on a feed axis."""
+    return arm.sections is None and not arm.carrier and arm.tool is None and arm.tool_links is None
 
 
 def failed(
@@ -313,8 +313,8 @@ def failed(
 ) -> tuple[Finding, ...]:
     """Return the findings of necessary checks, in the order of the checks.
 
-    There are none for an arm of sections that bend evenly, or on other axes than a feed axis, which the proofs do not
-    cover.
+    There are none for an arm with a tool, of sections that bend evenly, or on other axes than a feed axis, which the
+    proofs do not cover.
 
     Args:
         problem: the problem to check.
