@@ -233,7 +233,9 @@ def _joint(element: ET.Element) -> Joint:
     kind = element.get("type", "")
     if kind not in KNOWN_JOINTS:
         raise ProblemError(f"{where}: its type is '{kind}'; expected one of {', '.join(KNOWN_JOINTS)}")
-    ends = [end.get("link", "") if (end := element.find(tag)) is not None else "" for tag in ("parent", "child")]
+    parent, child = (
+        end.get("link", "") if (end := element.find(tag)) is not None else "" for tag in ("parent", "child")
+    )
     axis = np.array(_numbers(element.find("axis"), "xyz", 3, where, (1.0, 0.0, 0.0)))
     length = float(np.linalg.norm(axis))
     if kind in MOVING and length < _SHORTEST_AXIS:
@@ -243,7 +245,8 @@ def _joint(element: ET.Element) -> Joint:
     return Joint(
         name,
         kind,
-        *ends,
+        parent,
+        child,
         _placement(element, where),
         axis / (length or 1.0),
         lower,
