@@ -10,7 +10,14 @@ from ccm_opt.planning.curve_map import pose_with
 from ccm_opt.robot.arc_sections import arc_deviation
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
-from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
+from ccm_opt.verification.chain_motion import (
+    ChainMotion,
+    LinkFrames,
+    TimeIntervals,
+    acceleration_bounds,
+    chain_points,
+)
+from ccm_opt.verification.selfcollision import travels_in_frame
 from tests.arc_arms import arc_arm
 from tests.oracles.space_certificate import bows
 
@@ -97,3 +104,17 @@ def test_verifier_has_the_same_links(seed: int, share: float) -> None:
     frames = LinkFrames.from_configurations(arm, q[None])
     np.testing.assert_allclose(frames.along[0], arm.link_rotations(q)[:, :, 0], atol=1e-13)
     np.testing.assert_allclose(frames.across[0], arm.link_rotations(q)[:, :, 2], atol=1e-13)
+
+
+@given(SEEDS, st.sampled_from([0.02, 0.3, 1.0]))
+def test_travel_between_links_is_bounded(seed: int, share: float) -> None:
+    """No two links come nearer to each other from mid-interval than the verifier's bound, though both grow."""
+    arm = arc_arm((3, 4), (0.2, 0.3), limit=2.0)
+    middle, turns = bent(arm, seed, 1.0 - share), bent(arm, seed + 1, share)
+    motion = ChainMotion(arm, np.array([0.0, 1.0]), np.stack((middle - 0.5 * turns, middle + 0.5 * turns)))
+    i, j = np.triu_indices(arm.links, 2)
+    interval = TimeIntervals(np.array([0.0]), np.array([1.0]))
+    bound = travels_in_frame(motion, interval, np.zeros(len(i), dtype=np.intp), i, j)
+    poses = arm.joint_positions_at(middle + np.linspace(-0.5, 0.5, 21)[:, None] * turns)
+    gaps = np.stack([segment_distances(pose[i], pose[i + 1], pose[j], pose[j + 1])[2] for pose in poses])
+    assert np.all(gaps[10] - np.min(gaps, axis=0) <= bound + 1e-12)

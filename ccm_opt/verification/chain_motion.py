@@ -88,25 +88,19 @@ class LinkFrames:
     def _of_arcs(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
         """Compute the link frames where every joint turns by its bends b about y and a about z at the same time.
 
-        A turn by θ about a unit vector k takes v to cos θ v + sin θ k × v + (1 − cos θ) (k · v) k; at constant rates of
-        the bends, the mean of such turns by 0 to θ takes the rate of the rotation vector to the angular velocity.
+        At constant rates of the bends, the mean of the turns by 0 to θ takes the rate of the rotation vector to the
+        angular velocity.
         """
-        shape = (len(positions), arm.links, 3)
-        frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
-        basis = np.broadcast_to(arm.base_rotation.T, (len(positions), 3, 3))
-        bends = bend_pairs(arm, positions)
-        for link in range(arm.links):
-            vector = np.einsum("tb,tbd->td", bends[:, link, ::-1], basis[:, 1:])
-            angle = lengths_of(vector)[:, None, None]
-            about = vector[:, None] / np.maximum(angle, TINY)
-            along = np.sum(basis * about, axis=-1, keepdims=True) * about
-            across = np.cross(about, basis)
-            rates = np.sinc(angle / np.pi)
-            turning = rates * basis + 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2 * across + (1.0 - rates) * along
-            frames.second_axes[:, link], frames.first_axes[:, link] = turning[:, 1], turning[:, 2]
-            basis = np.cos(angle) * basis + np.sin(angle) * across + (1.0 - np.cos(angle)) * along
-            frames.along[:, link], frames.across[:, link] = basis[:, 0], basis[:, 2]
-        return frames
+        after = _arc_frames(arm, positions)
+        base = np.broadcast_to(arm.base_rotation, (len(after), 1, 3, 3))
+        before = np.concatenate((base, after[:, :-1]), axis=1)
+        angle, y, z = _arc_axes(arm, positions)
+        mean = np.sinc(angle / np.pi)
+        aside = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
+        first = np.stack((aside * y, (1.0 - mean) * y * z, mean + (1.0 - mean) * z**2), axis=-1)
+        second = np.stack((-aside * z, mean + (1.0 - mean) * y**2, (1.0 - mean) * y * z), axis=-1)
+        first, second = (np.matmul(before, axes[..., None])[..., 0] for axes in (first, second))
+        return cls(first, second, after[..., 0], after[..., 2])
 
     @classmethod
     def _in_plane(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
@@ -118,8 +112,41 @@ class LinkFrames:
         return cls(first, np.broadcast_to(left, across.shape), cosine * ahead + sine * up, across)
 
 
+def _arc_axes(arm: Arm, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the turns of the joints of arcs [rad], and y and z of the unit vectors about which they turn.
+
+    Each has shape (T, links); the unit vectors are in the frame of the link before the joint, and 0 where none turns.
+    """
+    pairs = bend_pairs(arm, positions)
+    angle = lengths_of(pairs)
+    unit = pairs / np.maximum(angle, TINY)[..., None]
+    return angle, unit[..., 1], unit[..., 0]
+
+
+def _arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Return the rotation matrices of links whose joints are those of arcs, shape (T, links, 3, 3).
+
+    A turn by θ about a unit vector k takes v to cos θ v + sin θ k × v + (1 − cos θ) (k · v) k.
+    """
+    angle, y, z = _arc_axes(arm, positions)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turns = np.empty((*angle.shape, 3, 3))
+    turns[..., 0, 0] = cos
+    turns[..., 0, 1], turns[..., 1, 0] = -sin * z, sin * z
+    turns[..., 0, 2], turns[..., 2, 0] = sin * y, -sin * y
+    turns[..., 1, 1], turns[..., 2, 2] = cos + (1.0 - cos) * y**2, cos + (1.0 - cos) * z**2
+    turns[..., 1, 2] = turns[..., 2, 1] = (1.0 - cos) * y * z
+    frames = np.empty_like(turns)
+    now = np.broadcast_to(arm.base_rotation, (len(turns), 3, 3))
+    for link in range(arm.links):
+        now = np.matmul(now, turns[:, link], out=frames[:, link])
+    return frames
+
+
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
+    if arm.sections is not None:
+        return _arc_frames(arm, positions)[..., 0]
     if arm.dimension == 3:
         return LinkFrames.from_configurations(arm, positions).along
     turned = _turned_in_plane(arm, positions) + _fixed_turns(arm)
@@ -277,6 +304,12 @@ class ChainMotion:
             return self.arm.lengths
         # Turns are convex in time between samples, and lengths grow with them.
         return np.asarray(np.max(tangent_lengths(self.arm, arc_turns(self.arm, self.positions)), axis=0))
+
+    @cached_property
+    def leg_rates(self) -> FloatArray:
+        """Greatest derivative of a tangent's length by the turn of its arc over the motion, (links,) [m/rad]."""
+        x = 0.5 * np.max(arc_turns(self.arm, self.positions), axis=0)
+        return np.asarray(0.25 * _arc_lengths(self.arm) * _tangent_rates(x))
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -444,18 +477,28 @@ def _growth_bounds(arm: Arm, most: FloatArray, changes: FloatArray) -> tuple[Flo
         most: greatest turn of each arc, shape (N, links) [rad].
         changes: greatest change of each rotation vector, shape (N, links) [rad].
     """
-    x = 0.5 * np.maximum(most, 0.02)
-    x = np.where(x < 0.5 * np.pi, x, np.inf)
-    with np.errstate(invalid="ignore"):
-        tan = np.where(np.isfinite(x), np.tan(x), np.inf)
+    x = np.maximum(0.5 * most, _SMALL)
+    meet = x < 0.5 * np.pi
+    tan = np.tan(np.where(meet, x, _SMALL))
     square = 1.0 + tan**2
-    arcs = _arc_lengths(arm)
-    first = np.where(np.isfinite(x), 0.25 * (x * square - tan) / x**2, np.inf) * changes
-    second = np.where(np.isfinite(x), 0.25 * (x**2 * square * tan - x * square + tan) / x**3, np.inf) * changes**2
-    legs = [np.where(arcs > 0.0, arcs * each, 0.0) for each in (first, second)]
+    bent = np.where(meet, (x**2 * square * tan - x * square + tan) / x**3, np.inf)
+    arcs = 0.25 * _arc_lengths(arm)
+    legs = [np.where(arcs > 0.0, arcs * each, 0.0) for each in (_tangent_rates(x) * changes, bent * changes**2)]
     ends = [np.concatenate((leg, np.zeros((len(leg), 1))), axis=1) for leg in legs]
     growing, bending = (end[:, :-1] + end[:, 1:] for end in ends)
     return tangent_lengths(arm, most), growing, bending
+
+
+_SMALL = 0.01
+"""Half turn of an arc below which bounds of a greater one are used, since differences would lose digits [rad]."""
+
+
+def _tangent_rates(half: FloatArray) -> FloatArray:
+    """Return (x sec² x − tan x) / x² of half turns x of arcs, which grows with them, inf where no tangents meet."""
+    x = np.maximum(half, _SMALL)
+    meet = x < 0.5 * np.pi
+    tan = np.tan(np.where(meet, x, _SMALL))
+    return np.asarray(np.where(meet, (x * (1.0 + tan**2) - tan) / x**2, np.inf))
 
 
 def half_travels(chords: FloatArray, second_derivatives: FloatArray) -> FloatArray:

@@ -245,19 +245,22 @@ def travels_in_frame(
         j: indices of the moving links, shape (P,).
     """
     arm = motion.arm
-    if arm.sections is not None:  # links grow while joints turn
-        return np.full(len(k), np.inf)
     turns = [motion.turned(at) for at in (intervals.low, intervals.middle, intervals.high)]
     turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
     # Arc lengths in mean lengths of links.
-    place = np.concatenate(([0.0], np.cumsum(arm.lengths / arm.link_length)))
+    place = np.concatenate(([0.0], np.cumsum(motion.longest_links / arm.link_length)))
     number = place[:-1] + 1.0
     plain = np.cumsum(turned, axis=1)
     weighted = np.cumsum(number * turned, axis=1)
     # Subtracting cumulative sums loses digits, so the bound includes the possible rounding error.
     rounding = 8.0 * (arm.links + len(motion.time)) * UNIT * arm.links * turns[2].sum(axis=1)
     between = (place[j + 1] + 1.0) * (plain[k, j] - plain[k, i]) - (weighted[k, j] - weighted[k, i])
-    return np.asarray(arm.link_length * (between + rounding[k]))
+    travels = arm.link_length * (between + rounding[k])
+    if arm.sections is not None:
+        # Joints i to j + 1 also change the lengths of links i to j, each of two links, which moves both links.
+        grown = np.concatenate((np.zeros((len(turned), 1)), np.cumsum(motion.leg_rates * turned, axis=1)), axis=1)
+        travels = travels + 4.0 * (grown[k, np.minimum(j + 2, arm.links)] - grown[k, i]) * (1.0 + 1e-9)
+    return np.asarray(travels)
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
