@@ -10,8 +10,11 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound, VerificationError
+from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.explain import refuse_closed
+from ccm_opt.driver.legs import Leg
+from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.dynamics import retiming
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import Problem
@@ -86,6 +89,12 @@ def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
 
 
 def _judged(problem: Problem, path: JointPath, planned: Run) -> Run:
+    if problem.dimension == 3:
+        try:
+            trajectory = timed_and_verified(problem, (Leg(problem, path),), Stages()).trajectory
+        except VerificationError as refusal:
+            return replace(planned, outcome="refused", reason=in_one_line(refusal))
+        return replace(planned, outcome="verified", duration=trajectory.duration, trajectory=trajectory)
     trajectory, states = timed(problem, path)
     checks = verify(problem, trajectory, states)
     refusals = [

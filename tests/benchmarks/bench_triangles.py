@@ -84,7 +84,7 @@ def refined(problem: Problem, count: int) -> Problem:
     meshes = [each.body for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
     cut = iter(np.split(*finer([mesh.triangles for mesh in meshes], count)))
     obstacles = tuple(
-        replace(each, body=remeshed(each.body, next(cut))) if isinstance(each.body, MeshBody) else each
+        replace(each, shape=remeshed(each.body, next(cut))) if isinstance(each.body, MeshBody) else each
         for each in problem.workspace.obstacles
     )
     return replace(problem, workspace=replace(problem.workspace, obstacles=obstacles), source="")
