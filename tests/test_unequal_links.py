@@ -21,6 +21,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
+from ccm_opt.robot.link_bodies import cylinder_inertia
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.contact_finder import SurfaceFinder, WallFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -382,3 +383,30 @@ def test_the_reach_of_a_tapered_arm_is_mapped() -> None:
     found = ccm_opt.reach_map(posed(arm, goal=(0.2, 0.1, 0.1)), step=0.15)
     assert found.reachable.sum() > 10
     assert not np.any(found.reachable & found.proved)
+
+
+def test_a_misspelt_key_of_sections_is_the_only_defect() -> None:
+    """What sections stand for is not missing as well."""
+    row = {"links": 4, "link_length": 0.05, "radius": 0.01, "joint_limit_deg": 40}
+    arm = {"section": [row], "base": {"position": (0.0, 0.0, 0.0)}}
+    with pytest.raises(ProblemFileError) as error:
+        posed(arm)
+    assert [issue.key for issue in error.value.issues] == ["arm.section"]
+
+
+def test_a_contact_tolerance_beside_sections_is_refused_by_its_key() -> None:
+    """As for equal links, by the length of all sections."""
+    row = {"links": 4, "link_length": 0.05, "radius": 0.01, "joint_limit_deg": 40}
+    data = problem_data(posed(sections(row, {**row, "radius": 0.008})))
+    with pytest.raises(ProblemFileError, match=r"verification\.contact_tolerance: expected at most a thousandth"):
+        problem_from_mapping({**data, "verification": {"contact_tolerance": 0.5e-3}})
+    problem_from_mapping({**data, "verification": {"contact_tolerance": 0.3e-3}})
+
+
+def test_cylinders_of_another_length_are_cylinders() -> None:
+    """Their moments of inertia are those of their own mass and length."""
+    arm = space_arm(40)
+    axial, transverse = cylinder_inertia(arm.masses, 0.02, arm.lengths)
+    coarse = replace(arm, inertia_axial=axial, inertia_transverse=transverse).with_links(24)
+    own = cylinder_inertia(coarse.masses, 0.02, coarse.lengths)
+    np.testing.assert_allclose((coarse.inertia_axial, coarse.inertia_transverse), own, rtol=1e-12)

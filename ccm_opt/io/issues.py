@@ -255,7 +255,9 @@ class Issues:
                 else:
                     unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
                 self.add((*path, *key), unknown)
-                renamed.add((*key[:-1], guess or ""))
+                rules = getattr(model, "rules", None)
+                meant = (guess or "", *(rules.replaces.get(guess, ()) if rules and len(key) == 1 else ()))
+                renamed.update((*key[:-1], each) for each in meant)
         for detail in details:
             key = _real_path(detail["loc"], table)
             if detail["type"] != "extra_forbidden" and not (detail["type"] == "missing" and key in renamed):

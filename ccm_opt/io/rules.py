@@ -2,17 +2,24 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import METRES, LengthUnit, file_length, message_unit
+from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
 from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
-from ccm_opt.io.schema_tables import SECTION_KEYS, ArmTable, ChainTable, LimitsTable, SectionTable, Table
+from ccm_opt.io.schema_tables import (
+    SECTION_KEYS,
+    ArmTable,
+    ChainTable,
+    LimitsTable,
+    SectionTable,
+    Table,
+    VerificationTable,
+)
 from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.definition import LOCKED_ON_FEED
 from ccm_opt.problem.field_types import odd_times
@@ -37,8 +44,8 @@ KNOWN = frozenset(
 def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mapping[str, type[Table]]) -> None:
     """Report violations of the rules between keys.
 
-    These are rules about alternative keys, keys that require others, obstacles of the same name, keys about the feed,
-    and the contact tolerance.
+    These are rules about alternative keys, keys that require others, obstacles of the same name, and keys about the
+    feed.
 
     Args:
         data: the parsed problem file.
@@ -64,7 +71,6 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
                 issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
     _check_feed_keys(data, issues)
     _check_base_axes(data, issues)
-    _check_contact(data, issues)
     _check_sections(data, issues)
 
 
@@ -174,17 +180,6 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
     for key, only in (("method", "nlp"), ("retiming", "toppra")):
         if lookup(data, ("planner", key)) not in {None, only}:
             issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
-
-
-def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
-    """Report a contact tolerance so large that plans could pass through walls; it is meant for rounding errors only."""
-    path: KeyPath = ("verification", "contact_tolerance")
-    tolerance, links, length = (lookup(data, place) for place in (path, ("arm", "links"), ("arm", "link_length")))
-    if not isinstance(tolerance, (int, float)) or not isinstance(links, int) or not isinstance(length, (int, float)):
-        return  # absent, or of a wrong type, which is reported elsewhere
-    with suppress(OverflowError):  # far too large numbers are reported elsewhere
-        if tolerance > MOST_CONTACT_SHARE_OF_LENGTH * links * length > 0.0:
-            issues.add(path, f"expected at most a thousandth of the arm's length; got {tolerance:g}")
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
@@ -334,6 +329,15 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
     for k, each in enumerate(sections):
         if each.locked and arm.base_axes and arm.dimension == 2:
             issues.add((*where, k, "locked"), LOCKED_ON_FEED)
+
+
+def check_contact(arm: ChainTable, table: VerificationTable, issues: Issues) -> None:
+    """Report a contact tolerance so large that plans could pass through walls; it is meant for rounding errors only."""
+    tolerance = table.contact_tolerance
+    if tolerance is not None and tolerance > MOST_CONTACT_SHARE_OF_LENGTH * arm.links * arm.link_length > 0.0:
+        given = f"{in_unit(tolerance, message_unit()):g}"
+        path: KeyPath = ("verification", "contact_tolerance")
+        issues.add(path, f"expected at most a thousandth of the arm's length; got {given}")
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:

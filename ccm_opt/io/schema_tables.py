@@ -273,12 +273,14 @@ class Rules(NamedTuple):
         otherwise: another way to satisfy ``exactly_one``, in words, appended to the error message.
         at_most_one: two keys of which at most one may be given.
         needs: for each key that requires others, the keys of which at least one must be given too.
+        replaces: for each key that stands for required ones, these.
     """
 
     exactly_one: tuple[str, ...] = ()
     otherwise: str = ""
     at_most_one: tuple[str, ...] = ()
     needs: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    replaces: Mapping[str, tuple[str, ...]] = MappingProxyType({})
 
 
 class Table(BaseModel):
@@ -551,7 +553,7 @@ def _unlocked(section: Mapping[str, Any], first: int) -> int:
 class ChainTable(Table):
     """Keys that the tables of planar arms and of arms in space have in common."""
 
-    rules = Rules(at_most_one=("link_mass", "masses"))
+    rules = Rules(at_most_one=("link_mass", "masses"), replaces=dict.fromkeys(("sections", "urdf"), SECTION_KEYS))
 
     urdf: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,

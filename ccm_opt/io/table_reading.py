@@ -27,6 +27,7 @@ from ccm_opt.io.rules import (
     check_alternatives,
     check_arm,
     check_base,
+    check_contact,
     check_drawing,
     check_limit_lists,
     check_limited_points,
@@ -204,6 +205,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
     arm_is_whole = check_arm(table, issues)
     if arm_is_whole and table.sections:
         check_unequal_links(build_arm(table), table.sections, issues)
+    if found["verification"] is not None:
+        check_contact(table, found["verification"], issues)
     if found["limits"] is not None:
         check_limit_lists(table, found["limits"], issues)
         check_limited_points(table, found["limits"], issues)

@@ -215,13 +215,17 @@ class Arm(LinkLayout):
     def with_links(self, links: int) -> "Arm":
         """Return an arm of the same length and total mass with another number of links, all of them equal."""
         share = self.links / links
+        length = self.length / links
+        mass = share * float(np.mean(self.masses))
+        # Of a link of another length, without what its mass along its axis contributes.
+        around = np.maximum(self.inertia_transverse - self.masses * self.lengths**2 / 12.0, 0.0)
         return replace(
             self,
             links=links,
-            link_length=self.length / links,
-            masses=np.full(links, share * float(np.mean(self.masses))),
+            link_length=length,
+            masses=np.full(links, mass),
             inertia_axial=np.full(links, share * float(np.mean(self.inertia_axial))),
-            inertia_transverse=np.full(links, share * float(np.mean(self.inertia_transverse))),
+            inertia_transverse=np.full(links, share * float(np.mean(around)) + mass * length**2 / 12.0),
             clamped_joints=int(np.ceil(self.clamped_joints / self.links * links)),
             proportions=None,
         )
