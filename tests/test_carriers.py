@@ -1,21 +1,30 @@
 """Arms on axes of any kind: kinematics, their derivatives and bounds, and the verifier's own."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from hypothesis import given
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.core.native import NativeCall
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
+from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.planning.curve_map import pose_with
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import BaseAxis
+from ccm_opt.robot.coordinates import DriveLimits, Limits
+from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
 
 LINKS = 5
+PROBLEMS = Path(__file__).parents[1] / "problems"
 seeds = st.integers(0, 2**32)
 counts = st.integers(1, 6)
 
@@ -131,3 +140,78 @@ def test_efforts_are_the_power_that_a_motion_takes(seed: int, axes: int) -> None
     energies = np.array([energy(q, v) for q, v in zip(states[0], states[1], strict=True)])
     weights = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / (60.0 * h)
     np.testing.assert_allclose(power, weights @ energies, rtol=1e-4, atol=1e-3)
+
+
+@given(seed=seeds, axes=counts)
+@settings(max_examples=25)
+def test_exported_models_have_the_same_kinematics_and_dynamics(seed: int, axes: int) -> None:
+    """MuJoCo and Pinocchio read the arm with its axes, and give its places and the efforts of a motion."""
+    mujoco = pytest.importorskip("mujoco")
+    pin = pytest.importorskip("pinocchio")
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    gravity = rng.normal(0.0, 9.0, 3)
+    q, v, a = rng.uniform(-0.8, 0.8, (3, len(arm.coordinates)))
+    bends, base = arm.coordinates.bends, arm.coordinates.base
+    revolutes = tuple(revolute_angles(arm, each[None, bends]) for each in (q, v, a))
+    efforts = InverseDynamics(arm, gravity).with_base(revolutes, (q[None, base], v[None, base], a[None, base]))
+    ours = np.concatenate([efforts[1][0], efforts[0][0]])
+    state = [np.concatenate((each[base], of_arm[0])) for each, of_arm in zip((q, v, a), revolutes, strict=True)]
+    tip = arm.joint_positions_at(q)[-1]
+
+    model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", gravity))
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel, data.qacc = state
+    mujoco.mj_inverse(model, data)
+    np.testing.assert_allclose(data.site("tip").xpos, tip, atol=1e-9)
+    np.testing.assert_allclose(data.qfrc_inverse, ours, rtol=1e-8, atol=1e-7)
+
+    bounds = DriveLimits(*(np.ones(axes) for _ in range(4)))
+    limits = Limits(np.ones(3 * LINKS), np.ones(3 * LINKS), axes=bounds)
+    model = pin.buildModelFromXML(urdf_text(arm, "arm", limits))
+    order = [model.joints[model.getJointId(name)].idx_q for name in (*arm.coordinates.base_names, *joint_names(arm))]
+    data = model.createData()
+    placed = np.zeros(model.nq)
+    placed[order] = state[0]
+    pin.framesForwardKinematics(model, data, placed)
+    np.testing.assert_allclose(data.oMf[model.getFrameId("tip")].translation, tip, atol=1e-9)
+    model.gravity.linear = gravity
+    moving = np.zeros((2, model.nv))
+    moving[:, order] = state[1:]
+    # The inertia of drives is not part of a URDF.
+    drives = np.append([axis.inertia for axis in arm.carrier], np.zeros(3 * LINKS)) * state[2]
+    np.testing.assert_allclose(pin.rnea(model, data, placed, *moving)[order] + drives, ours, rtol=1e-8, atol=1e-7)
+
+
+@pytest.mark.planning
+def test_a_gantry_brings_the_arm_before_the_hole() -> None:
+    """The plan passes the verifier, and each axis moves."""
+    problem = ccm_opt.load_problem(PROBLEMS / "space" / "wing-box-gantry.toml")
+    solution = ccm_opt.solve(problem)
+    moved = np.ptp(solution.trajectory.base_positions, axis=0)
+    assert np.all(moved > 0.01)
+    assert all(check.passed for check in solution.checks)
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        (("acceleration = 0.5", "acceleration = 0.01"), "arm.base.axes[0].acceleration", "cannot brake"),
+        (("axis = [1.0, 0.0, 0.0]", "axis = [0.0, 0.0, 0.0]"), "arm.base.axes[0].axis", ""),
+        (("range = [-0.4, 0.3]", "range = [0.3, -0.4]"), "arm.base.axes[0].range", "lower < upper"),
+        (('kind = "prismatic"', 'kind = "revolute"'), "arm.base.axes[0].range", "not for a revolute axis"),
+        (("[limits]", "[limits]\ntip_velocity = 1.0"), "limits.tip_velocity", "not supported"),
+        (("[start]", "[start]\naxes = [0.0]"), "start.axes", "3 axes"),
+    ],
+)
+def test_defects_of_axes_are_named(change: tuple[str, str], key: str, words: str, tmp_path: Path) -> None:
+    """By key, with what is expected."""
+    folder = PROBLEMS / "space"
+    text = (folder / "wing-box-gantry.toml").read_text().replace(*change, 1)
+    for mesh in folder.glob("wing*.stl"):
+        (tmp_path / mesh.name).write_bytes(mesh.read_bytes())
+    (tmp_path / "gantry.toml").write_text(text)
+    with pytest.raises(ProblemFileError) as refused:
+        ccm_opt.load_problem(tmp_path / "gantry.toml")
+    assert key in str(refused.value)
+    assert words in str(refused.value)

@@ -427,7 +427,8 @@ def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> FloatArray | float
     Where other axes carry the base, their positions are returned, shape (k,) [m, rad], by default those nearest to 0.
     """
     if arm.carrier:
-        if not isinstance(table, SpacePoseTable) or table.axes is None:
+        # Lists of a wrong length are reported elsewhere.
+        if not isinstance(table, SpacePoseTable) or len(table.axes or ()) != len(arm.carrier):
             return np.array([min(max(0.0, axis.low), axis.high) for axis in arm.carrier])
         both = np.array(table.axes)
         return np.array([both[k, int(axis.revolute)] for k, axis in enumerate(arm.carrier)])

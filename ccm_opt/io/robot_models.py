@@ -451,11 +451,15 @@ def mjcf_text(
         model.remove(asset)
     actuators = ET.SubElement(model, "actuator")
     place, turn = arm.base_position, arm.base_rotation
+    if arm.carrier:
+        parent = _add_carriage(parent, actuators, arm)
+        place, turn = np.zeros(3), np.eye(3)
     for ball, group in groupby(revolutes(arm, bends_only=bends_only), key=lambda revolute: revolute.ball):
         parent = ET.SubElement(parent, "body", name=f"link{ball:02d}", pos=numbers(place), quat=_quaternion(turn))
-        for attributes in _base_joints(arm) if ball == 1 else ():
-            ET.SubElement(parent, "joint", attributes)
-            ET.SubElement(actuators, "motor", name=f"{attributes['name']}_motor", joint=attributes["name"])
+        for axis in (arm.feed,) if ball == 1 and arm.feed is not None else ():
+            span = numbers((axis.low, axis.high))
+            ET.SubElement(parent, "joint", name=FEED, type="slide", axis="1 0 0", range=span)
+            ET.SubElement(actuators, "motor", name=f"{FEED}_motor", joint=FEED)
         for revolute in group:
             # MuJoCo takes an empty range as none, and a joint without a range as free.
             limit = max(revolute.limit, _LOCKED)
@@ -475,12 +479,22 @@ def mjcf_text(
     return ET.tostring(model, encoding="unicode") + "\n"
 
 
-def _base_joints(arm: Arm) -> Iterator[dict[str, str]]:
-    """Yield the attributes of the MJCF joint of each axis that carries the arm, in the frame of its first link."""
-    if arm.feed is not None:
-        span = numbers((arm.feed.low, arm.feed.high))
-        yield {"name": FEED, "type": "slide", "axis": "1 0 0", "range": span}
-    for name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=bool(arm.carrier)):
+def _add_carriage(world: ET.Element, actuators: ET.Element, arm: Arm) -> ET.Element:
+    """Add the body on which the axes that carry an arm act, and their motors, to an MJCF model; return the body."""
+    place, turn = numbers(arm.base_position), _quaternion(arm.base_rotation)
+    # MuJoCo takes up to six joints on a body, so the arm's first link has none of these.
+    carriage = ET.SubElement(world, "body", name="carriage", pos=place, quat=turn)
+    inertia = " ".join([number(FRAME_INERTIA)] * 3)
+    ET.SubElement(carriage, "inertial", pos="0 0 0", mass=number(FRAME_MASS), diaginertia=inertia)
+    for attributes in _carrier_joints(arm):
+        ET.SubElement(carriage, "joint", attributes)
+        ET.SubElement(actuators, "motor", name=f"{attributes['name']}_motor", joint=attributes["name"])
+    return carriage
+
+
+def _carrier_joints(arm: Arm) -> Iterator[dict[str, str]]:
+    """Yield the attributes of the MJCF joint of each axis that carries the arm, in the frame of its base."""
+    for name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=True):
         into = arm.base_rotation.T
         attributes = {
             "name": name,
