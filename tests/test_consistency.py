@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
-from ccm_opt.verification.consistency import check_consistency
+from ccm_opt.verification.consistency import check_consistency, check_keyframes
 from ccm_opt.verification.newton_euler import drive_efforts
+from tests.arms import plain_arm
 from tests.pinned.scenes import LINKS, plan_of, states_of
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -79,3 +81,16 @@ def test_velocities_may_err_by_what_a_trapezoid_does(share: float, passes: bool)
     speeds = np.full((SAMPLES, LINKS), share * 0.25 * step * limit)
     check, _ = judged(bends, speeds, step, limit)
     assert check.passed is passes
+
+
+@given(SEEDS, st.integers(6, 12), st.booleans())
+def test_a_clamped_spline_passes_near_keyframes_on_a_line(seed: int, count: int, backward: bool) -> None:
+    """Where the third lies amid its neighbours, the fourth alone draws the path off it, at either end."""
+    keyframes = np.cumsum(np.random.default_rng(seed).normal(size=(count, 4)), axis=0)
+    keyframes[3] = 2.0 * keyframes[2] - keyframes[1]
+    keyframes = keyframes[::-1] if backward else keyframes
+    knots = np.concatenate((np.zeros(3), np.arange(count - 2.0), np.full(3, count - 3.0)))
+    time = np.linspace(0.0, count - 3.0, 4001)
+    positions = BSpline(knots, keyframes, 3)(time)
+    check = check_keyframes(plain_arm(4), JointTrajectory(time, positions, positions, positions), keyframes)
+    assert check.passed

@@ -298,6 +298,14 @@ Heuristic: the paper's planner samples headings; errors of 0.02 were measured in
 """
 
 
+_CLAMPED_THIRD_SHARE = 1e-4
+"""Additional allowed distance from the third keyframe, as a fraction of the second difference at the fourth.
+
+The last but two keyframe is treated alike. Derived: twice t³ / 6 at t = 0.066, where a clamped uniform cubic B-spline
+with even steps passes its third control point, after the first knot.
+"""
+
+
 def check_keyframes(
     arm: Arm,
     trajectory: JointTrajectory,
@@ -329,6 +337,8 @@ def check_keyframes(
         # Near a clamped end, the fourth control point, and with it the second difference at the third, has the weight
         # t³ / 6, and a path with even steps is nearest to the second control point at t = 0.42.
         allowed[[1, -2]] += _CLAMPED_SHARE * bent[[1, -2]]
+    if len(bent) > 2:
+        allowed[[2, -3]] += _CLAMPED_THIRD_SHARE * bent[[2, -3]]
     points = trajectory.positions * scale
     pieces = np.diff(points, axis=0)
     # A motion that was given a new goal under way has keyframes only from that stop on.

@@ -60,7 +60,7 @@ class Drawn:
             tapers = rng.random() < 0.5
             row: dict[str, Any] = {
                 "links": count,
-                "link_length": round(rng.uniform(0.02, 0.12), 4),
+                "link_length": round(float(rng.uniform(0.02, 0.12)), 4),
                 "radius": [round(radius, 4), round(radius * rng.uniform(0.3, 1.7), 4)] if tapers else round(radius, 4),
                 "joint_limit_deg": round(rng.uniform(15.0, 90.0), 1),
             }
@@ -135,8 +135,8 @@ class Drawn:
         rng = self.rng
         size = rng.uniform(0.01, 0.06)
         near = points.reshape(-1, points.shape[-1])
-        at = near[rng.integers(len(near))] + rng.normal(0.0, 0.08, near.shape[1])
-        at = at if rng.random() < 0.7 else rng.uniform(*bounds)
+        at: FloatArray = near[rng.integers(len(near))] + rng.normal(0.0, 0.08, near.shape[1])
+        at = at if rng.random() < 0.7 else bounds[0] + rng.random(len(at)) * (bounds[1] - bounds[0])
         kind = rng.integers(3)
         half = size * rng.uniform(0.5, 1.5, len(at))
         if kind == 0 and self.space:

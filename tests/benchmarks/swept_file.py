@@ -56,7 +56,7 @@ class FileArm:
         def radius(row: Keys, count: int) -> Any:
             if np.ndim(row["radius"]) == 0:
                 return row["radius"]
-            ends = np.linspace(*row["radius"], count + 1)
+            ends = np.linspace(row["radius"][0], row["radius"][1], count + 1)
             return np.maximum(ends[:-1], ends[1:])
 
         return self._each(radius)
@@ -138,7 +138,7 @@ class FileArm:
     def mounted(self) -> FloatArray:
         """Share of each link that belongs to the mount, shape (links,)."""
         mount = self.table.get("mount_length", self.radii[0])
-        return np.clip((mount - self.places[:-1]) / self.lengths + 1e-9, 0.0, 1.0)
+        return np.asarray(np.clip((mount - self.places[:-1]) / self.lengths + 1e-9, 0.0, 1.0))
 
     def exposed(self, points: FloatArray) -> Iterator[tuple[int, FloatArray, FloatArray]]:
         """Yield each link beyond the mount with the two ends of its axis, each of shape (T, d) [m]."""
