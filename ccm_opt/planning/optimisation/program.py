@@ -57,12 +57,14 @@ class QuadraticStep:
         slack: slack of every part of every interval, in nominal links, shape (parts,).
         multipliers: multipliers of the constraints over intervals, at least 0, shape (constraints,) [1/m].
         pull: multipliers of the tip's position at the goal, shape (d,) [1/m]; 0 if the last keyframe is fixed.
+        entered: indices of the inequalities that the QP had in the end, shape (e,).
     """
 
     change: FloatArray
     slack: FloatArray
     multipliers: FloatArray
     pull: FloatArray
+    entered: IntArray
 
 
 @dataclass(frozen=True)
@@ -125,12 +127,15 @@ class KeyframeProgram:
         prices: price of one nominal link of slack in each part of each interval, shape (parts,).
         curvature: second derivatives of the constraints, weighted by their multipliers; None if not known.
         damping: weight on the squared rotations of the links in the step.
+        first: indices of inequalities with which the QP is solved first if there are many, such as those of another
+            step from the same motion, shape (e,); None for the tightest.
     """
 
     motion: LinearMotion
     prices: FloatArray
     curvature: RowCurvature | None
     damping: float
+    first: IntArray | None = None
 
     @property
     def _intervals(self) -> int:
@@ -145,7 +150,7 @@ class KeyframeProgram:
         """Return the solution of the QP, or None if the solver fails."""
         p = self.width - self.motion.sweep.parts
         motion = self.motion
-        result, multipliers = self._solved()
+        result, multipliers, entered = self._solved()
         if result is None:
             return None
         # Rows were divided by a nominal length, so multipliers are divided, too, to belong to rows in metres.
@@ -153,7 +158,8 @@ class KeyframeProgram:
         d = motion.rows.normal.shape[1]
         pull = np.zeros(d) if motion.end_fixed else np.asarray(result.y)[:d] / motion.unit
         multipliers = np.maximum(multipliers[: len(motion.active)], 0.0) / motion.unit
-        return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
+        change = np.vstack((np.zeros(p), x[:, :p]))
+        return QuadraticStep(change, np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull, entered)
 
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
         """Return the cause that keeps the least clearance of the motion from growing.
@@ -169,7 +175,7 @@ class KeyframeProgram:
                 motion could still be improved, but no step that does so was accepted.
         """
         motion = self.motion
-        result, multipliers = self._solved()
+        result, multipliers, _ = self._solved()
         if result is None:
             return None
         x = np.asarray(result.x)
@@ -220,8 +226,8 @@ class KeyframeProgram:
         length = float((undamped.hessian() @ x + self.gradient()) @ force) - costs
         return {"length": max(-length, 0.0), "costs": max(-costs, 0.0)}
 
-    def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the result of the QP solver PIQP, and the multipliers of all inequalities, shape (m,).
+    def _solved(self) -> tuple[Any, FloatArray, IntArray]:
+        """Return PIQP's result, the multipliers of all m inequalities, (m,), and the indices of those used, (e,).
 
         The result is None if the solver fails. Multipliers are positive at upper and negative at lower bounds.
 
@@ -236,12 +242,12 @@ class KeyframeProgram:
             entered = np.arange(len(upper))
         else:
             matrix = matrix.tocsr()
-            entered = _largest(np.maximum(lower, -upper), stage, _TIGHTEST)
+            entered = _largest(np.maximum(lower, -upper), stage, _TIGHTEST) if self.first is None else self.first
         while True:
             some = matrix if len(entered) == len(upper) else matrix[entered].tocsc()
             result = _solve(*fixed, some, lower[entered], upper[entered], self.lower_bounds())
             if result is None or result.info.status != piqp.PIQP_SOLVED or not np.isfinite(result.x).all():
-                return None, upper
+                return None, upper, entered
             reached = matrix @ np.asarray(result.x)
             excess = np.maximum(lower - reached, reached - upper)
             excess[entered] = 0.0
@@ -249,7 +255,7 @@ class KeyframeProgram:
             if len(violated) == 0:
                 multipliers = np.zeros(len(upper))
                 multipliers[entered] = np.asarray(result.z_u) - np.asarray(result.z_l)
-                return result, multipliers
+                return result, multipliers, entered
             entered = np.union1d(entered, violated[_largest(excess[violated], stage[violated], _TIGHTEST)])
 
     def hessian(self) -> Any:
