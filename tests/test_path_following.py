@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,7 +139,7 @@ def test_bad_paths_are_named_by_key_and_line() -> None:
     ):
         with pytest.raises(ccm_opt.ProblemError, match=words):
             parse_problem(PROBLEM.replace("PATH", lines))
-    with pytest.raises(ccm_opt.ProblemError, match=r"line \d+: goal\.path: only allowed together with arm\.feed"):
+    with pytest.raises(ccm_opt.ProblemError, match=r"line \d+: goal\.path: only allowed together with"):
         with_path(BEND, **{"feed = { range": "# ", "feed_": "# ", "follow_within": "# "})
     with pytest.raises(ccm_opt.ProblemError, match="same point twice"):
         with_path([BEND[0], BEND[0], BEND[1]])
@@ -205,3 +206,27 @@ def test_the_bound_on_following_holds_between_samples(solution: Solution) -> Non
     worst = float(np.max(cKDTree(path).query(places[outside])[0]))
     bound = next(check for check in solution.checks if check.name == "following the tip").worst
     assert worst <= bound <= 1.3 * worst + 2e-4
+
+
+def test_a_tendon_driven_arm_on_six_axes_follows_a_scanned_path() -> None:
+    """From the file to the verified plan: the tip exactly, the arm within the bound, and both again from the folder."""
+    problem = ccm_opt.load_problem(Path(__file__).parent.parent / "problems" / "space" / "scanned-path.toml")
+    solution = ccm_opt.solve(problem)
+    checks = {check.name: check for check in solution.checks}
+    assert all(check.passed for check in solution.checks)
+    assert checks["goal path"].worst < 1e-6
+    assert checks["following the tip"].worst < 0.015
+    assert solution.metrics["leader_deviation_mean_m"] < 0.015 * problem.arm.length
+    again = problem_from_mapping(problem_data(problem))
+    assert np.allclose(again.arm.axis_rows, problem.arm.axis_rows)
+    assert again.goal.path is not None
+
+
+@pytest.mark.parametrize("kept", ["follow_within", "axes"])
+def test_sections_on_axes_need_a_path(kept: str) -> None:
+    """Other goals of such arms are refused by key and line."""
+    text = (Path(__file__).parent.parent / "problems" / "space" / "scanned-path.toml").read_text()
+    begin = text.index("path = [")
+    text = text[:begin] + "position = [0.3, 0.1, 0.1]\n" + text[text.index("[planner]") :]
+    with pytest.raises(ccm_opt.ProblemError, match=rf"line \d+: .*{kept}: .*only"):
+        parse_problem(text)

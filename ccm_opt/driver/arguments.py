@@ -60,8 +60,13 @@ def refuse_without_effect(problem: Problem) -> None:
     """
     found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
-    if problem.planner.follow_within is not None and problem.arm.feed is None:
-        lines.append("planner.follow_within: only allowed together with arm.feed; leave it out for a fixed base")
+    arm = problem.arm
+    along = bool(arm.carrier) and all(stop.goal.path is not None for stop in problem.goals)
+    if problem.planner.follow_within is not None and arm.feed is None and not along:
+        lines.append(
+            "planner.follow_within: only allowed together with arm.feed, or with arm.base.axes and goal.path; "
+            "leave it out"
+        )
     if lines:
         raise ProblemError(f"problem '{problem.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in lines))
 

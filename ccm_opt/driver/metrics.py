@@ -37,14 +37,14 @@ class LeaderDeviation:
 
 
 def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ()) -> LeaderDeviation | None:
-    """Return how far an arm on a feed axis deviates from the path of its tip; None for an arm without a feed axis.
+    """Return how far an arm whose base moves deviates from the path of its tip; None for an arm on a fixed base.
 
     Args:
         arm: the arm.
         positions: configurations at T samples of the motion, with c coordinates each, shape (T, c) [rad, m].
         stops: indices of the samples at which the arm rests at intermediate goals, each of which begins a new tip path.
     """
-    if arm.feed is None:
+    if not arm.base_axes:
         return None
     parts = []
     for first, last in pairwise((0, *stops, len(positions) - 1)):
@@ -146,7 +146,9 @@ def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]
 
 
 def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return figures of merit of how closely an arm on a feed axis follows its tip path; empty for a fixed base."""
+    """Return figures of merit of how closely an arm follows its tip path, on a feed axis or along given paths."""
+    if problem.arm.feed is None and not all(stop.goal.path is not None for stop in problem.goals):
+        return {}
     found = leader_deviation(problem.arm, trajectory.positions, trajectory.stops)
     if found is None:
         return {}

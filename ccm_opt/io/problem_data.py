@@ -178,18 +178,22 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
     if arm.proportions is not None:
         entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
         if arm.sections is not None:
-            return _driven_arm(arm, arm.sections, entries).written(unit)
+            return _driven_arm(arm, arm.sections, limits, entries).written(unit)
         base = arm.base_limit * arm.proportions.limits[: arm.bends_a_joint]
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
-        axes = [_axis_table(arm, number, limits) for number in range(len(arm.carrier))] or None
-        of_base = BaseTable.from_object(arm, position=arm.base, axes=axes)
-        return SpaceArmTable.from_object(arm, base=of_base, **entries).written(unit)
+        return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries).written(unit)
     return ArmTable.from_object(arm, **entries).written(unit)
 
 
-def _driven_arm(arm: Arm, sections: ArcSections, entries: Mapping[str, object]) -> SpaceArmTable:
+def _base_table(arm: Arm, limits: Limits | None) -> BaseTable:
+    """Return the base of an arm in space, with the axes that carry it and their limits, as a table."""
+    axes = [_axis_table(arm, number, limits) for number in range(len(arm.carrier))] or None
+    return BaseTable.from_object(arm, position=arm.base, axes=axes)
+
+
+def _driven_arm(arm: Arm, sections: ArcSections, limits: Limits | None, entries: Mapping[str, object]) -> SpaceArmTable:
     """Return an arm whose sections bend evenly as the table ``[arm]`` of a problem file."""
     rows = [
         SectionTable.from_object(
@@ -207,7 +211,7 @@ def _driven_arm(arm: Arm, sections: ArcSections, entries: Mapping[str, object]) 
     ]
     unused = ("inertia", "masses", "base_limit_deg", "payload", "rotor_inertia", "friction")
     given = {**entries, **dict.fromkeys(unused), "sections": rows}
-    return SpaceArmTable.from_object(arm, base=BaseTable.from_object(arm, position=arm.base), **given)
+    return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **given)
 
 
 def _pair(limits: FloatArray) -> float | list[float]:

@@ -80,6 +80,11 @@ def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
     return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
 
 
+def _are_paths(data: Mapping[str, object]) -> bool:
+    """Return whether every goal of a problem file is a path of the tip."""
+    return all(lookup(data, (*path, "path")) is not None for path in goal_paths(data))
+
+
 def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> list[str]:
     return [kind for kind in kinds if lookup(data, (*path, kind)) is not None]
 
@@ -133,6 +138,7 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
 
 
 _UNMODELLED = 'the dynamics of sections with drive = "section" are not modelled; leave it out'
+_NEEDS_PATH = 'for sections with drive = "section" only together with goal.path; leave it out'
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
 _OF_DYNAMICS = (
     *(("arm", key) for key in ("link_mass", "masses", "inertia", "payload", "rotor_inertia", "friction")),
@@ -140,11 +146,11 @@ _OF_DYNAMICS = (
 )
 _UNSUPPORTED = (
     *(("arm", key) for key in ("base_limit_deg", "feed", "tool", "bodies")),
-    ("arm", "base", "axes"),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
     ("tolerance", "joint_error_deg"),
-    ("planner", "follow_within"),
 )
+_UNLESS_ALONG_PATH = (("arm", "base", "axes"), ("planner", "follow_within"))
+"""What sections that bend evenly support only where the goals are paths."""
 
 
 def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object], issues: Issues) -> None:
@@ -173,7 +179,10 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
         for key, words in refused.items():
             if words:
                 issues.add((*where, k, key), str(words))
-    given = [*((path, _UNMODELLED) for path in _OF_DYNAMICS), *((path, _LEAVE_OUT) for path in _UNSUPPORTED)]
+    along = _are_paths(data)
+    given: list[tuple[KeyPath, str]] = [(path, _UNMODELLED) for path in _OF_DYNAMICS]
+    given += [(path, _LEAVE_OUT) for path in _UNSUPPORTED]
+    given += [(path, _NEEDS_PATH) for path in _UNLESS_ALONG_PATH if not along]
     for path, words in given:
         if lookup(data, path):  # zeros, which other arms have by default, change nothing
             issues.add(path, words)
@@ -187,10 +196,10 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
     if lookup(data, ("arm", "feed")) is None:
-        paths = [(*path, "path") for path in goal_paths(data)]
-        for path in [*poses, *limits, *paths, ("planner", "follow_within")]:
+        for path in [*poses, *limits]:
             if lookup(data, path) is not None:
                 issues.add(path, "only allowed together with arm.feed; leave it out for a fixed base")
+        _check_paths(data, issues)
         return
     for path in limits[:2]:
         if lookup(data, path) is None and isinstance(data.get("limits"), Mapping):
@@ -199,6 +208,16 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
         place = path[:-1]
         if lookup(data, path) is not None and lookup(data, (*place, "position")) is not None:
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the feed is planned")
+
+
+def _check_paths(data: Mapping[str, object], issues: Issues) -> None:
+    """Report paths of the tip, and bounds on following it, of an arm without a feed axis that cannot follow."""
+    moves, within = lookup(data, ("arm", "base", "axes")), ("planner", "follow_within")
+    for path in [] if moves else [(*each, "path") for each in goal_paths(data)]:
+        if lookup(data, path) is not None:
+            issues.add(path, "only allowed together with arm.feed or arm.base.axes; a fixed base follows no path")
+    if lookup(data, within) is not None and not (moves and _are_paths(data)):
+        issues.add(within, "only allowed together with arm.feed, or with arm.base.axes and goal.path; leave it out")
 
 
 def _check_base_axes(data: Mapping[str, object], issues: Issues) -> None:

@@ -272,7 +272,7 @@ def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
         bad = _what_is_bad(problem, task, task.goal_pose, "to it")
         if bad:
             raise UnreachableGoal(Diagnosis(f"the goal pose {bad}", "necessary checks"))
-    else:
+    elif problem.goal.path is None:
         refuse_goal(problem, task, task.goal)
 
 

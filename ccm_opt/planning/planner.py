@@ -199,7 +199,7 @@ class MotionPlanner:
             ProblemError: the start violates a limit, or RRT-Connect is the only method for an arm on a feed axis.
             NoPlanFound: no motion was found; gives the reason and advice.
         """
-        if problem.arm.carrier:
+        if problem.arm.carrier and problem.goal.path is None:
             raise ProblemError("this planner does not move arm.base.axes; use PositioningPlanner")
         if problem.arm.tool is not None:
             whole = problem_with_tool_links(problem)

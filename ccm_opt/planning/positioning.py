@@ -83,13 +83,13 @@ class PositioningPlanner:
         """Plan a certified motion of axes and arm to the problem's goal.
 
         Raises:
-            ProblemError: the arm is planar, or the goal is a path.
+            ProblemError: the arm is planar.
             NoPlanFound: no motion was found.
         """
         if problem.dimension == 2:
             raise ProblemError("in the plane, no motions of arms on arm.base.axes are planned; use a feed axis")
         if problem.goal.path is not None:
-            raise ProblemError("goal.path is not supported for an arm on arm.base.axes; give goal.position instead")
+            return self.planner.plan(problem)
         if problem.arm.tool is not None:
             whole = problem_with_tool_links(problem)
             return path_without_tool_links(self.plan(whole), problem.arm, whole.arm.links)

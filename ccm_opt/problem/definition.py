@@ -137,10 +137,12 @@ _MISFIT = 1e-9
 def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
     """Yield a sentence for everything in a problem that sections that bend evenly do not support."""
     arm, limits = problem.arm, problem.limits
+    along = all(stop.goal.path is not None for stop in problem.goals)
     plain = not (arm.payload or np.any(arm.rotor_inertia) or np.any(arm.friction))
     yield from _broken(
         (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
-        (not arm.base_axes, "arm.feed is not supported for sections that bend evenly; leave it out"),
+        (arm.feed is None, "arm.feed is not supported for sections that bend evenly; leave it out"),
+        (along or not arm.carrier, "arm.base.axes are supported for sections that bend evenly only along goal.path"),
         (arm.tool is None, "arm.tool is not supported for sections that bend evenly; leave it out"),
         (limits.torque is None, f"limits.torque: {_MODELLED}"),
         (plain, f"arm.payload, arm.rotor_inertia and arm.friction: {_MODELLED}"),

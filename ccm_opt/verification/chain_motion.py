@@ -92,8 +92,7 @@ class LinkFrames:
         angular velocity.
         """
         after = _arc_frames(arm, positions)
-        base = np.broadcast_to(arm.base_rotation, (len(after), 1, 3, 3))
-        before = np.concatenate((base, after[:, :-1]), axis=1)
+        before = np.concatenate((_base_rotations(arm, positions)[:, None], after[:, :-1]), axis=1)
         angle, y, z = _arc_axes(arm, positions)
         mean = np.sinc(angle / np.pi)
         aside = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
@@ -110,6 +109,12 @@ class LinkFrames:
         across = cosine * up - sine * ahead
         first = np.concatenate((np.broadcast_to(up, (len(across), 1, 3)), across[:, :-1]), axis=1)
         return cls(first, np.broadcast_to(left, across.shape), cosine * ahead + sine * up, across)
+
+
+def _base_rotations(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Return the rotation matrices of the base in configurations (T, c), shape (T, 3, 3)."""
+    base = BaseMotion.from_configurations(arm, positions)
+    return np.stack((base.ahead, base.left, base.up), axis=-1)
 
 
 def _arc_axes(arm: Arm, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -137,7 +142,7 @@ def _arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
     turns[..., 1, 1], turns[..., 2, 2] = cos + (1.0 - cos) * y**2, cos + (1.0 - cos) * z**2
     turns[..., 1, 2] = turns[..., 2, 1] = (1.0 - cos) * y * z
     frames = np.empty_like(turns)
-    now = np.broadcast_to(arm.base_rotation, (len(turns), 3, 3))
+    now = _base_rotations(arm, positions)
     for link in range(arm.links):
         now = np.matmul(now, turns[:, link], out=frames[:, link])
     return frames

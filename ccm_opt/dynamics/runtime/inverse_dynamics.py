@@ -310,15 +310,15 @@ def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: Invers
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
+    if arm.sections is not None:
+        nothing = np.zeros((len(angles), len(arm.base_axes)))
+        return JointStates(joint_names(arm), angles, velocities, accelerations, np.zeros_like(angles), nothing)
     if arm.carrier:
         axes = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations)
         torques, on_axes = inverse_dynamics.with_base((angles, velocities, accelerations), axes)
         return JointStates(joint_names(arm), angles, velocities, accelerations, torques, on_axes)
     carried = trajectory.coordinates.advance(trajectory.accelerations)
-    if arm.sections is None:
-        torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)
-    else:
-        torques, force = np.zeros_like(angles), np.zeros(len(angles))
+    torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)
     # All axes of the base run along the base heading, so each bears the whole force; a fixed base has no column.
     forces = np.repeat(force[:, None], len(trajectory.coordinates.base_names), axis=1)
     return JointStates(joint_names(arm), angles, velocities, accelerations, torques, forces)
