@@ -31,6 +31,17 @@ def test_what_export_writes_in_place_of_a_file_is_accepted(written: Folder, tmp_
     assert check_folders([tmp_path / "bends"]) == SOLVED
 
 
+def test_what_is_left_of_zero_may_differ(written: Folder, tmp_path: Path) -> None:
+    """Angles of a description that would be zero but for rounding are those of the problem, larger ones are not."""
+    folder = written.copy()
+    text = folder.texts["arm.urdf"]
+    assert 'rpy="0.0 0.0 0.0"' in text
+    for number, outcome in (("2e-16", SOLVED), ("2e-12", NO_PLAN)):
+        folder.texts["arm.urdf"] = text.replace('rpy="0.0 0.0 0.0"', f'rpy="0.0 {number} 0.0"', 1)
+        folder.write(tmp_path / number)
+        assert check_folders([tmp_path / number]) == outcome
+
+
 @pytest.mark.parametrize("text", ["", "nonsense", "\x00", "<robot/>", "time\n1\n2", "joint_names: []\npoints:"])
 def test_what_is_nothing_of_the_kind_is_refused(written: Folder, tmp_path: Path, text: str) -> None:
     """With a reason, and never with a traceback."""

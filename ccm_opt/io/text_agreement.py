@@ -83,6 +83,8 @@ TIME_TOLERANCE = 1e-9
 """Allowed difference of times, since ROS messages count whole nanoseconds [s]."""
 NUMBER_TOLERANCE = 1e-12
 """Allowed relative difference of numbers in robot models (URDF, MJCF), which are written with all digits."""
+ZERO = 1e-15
+"""Difference of numbers that is left of sums and products of ones, where the result would be zero."""
 MOST_TIMES_LONGER = 10
 """Ratio of a file's length to the expected length above which the file is not read."""
 LONGEST_NUMBER = 25
@@ -300,7 +302,7 @@ def _are_alike(found: str, wanted: str, tolerance: float) -> bool:
     if any(one.split() != other.split() for one, other in zip(ours[::2], theirs[::2], strict=True)):
         return False
     numbers = np.array([ours[1::2], theirs[1::2]], dtype=np.float64)
-    return bool(np.all(np.abs(numbers[0] - numbers[1]) <= tolerance * np.abs(numbers[1])))
+    return bool(np.all(np.abs(numbers[0] - numbers[1]) <= tolerance * np.abs(numbers[1]) + ZERO))
 
 
 NAME = "record against motion"
