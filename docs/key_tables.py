@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from ccm_opt.io import schema, schema_tables
+from ccm_opt.io import schema, schema_tables, tool_tables
 
 MARKED = re.compile(
     r"(?P<begin><!-- keys: (?P<table>\w+)(?: without (?P<left>[\w ]+))? -->\n).*?(?P<end><!-- end of keys -->)",
@@ -26,7 +26,9 @@ def with_key_tables(page: str) -> str:
     """A page with every marked table made anew."""
 
     def made(mark: re.Match[str]) -> str:
-        rows = key_rows({**vars(schema_tables), **vars(schema)}[mark["table"]], (mark["left"] or "").split())
+        rows = key_rows(
+            {**vars(schema_tables), **vars(tool_tables), **vars(schema)}[mark["table"]], (mark["left"] or "").split()
+        )
         return "\n".join([mark["begin"], *rows, "", mark["end"]])
 
     return MARKED.sub(made, page)

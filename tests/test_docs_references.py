@@ -9,16 +9,20 @@ import pytest
 from pydantic import BaseModel
 
 from ccm_opt.cli.commands import app
-from ccm_opt.io import schema, schema_tables
+from ccm_opt.io import schema, schema_tables, tool_tables
 from ccm_opt.io.schema_tables import Table
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = (DOCS / "problem-file.md").read_text()
-CLASSES = dict(inspect.getmembers(schema_tables, inspect.isclass)) | dict(inspect.getmembers(schema, inspect.isclass))
+CLASSES = {
+    name: table
+    for module in (schema_tables, tool_tables, schema)
+    for name, table in inspect.getmembers(module, inspect.isclass)
+}
 TABLES = [table for table in CLASSES.values() if issubclass(table, Table)]
 WRITTEN_OUT = {
     *("CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "Table"),
-    *("ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable"),
+    *("ArmTable", "PlaneBarTable", "ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable"),
 }
 """Tables whose keys stand in the row of the key that holds them, and those that others are made from."""
 

@@ -13,6 +13,7 @@ from ccm_opt.ik.contradictions import Contradiction, GoalRegion, contradictions
 from ccm_opt.ik.terms import TERM_TOLERANCE, Constraint, Cost, applies_at
 from ccm_opt.problem import Goal, Problem, Tolerances
 from ccm_opt.problem.options import options_without_effect
+from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -110,6 +111,7 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
     expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
     if not (constraints or costs):
         return None
+    refuse_tool(arm, "the use of constraints and costs")
     refuse_sections(arm, "constraints and costs of the user")
     if arm.carrier:
         raise ProblemError("constraints and costs are not supported for an arm on arm.base.axes; leave them out")

@@ -9,9 +9,11 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import SimulationError
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.planning.ends import GapsAtSamples, NearestOfSamples
+from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
+from ccm_opt.scene.tool_links import points_with_tool
 
 _FIRST_LOOKS = 40
 """Number of samples at which clearances of the simulated arm are measured first, to determine the search distance for
@@ -275,6 +277,11 @@ def seen(
         return None
     else:
         points = arm.joint_positions_at(np.hstack((bends_from_revolutes(arm, angles), simulated.base_positions)))
+    if arm.tool is not None:
+        # The roll, which hardly differs from zero, counts for the links, but not for the tool.
+        q = np.hstack((bends_from_revolutes(arm, angles), simulated.base_positions))
+        points = np.concatenate((points, points_with_tool(arm, q)[:, arm.links + 1 :]), axis=1)
+        problem = problem_with_tool_links(problem)
     gaps = _as_far_as_needed(problem, points)
     walls = gaps.walls
     itself = gaps.itself

@@ -34,6 +34,7 @@ from ccm_opt.planning.pose_beginnings import PoseBeginning, in_plane, in_space
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import BindingSide, StaticPose
+from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEANING = 1e-4
@@ -109,6 +110,7 @@ def _refuse_other_questions(problem: Problem) -> None:
     Raises:
         ProblemError: the goal gives the pose of the whole arm, or a planar arm has a feed axis.
     """
+    refuse_tool(problem.arm, "the search for a pose")
     if problem.goal.whole(problem.arm) is not None:
         raise ProblemError(
             "the goal gives the pose of the whole arm, so there is none to find; give goal.position instead"

@@ -26,6 +26,7 @@ from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
+from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.verifier import verify
 
@@ -135,6 +136,7 @@ class LivePlan:
     def __post_init__(self) -> None:
         problem = self.problem
         Problem.expected(problem)
+        refuse_tool(problem.arm, "live planning")
         refuse_without_effect(problem)
         expect_arguments(settings=self.settings)
         if not self.suits(problem):

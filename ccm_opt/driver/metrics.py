@@ -12,7 +12,9 @@ from ccm_opt.planning.limits.following import distances_from_leader
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.verification.interpolated_message import interpolation_deviation
+from ccm_opt.verification.tool_chain import arm_reaching_tool
 
 _POSES = 400
 """Maximum number of poses of a motion that are evaluated, including the first and the last. Heuristic."""
@@ -128,12 +130,13 @@ def motion_figures(
 def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
     """Return a planar motion's goal errors, and the deviation of the arm due to a controller's linear interpolation."""
     arm = problem.arm
-    figures = {"interpolation_deviation_m": interpolation_deviation(arm, trajectory)}
+    figures = {"interpolation_deviation_m": interpolation_deviation(arm_reaching_tool(arm), trajectory)}
     if problem.goal.whole(arm) is None:
-        tip = arm.joint_positions_at(trajectory.positions[-1])[-1]
+        tip = points_with_tool(arm, trajectory.positions[-1])[-1]
         figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.tip(arm))))
         if problem.goal.heading is not None:
-            turn = wrap(arm.headings(trajectory.bend_angles[-1])[-1] - problem.goal.heading)
+            x, y = (1.0, 0.0) if arm.tool is None else arm.tool.direction
+            turn = wrap(arm.headings(trajectory.bend_angles[-1])[-1] + np.arctan2(y, x) - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))
     return figures
 

@@ -34,6 +34,7 @@ from ccm_opt.planning.tip_reach import (
 )
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import ReachMap
+from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -74,6 +75,7 @@ def reach_map(
         UnreachableGoal: the start in the plane is in contact, or the start exceeds a joint limit.
     """
     Problem.expected(problem)
+    refuse_tool(problem.arm, "the reach map")
     expect_arguments(progress=progress, settings=settings)
     _expect_grid(step, headings, workers)
     numbers = (settings or DEFAULT_SETTINGS).reach

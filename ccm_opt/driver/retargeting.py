@@ -25,6 +25,7 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
+from ccm_opt.problem.tool_rules import refuse_tool
 
 LATER = (0.15, 0.4, 1.0)
 """Fractions of the remaining duration after which an arm on a feed axis begins to brake instead. They are tried in turn
@@ -171,6 +172,7 @@ def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
 
 def _check(solution: Solution, time: float) -> None:
     expect_that(lambda: is_number(time), time, "a time [s]")
+    refuse_tool(solution.problem.arm, "retargeting")
     if not 0.0 <= time <= solution.trajectory.duration:
         raise ProblemError(f"time must be within the motion, 0 to {solution.trajectory.duration:.6g} s, got {time}")
     if solution.problem.limits.jerk is not None or solution.problem.limits.feed_jerk is not None:

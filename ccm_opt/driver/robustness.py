@@ -13,6 +13,7 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, ToleratedError
 from ccm_opt.problem.solution.records import FOLLOWED
+from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error, tolerated_errors
 
@@ -74,6 +75,7 @@ def motion_tolerance(
         simulated: whether to compute maximum payload and friction too, by simulation.
         settings: settings of all stages of planning.
     """
+    refuse_tool(problem.arm, "the search for tolerated errors")
     refuse_sections(problem.arm, "tolerated errors")
     if problem.arm.carrier:
         raise ProblemError("tolerated errors are not certified for arms on arm.base.axes")
@@ -98,10 +100,10 @@ def tolerance_at_once(
 ) -> tuple[ToleratedError, ...]:
     """Return the joint error that a motion tolerates, as the only entry; empty if it is not certified.
 
-    That is for motions that are too long, for arms on other base axes than a feed axis, and for sections that bend
-    evenly, whose joints do not err by themselves.
+    That is for motions that are too long, for arms on other base axes than a feed axis, for arms with a tool,
+    and for sections that bend evenly, whose joints do not err by themselves.
     """
-    uncertified = bool(problem.arm.carrier) or problem.arm.sections is not None
+    uncertified = bool(problem.arm.carrier) or problem.arm.sections is not None or problem.arm.tool is not None
     if uncertified or len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)

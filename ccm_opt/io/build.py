@@ -24,6 +24,7 @@ from ccm_opt.io.schema import (
     WorkspaceTable,
 )
 from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable
+from ccm_opt.io.tool_tables import build_tool
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -286,6 +287,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         "feed": feed,
         "rotor_inertia": each_revolute(table.rotor_inertia, table.links),
         "friction": each_revolute(table.friction, table.links),
+        "tool": None if (tool := getattr(table, "tool", None)) is None else build_tool(tool),
     }
     if isinstance(table, ArmTable):
         return Arm(base=np.array(table.base), base_heading=table.base_heading_deg, **parts)

@@ -23,10 +23,10 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.points import MovingPoint, point_at_arc_length
-from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
+from ccm_opt.verification.tool_chain import arm_reaching_tool, motion_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
 
@@ -136,7 +136,7 @@ def message_checks(
     stops = np.searchsorted(samples, plan.stops).tolist()
     limits = check_message_limits(problem, message, stops, settings)
     gaps = partial(_check_link_gaps, problem, plan)
-    return limits, check_message_deviation(problem.arm, plan, message, factor, spare, gaps)
+    return limits, check_message_deviation(arm_reaching_tool(problem.arm), plan, message, factor, spare, gaps)
 
 
 def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
@@ -153,7 +153,7 @@ def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatAr
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     # The plan may fall short of a gap by one tolerance, and the message may deviate by another.
     settings = replace(settings, contact_tolerance=2.0 * settings.contact_tolerance)
-    motion = ChainMotion(problem.arm, plan.time, plan.positions, deviation)
+    motion = motion_of(problem.arm, plan.time, plan.positions, deviation)
     to_walls = check_walls(motion, problem.workspace, settings)
     return [to_walls, check_self_collision(motion, settings)] if problem.arm.self_collision else [to_walls]
 

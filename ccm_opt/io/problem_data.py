@@ -21,6 +21,7 @@ from ccm_opt.io.schema import (
     BaseTable,
     GoalTable,
     PlacementTable,
+    PlaneArmTable,
     SpaceArmTable,
     SpaceGoalTable,
     SpaceObstacleTable,
@@ -29,7 +30,6 @@ from ccm_opt.io.schema import (
 )
 from ccm_opt.io.schema_tables import (
     SECTION_KEYS,
-    ArmTable,
     FeedTable,
     GainsTable,
     InertiaTable,
@@ -42,9 +42,12 @@ from ccm_opt.io.schema_tables import (
     ToleranceTable,
     VerificationTable,
 )
+from ccm_opt.io.shape_tables import BarTable
+from ccm_opt.io.tool_tables import PlaneBarTable, PlaneToolBodyTable, PlaneToolTable, SpaceToolBodyTable, SpaceToolTable
 from ccm_opt.problem import Goal, Limits, Problem, SimulationOptions, Tolerances
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.tool import Tool
 from ccm_opt.scene.bodies import Body, MeshBody
 from ccm_opt.scene.workspace import Workspace
 
@@ -181,10 +184,23 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
             return _driven_arm(arm, arm.sections, limits, entries).written(unit)
         base = arm.base_limit * arm.proportions.limits[: arm.bends_a_joint]
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
+    if arm.tool is not None:
+        entries["tool"] = _tool(arm.tool)
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
         return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries).written(unit)
-    return ArmTable.from_object(arm, **entries).written(unit)
+    return PlaneArmTable.from_object(arm, **entries).written(unit)
+
+
+def _tool(tool: Tool) -> PlaneToolTable | SpaceToolTable:
+    """Return a tool as the table ``[arm.tool]`` of a problem file, its bodies as capsules."""
+    bar, body, table = (
+        (PlaneBarTable, PlaneToolBodyTable, PlaneToolTable)
+        if len(tool.tip) == 2
+        else (BarTable, SpaceToolBodyTable, SpaceToolTable)
+    )
+    bodies = [body.from_object(None, capsule=bar.from_object(each)) for each in tool.bodies]
+    return table.from_object(tool, bodies=bodies)
 
 
 def _base_table(arm: Arm, limits: Limits | None) -> BaseTable:

@@ -25,6 +25,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
 from ccm_opt.robot.segment import CurvatureSegment
+from ccm_opt.scene.tool_links import points_with_tool
 
 MOST_BYTES = 2**26
 """Maximum size of a JSON record [bytes]. Derived: ten times that for a drawing of the maximum number of vertices."""
@@ -293,6 +294,8 @@ SPACE_SHAPES: Shapes = {
     "keyframes": ("keyframes", "links", 2),
 }
 """Shapes of the arrays of ``solution.npz`` for an arm in space, which has no planar backbone curves."""
+TOOL_TIP = "tool_tip"
+"""Name of the array of ``solution.npz`` with the positions of the tool's tip."""
 FEED_SHAPES: Shapes = {
     "base_feed": ("samples",),
     "feed_velocities": ("samples",),
@@ -408,6 +411,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         **(SPACE_SHAPES if arm.dimension == 3 else SHAPES),
         **(FEED_SHAPES if arm.feed is not None else {}),
         **(AXES_SHAPES if arm.carrier else {}),
+        **({} if arm.tool is None else {TOOL_TIP: ("samples", arm.dimension)}),
         **(CLEARANCE_SHAPES if CLEARANCE_SHAPES.keys() & arrays.keys() else {}),
     }
     _check_shapes(arrays, path, arm.links, shapes)
@@ -462,11 +466,12 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         )
         if not same:
             raise ProblemError(f"{path}: {name} is missing, or differs from bend_angles; the file was changed")
-    error = float(np.abs(numbers["joint_positions"] - arm.joint_positions_at(trajectory.positions)).max())
-    if not error <= POSITION_TOLERANCE * arm.length:
-        raise ProblemError(
-            f"{path}: joint_positions differ from bend_angles by up to {error:.3g} m; the file was changed"
-        )
+    points = points_with_tool(arm, trajectory.positions)
+    places = {"joint_positions": points[:, : arm.links + 1], **({} if arm.tool is None else {TOOL_TIP: points[:, -1]})}
+    for name, expected in places.items():
+        error = float(np.abs(numbers[name] - expected).max())
+        if not error <= POSITION_TOLERANCE * arm.length:
+            raise ProblemError(f"{path}: {name} differ from bend_angles by up to {error:.3g} m; the file was changed")
     return motion
 
 
@@ -476,7 +481,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
     Raises:
         ProblemError: the file cannot be read.
     """
-    return read_archive(path, (*SHAPES, *FEED_SHAPES, *AXES_SHAPES, *CLEARANCE_SHAPES, *DRIVE_ARRAYS))
+    return read_archive(path, (*SHAPES, *FEED_SHAPES, *AXES_SHAPES, *CLEARANCE_SHAPES, *DRIVE_ARRAYS, TOOL_TIP))
 
 
 MOST_BYTES_OF_ARRAYS = 2**29

@@ -29,6 +29,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
+from ccm_opt.scene.tool_links import points_with_tool
 
 SCHEMA = 1
 """Version of the layout of all JSON records."""
@@ -242,6 +243,7 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "joint_accelerations": solution.joints.accelerations,
         "joint_torques": solution.joints.torques,
         "joint_positions": solution.joint_positions,
+        **_tool_tip(solution),
         "keyframes": by_joint(solution.path.keyframes[:, coordinates.bends], coordinates),
         **({} if solution.problem.dimension == 3 else curve_arrays(solution.path.curves)),
         "simulated_angles": solution.simulation.angles,
@@ -293,6 +295,12 @@ def _of_base(columns: Mapping[str, FloatArray], arm: Arm) -> dict[str, FloatArra
     if arm.carrier:
         return {AXIS_NAMES[name]: values for name, values in columns.items()}
     return {name: column for name, values in columns.items() for column in values.T}
+
+
+def _tool_tip(solution: Solution) -> dict[str, FloatArray]:
+    """Return the positions of the tool's tip at the samples, shape (T, d) [m], by name; empty without a tool."""
+    arm = solution.problem.arm
+    return {} if arm.tool is None else {"tool_tip": points_with_tool(arm, solution.trajectory.positions)[:, -1]}
 
 
 def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:

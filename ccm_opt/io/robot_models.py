@@ -17,7 +17,8 @@ from ccm_opt.io.scene_solids import SolidObstacle, SolidScene
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.scene.bodies import Body, RigidPlacement, rotation_to_axis
+from ccm_opt.robot.tool import Tool
+from ccm_opt.scene.bodies import Body, CapsuleBody, RigidPlacement, rotation_to_axis
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, which precedes all other joints of an arm on a feed axis."""
@@ -164,6 +165,31 @@ def _capsule(arm: Arm, k: int, begin: float) -> _Shape:
     return _Shape("capsule", size, np.array([0.5 * (begin + length), 0.0, 0.0]), _Z_ALONG_X)
 
 
+def in_link(vector: FloatArray) -> FloatArray:
+    """Return a vector in the frame of a link in the world, shape (3,), from one of the plane or of space, shape (d,).
+
+    The plane is world x-z.
+    """
+    return vector if len(vector) == 3 else np.array([vector[0], 0.0, vector[1]])
+
+
+def _tool_shapes(tool: Tool) -> list[_Shape]:
+    """Return the bodies of a tool as capsules, or spheres, in the frame of the tool."""
+    shapes = []
+    for body in tool.bodies:
+        start, end = in_link(body.start), in_link(body.end)
+        if np.array_equal(start, end):
+            shapes.append(_Shape("sphere", (body.radius,), start, np.eye(3)))
+        else:
+            shapes.append(_geometry_element(CapsuleBody(start, end, body.radius)))
+    return shapes
+
+
+def _pointing(tool: Tool) -> FloatArray:
+    """Return a rotation whose x axis is the direction of a tool, shape (3, 3)."""
+    return rotation_to_axis(in_link(tool.direction))
+
+
 def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
     """Return the mesh files of all obstacles as binary STL, in metres and world coordinates, by path.
 
@@ -285,11 +311,19 @@ def urdf_text(
             ET.SubElement(joint, "dynamics", damping=number(revolute.friction))
         parent = child
     tip = (float(arm.lengths[-1]), 0.0, 0.0)
+    angles = (0.0, 0.0, 0.0)
+    if arm.tool is not None:
+        link = ET.SubElement(robot, "link", name="tool")
+        _add_joint(robot, "tool_mount", "fixed", parent, "tool", tip)
+        for shape in _tool_shapes(arm.tool):
+            for purpose in ("visual", "collision"):
+                _add_urdf_shapes(link, purpose, shape)
+        parent, tip, angles = "tool", tuple(in_link(arm.tool.tip)), roll_pitch_yaw(_pointing(arm.tool))
     if arm.payload:
         _add_inertia(ET.SubElement(robot, "link", name="payload"), 0.0, arm.payload, FRAME_INERTIA, FRAME_INERTIA)
         _add_joint(robot, "payload_mount", "fixed", parent, "payload", tip)
     ET.SubElement(robot, "link", name="tip")
-    _add_joint(robot, "tip_mount", "fixed", parent, "tip", tip)
+    _add_joint(robot, "tip_mount", "fixed", parent, "tip", tip, angles)
     if scene is not None:
         _add_urdf_obstacles(robot, scene, mesh_folder)
     if robot.find(".//mesh") is not None:
@@ -471,7 +505,7 @@ def mjcf_text(
             ET.SubElement(actuators, "motor", name=f"{revolute.name}_motor", joint=revolute.name)
         _add_body(parent, arm, ball - 1)
         place, turn = np.array([arm.lengths[ball - 1], 0.0, 0.0]), np.eye(3)
-    ET.SubElement(parent, "site", name="tip", pos=numbers(place))
+    _add_tip(parent, arm, place)
     if arm.payload:
         payload = ET.SubElement(parent, "body", name="payload", pos=numbers(place))
         ET.SubElement(payload, "inertial", pos="0 0 0", mass=number(arm.payload), diaginertia="0 0 0")
@@ -504,6 +538,26 @@ def _carrier_joints(arm: Arm) -> Iterator[dict[str, str]]:
             "range": numbers((axis.low, axis.high)),
         }
         yield attributes | ({"armature": number(axis.inertia)} if axis.inertia else {})
+
+
+def _add_tip(body: ET.Element, arm: Arm, place: FloatArray) -> None:
+    """Add the site ``tip`` to the MJCF body of the last link, and the tool, if there is one, as a body of its own.
+
+    Args:
+        body: XML element of the last link.
+        arm: the arm.
+        place: end of the link, shape (3,) [m].
+    """
+    if arm.tool is None:
+        ET.SubElement(body, "site", name="tip", pos=numbers(place))
+        return
+    tool = ET.SubElement(body, "body", name="tool", pos=numbers(place))
+    small = {"mass": number(FRAME_MASS), "diaginertia": numbers([FRAME_INERTIA] * 3)}
+    ET.SubElement(tool, "inertial", small, pos="0 0 0")
+    for shape in _tool_shapes(arm.tool):
+        _add_geom(tool, shape, contype="1", conaffinity="0", mass="0")
+    turn = _quaternion(_pointing(arm.tool))
+    ET.SubElement(tool, "site", name="tip", pos=numbers(in_link(arm.tool.tip)), quat=turn)
 
 
 def _quaternion(turn: FloatArray) -> str:

@@ -10,7 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
-from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
+from ccm_opt.io.schema import TABLES, PlacementTable, PlaneArmTable, PoseTable, SpaceArmTable, SpacePoseTable
 from ccm_opt.io.schema_tables import (
     SECTION_KEYS,
     ArmTable,
@@ -20,10 +20,12 @@ from ccm_opt.io.schema_tables import (
     Table,
     VerificationTable,
 )
+from ccm_opt.io.tool_tables import PlaneToolBodyTable, PlaneToolTable, SpaceToolBodyTable, SpaceToolTable
 from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.definition import LOCKED_ON_FEED
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
+from ccm_opt.problem.tool_rules import Key, tool_defects
 from ccm_opt.robot.arc_sections import MOST_ARC_TURN
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
@@ -60,6 +62,9 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
         places += [(path, tables["workspace.obstacles"]), ((*path, "pose"), PlacementTable)]
     _refuse_equal_names(listed, issues)
     places += [(("start",), tables["start"]), *((path, tables["goal"]) for path in goal_paths(data))]
+    if isinstance(bodies := lookup(data, ("arm", "tool", "bodies")), list):
+        body_table = PlaneToolBodyTable if tables["arm"] is PlaneArmTable else SpaceToolBodyTable
+        places += [(("arm", "tool", "bodies", k), body_table) for k in range(len(bodies))]
     for path, table in [*places, (("arm",), tables["arm"])]:
         if table.rules.exactly_one:
             _exactly_one(data, path, table, issues)
@@ -357,6 +362,29 @@ def check_contact(arm: ChainTable, table: VerificationTable, issues: Issues) -> 
         given = f"{in_unit(tolerance, message_unit()):g}"
         path: KeyPath = ("verification", "contact_tolerance")
         issues.add(path, f"expected at most a thousandth of the arm's length; got {given}")
+
+
+def check_tool(arm: Arm, tool: PlaneToolTable | SpaceToolTable, tables: Mapping[str, Any], issues: Issues) -> None:
+    """Report a tool that collides with its own arm at rest, and keys that are not allowed together with a tool.
+
+    Args:
+        arm: the arm.
+        tool: its table.
+        tables: validated tables by name, None for each that has defects.
+        issues: receives the defects.
+    """
+    keys: dict[Key, Any] = {("arm", "payload"): arm.payload}
+    for name in ("limits", "planner", "tolerance"):
+        values = (
+            {} if tables[name] is None else {key: getattr(tables[name], key) for key in type(tables[name]).model_fields}
+        )
+        keys |= {(name, key): value for key, value in values.items()}
+    # A body of the file is covered by one or more of the tool's capsules.
+    bodies: Sequence[PlaneToolBodyTable | SpaceToolBodyTable] = tool.bodies
+    covers = [k for k, body in enumerate(bodies) for _ in body.capsules()]
+    for key, defect in tool_defects(arm, keys):
+        last = key[-1]
+        issues.add((*key[:-1], covers[last]) if isinstance(last, int) else key, defect)
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:

@@ -49,6 +49,18 @@ from ccm_opt.io.schema_tables import (
     lengths,
     to_metres,
 )
+from ccm_opt.io.shape_tables import (
+    BarTable,
+    Bends,
+    CircleTable,
+    Corners,
+    Direction,
+    Quaternion,
+    SpacePoint,
+    SphereTable,
+    Turns,
+)
+from ccm_opt.io.tool_tables import PlaneToolTable, SpaceToolTable
 from ccm_opt.problem import LengthUnit, Tolerances
 from ccm_opt.robot.base_axes import MOST_AXES
 
@@ -127,13 +139,6 @@ class GoalTable(PoseTable):
     pause: Annotated[float, Field(ge=0.0)] = Field(
         default=0.0, description="Time at rest at this goal before the next leg [s]."
     )
-
-
-class CircleTable(Table):
-    """Table of a disc-shaped planar obstacle."""
-
-    center: Point = Field(description="Centre of the disc.")
-    radius: PositiveLength = Field(description="Radius of the disc.")
 
 
 class WallTable(Table):
@@ -251,49 +256,6 @@ class WorkspaceTable(SceneTable):
     clearance: NonNegativeLength = Field(
         default=0.0, description="Required clearance between the arm's surface and every obstacle."
     )
-
-
-SHORTEST = 1e-9
-"""Minimum norm of direction vectors and quaternions; rounding would determine the direction of shorter ones."""
-
-
-def _unit(values: list[float]) -> list[float]:
-    length = math.hypot(*values)
-    if length < SHORTEST:
-        raise ValueError(f"expected numbers that are not all zero; their length is {length:g}")
-    return [value / length for value in values]
-
-
-def _ordered_corners(corners: list[list[float]]) -> list[list[float]]:
-    low, high = corners
-    if not all(least < greatest for least, greatest in zip(low, high, strict=True)):
-        raise ValueError("expected [[xmin, ymin, zmin], [xmax, ymax, zmax]] with every minimum below its maximum")
-    return corners
-
-
-SpacePoint: TypeAlias = Annotated[list[Length], Field(description="`[x, y, z]`"), exactly(3)]
-Corners: TypeAlias = Annotated[
-    list[SpacePoint], Field(description="two corners"), exactly(2), AfterValidator(_ordered_corners)
-]
-Direction: TypeAlias = Annotated[list[float], Field(description="`[x, y, z]`"), exactly(3), AfterValidator(_unit)]
-Quaternion: TypeAlias = Annotated[list[float], Field(description="four numbers"), exactly(4), AfterValidator(_unit)]
-Turns: TypeAlias = Annotated[list[Degrees], Field(description="three angles"), exactly(3)]
-Bends: TypeAlias = Annotated[list[Degrees], Field(description="`[a, b]`"), exactly(2)]
-
-
-class SphereTable(Table):
-    """Table of a spherical obstacle."""
-
-    center: SpacePoint = Field(description="Centre of the sphere.")
-    radius: PositiveLength = Field(description="Radius of the sphere.")
-
-
-class BarTable(Table):
-    """Table of a cylinder or capsule, given by both ends of its axis and its radius."""
-
-    start: Annotated[SpacePoint, Field(alias="from")] = Field(description="First end of the axis.")
-    end: Annotated[SpacePoint, Field(alias="to")] = Field(description="Second end of the axis.")
-    radius: PositiveLength = Field(description="Radius of the bar.")
 
 
 class PlacementTable(Table):
@@ -501,11 +463,30 @@ class BaseTable(Table):
     )
 
 
+class PlaneArmTable(ArmTable):
+    """Table of a planar arm, with its tool."""
+
+    tool: PlaneToolTable | None = Field(
+        default=None,
+        description=(
+            "Rigid tool on the last link ([what it is](problem-file.md#tools)). Default: none; goals are for the end "
+            "of the link."
+        ),
+    )
+
+
 class SpaceArmTable(ChainTable):
     """Table of an arm that moves in three dimensions."""
 
     base: BaseTable = Field(description="`{ position = [x, y, z], direction = [x, y, z], up = [x, y, z] }`.")
     axes: Literal["zyx"] = Field(default="zyx", description="Order of a ball joint's revolutes; the third stays at 0.")
+    tool: SpaceToolTable | None = Field(
+        default=None,
+        description=(
+            "Rigid tool on the last link ([what it is](problem-file.md#tools)). Default: none; goals are for the end "
+            "of the link."
+        ),
+    )
 
 
 class SpacePoseTable(Table):
@@ -583,7 +564,7 @@ TABLES: Mapping[bool, Mapping[str, type[Table]]] = {
     False: {
         "workspace": WorkspaceTable,
         "workspace.obstacles": ObstacleTable,
-        "arm": ArmTable,
+        "arm": PlaneArmTable,
         "limits": LimitsTable,
         "start": PoseTable,
         "goal": GoalTable,

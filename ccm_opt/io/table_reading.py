@@ -33,11 +33,21 @@ from ccm_opt.io.rules import (
     check_limited_points,
     check_meshes,
     check_pose,
+    check_tool,
     check_unequal_links,
     goal_paths,
     odd_mesh_size,
 )
-from ccm_opt.io.schema import OPTIONAL, TABLES, PoseTable, RootTable, SpaceArmTable, SpacePoseTable, SpaceWorkspaceTable
+from ccm_opt.io.schema import (
+    OPTIONAL,
+    TABLES,
+    PlaneArmTable,
+    PoseTable,
+    RootTable,
+    SpaceArmTable,
+    SpacePoseTable,
+    SpaceWorkspaceTable,
+)
 from ccm_opt.io.schema_tables import ArmTable, Table
 from ccm_opt.io.urdf_arm import with_urdf
 from ccm_opt.problem import ImportedDrawing, Problem
@@ -207,6 +217,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
         check_unequal_links(build_arm(table), table.sections, issues)
     if found["verification"] is not None:
         check_contact(table, found["verification"], issues)
+    if arm_is_whole and isinstance(table, PlaneArmTable | SpaceArmTable) and table.tool is not None:
+        check_tool(build_arm(table), table.tool, found, issues)
     if found["limits"] is not None:
         check_limit_lists(table, found["limits"], issues)
         check_limited_points(table, found["limits"], issues)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.tool_links import colliding_at_rest
 
@@ -24,6 +25,8 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
         yield ("arm", "tool"), "not supported for an arm in the plane with a feed axis"
     if arm.sections is not None:
         yield ("arm", "tool"), "not supported together with sections that bend evenly"
+    if arm.carrier:
+        yield ("arm", "tool"), "not supported together with arm.base.axes"
     for key in _NOT_WITH_A_TOOL:
         value = values.get(key)
         if value:
@@ -37,6 +40,20 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
             ("arm", "tool", "bodies", body),
             f"touches link {link + 1} of the straight arm; expected it to be clear",
         )
+
+
+def refuse_tool(arm: Arm, what: str) -> None:
+    """Refuse an arm with a tool where tools are not supported.
+
+    Args:
+        arm: the arm.
+        what: what does not support tools, as the subject of a sentence.
+
+    Raises:
+        ProblemError: the arm has a tool.
+    """
+    if arm.tool is not None:
+        raise ProblemError(f"{what} does not support a tool; leave arm.tool out")
 
 
 _NOT_WITH_A_TOOL: tuple[Key, ...] = (

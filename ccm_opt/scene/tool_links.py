@@ -118,6 +118,29 @@ def with_tool_links(arm: Arm) -> Arm:
     )
 
 
+def points_with_tool(arm: Arm, q: FloatArray) -> FloatArray:
+    """Return the positions of joints, tip and the corners of the tool's polyline, shape (..., links + k + 1, d) [m].
+
+    Args:
+        arm: the arm.
+        q: configurations, shape (..., c) [rad, m].
+    """
+    points = arm.joint_positions_at(q)
+    if arm.tool is None:
+        return points
+    corners, _ = tool_line(arm.tool, arm.link_length)
+    frames = arm.link_rotations(q)[..., -1, :, :]
+    beyond = np.einsum("...ij,kj->...ki", frames, corners[1:]) + points[..., -1:, :]
+    return np.concatenate((points, beyond), axis=-2)
+
+
+def drawn_radii(arm: Arm) -> FloatArray:
+    """Return the radii of the links and the parts of the tool, 0 for bare parts, shape (links + k,) [m]."""
+    if arm.tool is None:
+        return arm.radii
+    return np.concatenate((arm.radii, np.nan_to_num(tool_line(arm.tool, arm.link_length)[1])))
+
+
 def _with_still_drives(values: FloatArray | float, count: int) -> FloatArray | float:
     """Return one number, or values per revolute, with zeros for the revolutes of ``count`` tool links."""
     return np.append(values, np.zeros(3 * count)) if isinstance(values, np.ndarray) and values.ndim else values

@@ -25,20 +25,37 @@ _NEIGHBOURS = 0.05
 both radii; that of ``scene.tool_links``."""
 
 
-def motion_of(arm: Arm, time: FloatArray, positions: FloatArray) -> ChainMotion:
+def motion_of(arm: Arm, time: FloatArray, positions: FloatArray, deviation: FloatArray | None = None) -> ChainMotion:
     """Return the motion of an arm with its tool, from the arm's coordinates.
 
     Args:
         arm: the arm.
         time: sample times, shape (T,) [s].
         positions: coordinates at the samples, shape (T, c) [rad, m].
+        deviation: bound on how far each link may be from this motion in each step, the last with the tool, shape
+            (T − 1, links) [m]; None if the motion is exact.
     """
     if arm.tool is None:
-        return ChainMotion(arm, time, positions)
+        return ChainMotion(arm, time, positions, deviation)
     whole = arm_with_tool(arm)
     still = np.zeros((len(positions), (whole.links - arm.links) * arm.bends_a_joint))
     bends = arm.coordinates.joints
-    return ChainMotion(whole, time, np.concatenate((positions[:, :bends], still, positions[:, bends:]), axis=1))
+    if deviation is not None:
+        deviation = np.pad(deviation, [(0, 0), (0, whole.links - arm.links)], mode="edge")
+    longer = np.concatenate((positions[:, :bends], still, positions[:, bends:]), axis=1)
+    return ChainMotion(whole, time, longer, deviation)
+
+
+def arm_reaching_tool(arm: Arm) -> Arm:
+    """Return an arm without a tool whose last link is so long that no point of the tool is farther from its joint."""
+    if arm.tool is None:
+        return arm
+    places = [arm.tool.tip, *(place for body in arm.tool.bodies for place in (body.start, body.end))]
+    lengths = arm.lengths.copy()
+    lengths[-1] += max(float(np.linalg.norm(place)) for place in places)
+    mean, none = float(lengths.mean()), np.ones(arm.links * arm.bends_a_joint)
+    proportions = arm.proportions or Proportions(lengths, np.ones(arm.links), none)
+    return replace(arm, tool=None, link_length=mean, proportions=replace(proportions, lengths=lengths / mean))
 
 
 def arm_with_tool(arm: Arm) -> Arm:

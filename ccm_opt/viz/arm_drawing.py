@@ -15,6 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory, NearPlace, Solution
 from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import PICTURES
@@ -222,7 +223,8 @@ class PlanDrawing:
     def from_solution(cls, solution: Solution) -> "PlanDrawing":
         """Return the data of a solution that pictures and films show."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
-        return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
+        points = points_with_tool(solution.problem.arm, solution.trajectory.positions)
+        return cls(solution.problem, solution.trajectory, points, solution.path.curves, near)
 
     @property
     def planar_problem(self) -> Problem:

@@ -20,6 +20,7 @@ from PIL import Image
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
+from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, PlanDrawing, draw_tip_path, radius_runs
 from ccm_opt.viz.plan import draw_goals
@@ -155,14 +156,14 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
         draw_tip_path(axes, side(points[:, -1]))
         draw_goals(axes, plan, side, poses=False)
         draw_base(axes, side(points[0, 0]), 5.0)
-    _arm(axes, side(points[0]), problem.arm.radii, (style.START, style.START_EDGE), 0.43)
+    _arm(axes, side(points[0]), drawn_radii(problem.arm), (style.START, style.START_EDGE), 0.43)
     # In real time unless that takes more frames than the settings allow.
     rate = settings.frames_a_second
     wanted = int(np.ceil(rate * time[-1])) + 1
     count = int(np.clip(wanted, 2, settings.most_frames))
     shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
     seconds = float(time[-1]) if count == wanted else (count - 1) / rate
-    return Film(figure, axes, side(points), time, problem.arm.radii, settings, shown, seconds)
+    return Film(figure, axes, side(points), time, drawn_radii(problem.arm), settings, shown, seconds)
 
 
 def _usual_settings(plan: PlanDrawing) -> FilmSettings:

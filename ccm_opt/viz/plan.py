@@ -8,6 +8,7 @@ from matplotlib.patches import Circle, Wedge
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import Goal, Tolerances
+from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.arm_section import draw_section
@@ -75,9 +76,9 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
     in_space = problem.dimension == 3
     sheet = Sheet.for_problem(problem, view_box(problem, points), scene)
     for axes, side in sheet.views:
-        draw_pose(axes, side, points[0], problem.arm.radii, "start")
+        draw_pose(axes, side, points[0], drawn_radii(problem.arm), "start")
         draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
-        draw_pose(axes, side, points[-1], problem.arm.radii, "end")
+        draw_pose(axes, side, points[-1], drawn_radii(problem.arm), "end")
         draw_tip_path(axes, side(points[:, -1]))
         if not in_space:
             draw_base(axes, points[0, 0])
@@ -88,7 +89,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
             gap = f"least gap {short_length(plan.nearest.gap)}"
         title += f", {gap}" if in_space else ""
     if sheet.section is not None:
-        draw_section(sheet.section, problem, points[-1])
+        draw_section(sheet.section, problem, points[-1, : problem.arm.links + 1])
     elif plan.nearest is not None:
         counted = problem.workspace.clearance and not plan.nearest.second_link
         label = f"{gap} at {plan.nearest.time:.2f} s" + ("\nbeyond the clearance" if counted else "")

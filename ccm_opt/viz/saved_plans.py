@@ -14,6 +14,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.problem.solution.solution import present_with
 from ccm_opt.robot.frames import joint_positions_3d
+from ccm_opt.scene.tool_links import points_with_tool
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -130,7 +131,7 @@ def plan_drawing(plan: Solution | SavedPlan) -> "PlanDrawing":
     return PlanDrawing(
         problem=plan.problem,
         trajectory=plan.trajectory,
-        points=arm.joint_positions_at(plan.trajectory.positions),
+        points=points_with_tool(arm, plan.trajectory.positions),
         curves=recorded_curves(motion.arrays, arm),
         nearest=recorded_nearest(plan.folder),
         simulated=simulated if arm.dimension == 2 else None,

@@ -15,6 +15,7 @@ from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.surfaces import sharp_edges, within
+from ccm_opt.scene.tool_links import drawn_radii, points_with_tool, tool_line
 from ccm_opt.scene.workspace import Workspace
 
 _PLACE_STEP = 2e-5
@@ -52,14 +53,15 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
             "links": arm.links,
             "link": arm.link_length,
             "lengths": arm.lengths.tolist(),
-            "radii": arm.radii.tolist(),
+            "radii": drawn_radii(arm).tolist(),
+            "tool": [] if arm.tool is None else tool_line(arm.tool, arm.link_length)[0][1:].tolist(),
             "radius": arm.radius,
             "base": arm.base.tolist(),
             "direction": arm.direction.tolist(),
             "up": arm.up.tolist(),
             "feed": None if arm.feed is None else [arm.feed.low, arm.feed.high, arm.feed.hole],
         },
-        "start": arm.joint_positions_at(problem.start.configuration(arm)).round(7).tolist(),
+        "start": points_with_tool(arm, problem.start.configuration(arm)).round(7).tolist(),
         "goals": [_goal_data(number, stop, arm) for number, stop in enumerate(problem.goals, start=1)],
         **room(problem, shown.min(axis=0), shown.max(axis=0)),
     }

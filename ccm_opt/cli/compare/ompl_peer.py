@@ -30,6 +30,7 @@ from ccm_opt.planning.spline_path import certified_spare, certified_spline
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
+from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.certificate import Certificate
@@ -101,6 +102,7 @@ class OmplPlanner:
                 start cannot be represented in the coordinates of the sampler.
             NoPlanFound: no path was found in time.
         """
+        refuse_tool(problem.arm, "the method ompl")
         if problem.arm.carrier:
             raise ProblemError("the method ompl does not support arm.base.axes; use planner.method nlp")
         if problem.dimension == 3:

@@ -155,7 +155,7 @@ class Solution:
 
 
 def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
-    """Return the deviation of the last link from the goal, for an arm in space in a given configuration.
+    """Return the deviation of the last link, or the tool, from the goal, for an arm in space in a given configuration.
 
     Args:
         problem: the problem.
@@ -167,9 +167,11 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
     goal = problem.goal.for_tip
     if goal is None:
         return GoalErrors(None, None, roll)
-    off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - goal.position))
-    wanted = goal.direction
-    return GoalErrors(off, None if wanted is None else angle_between(turn[:, 0], wanted), roll)
+    tip, along = arm.joint_positions_at(last)[-1], turn[:, 0]
+    if arm.tool is not None:
+        tip, along = tip + turn @ arm.tool.tip, turn @ arm.tool.direction
+    off = float(np.linalg.norm(tip - goal.position))
+    return GoalErrors(off, None if goal.direction is None else angle_between(along, goal.direction), roll)
 
 
 def angle_between(first: FloatArray, second: FloatArray) -> float:

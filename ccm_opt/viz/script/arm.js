@@ -39,6 +39,10 @@ function armPoints(arm, bends, feed) {
     point = plus(point, x, arm.lengths[k / (dimension - 1)]);
     points.push(point.slice(0, dimension));
   }
+  // Corners of the tool, in the frame of the last link.
+  for (const [along, left, up] of arm.tool) {
+    points.push(plus(plus(plus(point, x, along), y, left), z, up ?? 0).slice(0, dimension));
+  }
   return points;
 }
 
@@ -72,17 +76,18 @@ class Motion {
   }
 
   tipAt(time) {
-    return this.pointsAt(time)[this.arm.links];
+    return this.pointsAt(time).at(-1);
   }
 
   tips(count) {
     return Array.from({ length: count }, (_, k) => this.tipAt((this.duration * k) / (count - 1)));
   }
 
-  // Where the last link points, a unit vector.
+  // Where the last link, or the tool, points, a unit vector.
   pointingAt(time) {
     const points = this.pointsAt(time);
-    return scaled(plus(points[this.arm.links], points[this.arm.links - 1], -1), 1 / this.arm.lengths[this.arm.links - 1]);
+    const along = plus(points.at(-1), points.at(-2), -1);
+    return scaled(along, 1 / norm(along));
   }
 
   // Times at which all joints have travelled about equally far, both ends among them.

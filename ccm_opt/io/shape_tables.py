@@ -1,0 +1,64 @@
+"""Types of points and tables of shapes in problem files, which obstacles and tools have in common."""
+
+import math
+from typing import Annotated, TypeAlias
+
+from pydantic import AfterValidator, Field
+
+from ccm_opt.io.schema_tables import Degrees, Length, Point, PositiveLength, Table, exactly
+
+SHORTEST = 1e-9
+"""Minimum norm of direction vectors and quaternions; rounding would determine the direction of shorter ones."""
+
+
+def unit_length(values: list[float]) -> list[float]:
+    """Return a vector scaled to length 1.
+
+    Raises:
+        ValueError: the vector is zero.
+    """
+    length = math.hypot(*values)
+    if length < SHORTEST:
+        raise ValueError(f"expected numbers that are not all zero; their length is {length:g}")
+    return [value / length for value in values]
+
+
+def _ordered_corners(corners: list[list[float]]) -> list[list[float]]:
+    low, high = corners
+    if not all(least < greatest for least, greatest in zip(low, high, strict=True)):
+        raise ValueError("expected [[xmin, ymin, zmin], [xmax, ymax, zmax]] with every minimum below its maximum")
+    return corners
+
+
+SpacePoint: TypeAlias = Annotated[list[Length], Field(description="`[x, y, z]`"), exactly(3)]
+Corners: TypeAlias = Annotated[
+    list[SpacePoint], Field(description="two corners"), exactly(2), AfterValidator(_ordered_corners)
+]
+Direction: TypeAlias = Annotated[list[float], Field(description="`[x, y, z]`"), exactly(3), AfterValidator(unit_length)]
+Quaternion: TypeAlias = Annotated[
+    list[float], Field(description="four numbers"), exactly(4), AfterValidator(unit_length)
+]
+Turns: TypeAlias = Annotated[list[Degrees], Field(description="three angles"), exactly(3)]
+Bends: TypeAlias = Annotated[list[Degrees], Field(description="`[a, b]`"), exactly(2)]
+
+
+class SphereTable(Table):
+    """Table of a spherical obstacle."""
+
+    center: SpacePoint = Field(description="Centre of the sphere.")
+    radius: PositiveLength = Field(description="Radius of the sphere.")
+
+
+class BarTable(Table):
+    """Table of a cylinder or capsule, given by both ends of its axis and its radius."""
+
+    start: Annotated[SpacePoint, Field(alias="from")] = Field(description="First end of the axis.")
+    end: Annotated[SpacePoint, Field(alias="to")] = Field(description="Second end of the axis.")
+    radius: PositiveLength = Field(description="Radius of the bar.")
+
+
+class CircleTable(Table):
+    """Table of a disc-shaped planar obstacle."""
+
+    center: Point = Field(description="Centre of the disc.")
+    radius: PositiveLength = Field(description="Radius of the disc.")
