@@ -37,8 +37,6 @@ _TRY_SHARE = 0.2
 """Fraction of the time left for planning that one place may take. Heuristic."""
 _LEAST_TRY = 1.0
 """Time that a place may take at least [s]. Heuristic."""
-_STRETCH = 0.97
-"""Fraction of its length over which an arm is taken to reach. Heuristic: a straight arm has no freedom left."""
 _ALIGNED = 1e-9
 """Largest difference of the directions of an axis and the arm at which the arm counts as fed by the axis."""
 _BRANCHES = 400
@@ -258,9 +256,11 @@ class CarrierMotions:
         free = np.where(np.any(blocked, axis=1), np.argmax(blocked, axis=1), _STEPS_AHEAD)
         run = length[np.arange(len(values)), free]
         missed = np.min(np.where(length <= run[:, None], self._ways_left(points), np.inf), axis=1)
+        # Cells may close a way that is open; such places come last.
+        missed = np.where(np.isfinite(missed), missed, 10.0 * arm.length + near)
         moved = np.max(np.abs(values - self.start[arm.coordinates.base]), axis=1, initial=0.0)
         score = missed + 1e-3 * moved
-        return np.where(near <= _STRETCH * arm.length, score, np.inf)
+        return np.where(near <= arm.length + self.problem.tolerances.position, score, np.inf)
 
     @cached_property
     def _grid(self) -> tuple[TipGrid, FloatArray | None]:
