@@ -9,10 +9,10 @@ from scipy.linalg import expm
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemFileError
-from ccm_opt.io.folder import write_solution
+from ccm_opt.io.folder import model_texts, write_solution
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
-from ccm_opt.io.reading_back import load_motion
+from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitting_arcs
 
 TEXT = """
@@ -132,7 +132,7 @@ def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
     np.testing.assert_allclose(arrays["drive_values"][:, 0], sums[:, : 2 * count : 2].sum(axis=1), atol=1e-12)
     assert arrays["tendon_lengths"].shape == (len(arrays["time"]), 3)
     assert not (folder / "arm.urdf").exists()
-    load_motion(folder, solution.problem.arm)
+    load_motion(folder, load_any_problem(folder).arm)
     arrays["tendon_lengths"][0, 0] += 1e-4
     np.savez(folder / "solution.npz", **arrays)
     with pytest.raises(ccm_opt.ProblemError, match="tendon_lengths"):
@@ -186,3 +186,18 @@ def test_sections_are_divided_as_finely_as_their_radius_asks() -> None:
     turn = np.sqrt(2.0) * limit
     assert arc_deviation(length / count, turn / count) <= 0.1 * radius
     assert arc_deviation(length / (count - 1), turn / (count - 1)) > 0.1 * radius
+
+
+def test_what_needs_independent_joints_is_refused() -> None:
+    """Goal poses, maps of the reach, constraints of the user, live plans and robot models name the sections."""
+    problem = read()
+    floor = ccm_opt.Constraint("above", lambda q: q.tip[2], lower=-1.0)
+    for call in (
+        lambda: ccm_opt.find_pose(problem),
+        lambda: ccm_opt.reach_map(problem),
+        lambda: ccm_opt.solve(problem, constraints=[floor]),
+        lambda: model_texts(problem),
+    ):
+        with pytest.raises(ccm_opt.ProblemError, match="sections"):
+            call()
+    assert not ccm_opt.LivePlan.suits(problem)

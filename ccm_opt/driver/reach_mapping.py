@@ -18,7 +18,7 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.axis_paths import axis_path_exists
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.reach import spread_directions, within_bend_limits
-from ccm_opt.driver.arguments import expect_arguments
+from ccm_opt.driver.arguments import expect_arguments, refuse_sections
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.planning.ends import contact_words
 from ccm_opt.planning.pose_beginnings import any_motion
@@ -85,6 +85,7 @@ def reach_map(
         raise ProblemError(
             "maps of the reach are not supported for an arm on arm.base.axes; use a fixed base or arm.feed"
         )
+    refuse_sections(arm, "maps of the reach")
     if plane and arm.base_axes:
         raise ProblemError("the reach is mapped for a fixed base only, not on a feed axis; leave arm.feed out")
     stages = Stages()
