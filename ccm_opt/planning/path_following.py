@@ -26,6 +26,9 @@ from ccm_opt.robot.arm import Arm
 
 _STRAIGHT = 1e-9
 """Bends up to which joints count as straight, and excess of limits that counts as rounding [rad, m]."""
+_POSES = 301
+"""Number of poses between which the arm counts as linear where its distance from the path is measured. Heuristic: the
+verifier proves the bound at all times."""
 _KEYFRAMES = 61
 """Number of keyframes, which are taken from the path. Heuristic."""
 
@@ -73,7 +76,7 @@ def motion_along(task: SpaceTask, points: FloatArray, tolerance: float, within: 
             )
         )
     limit = FollowingLimit(arm, np.inf if within is None else within)
-    behind = limit.worst_deviation(q)
+    behind = limit.worst_deviation(np.asarray(spline(np.linspace(0.0, 1.0, _POSES))))
     if behind > FOLLOWING_SHARE * limit.within:
         raise MotionNotFound(
             Diagnosis(
