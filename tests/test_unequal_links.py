@@ -145,7 +145,7 @@ def test_a_mount_that_ends_with_a_link_covers_it(seed: int, mounted: int) -> Non
     """Whatever is left by rounding, for the verifier too: the end of a thick link within the wall is not checked."""
     arm = unequal(Arm.snake(length=0.8, links=8, radius=0.01), seed)
     arm = replace(arm, mount_length=round(float(arm.lengths[:mounted].sum()), 15))
-    assert arm.whole_mount_links == np.sum(exposed_starts(arm) == 1.0) == mounted
+    assert arm.whole_mount_links == np.sum(exposed_starts(arm) == 1.0) == np.sum(arm.free_shares == 1.0) == mounted
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7))

@@ -147,7 +147,9 @@ class LinkLayout:
     def free_shares(self) -> FloatArray:
         """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
         within = self.mount_length / self.link_length - self.place_shares[:-1]
-        return np.clip(within / self.length_shares, 0.0, 1.0)
+        shares = np.clip(within / self.length_shares, 0.0, 1.0)
+        # What rounding leaves of a link whose end is that of the mount is not there.
+        return np.where(shares > 1.0 - 1e-9, 1.0, shares)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
         """Return the index of the first link that extends beyond the mount, and the link axes without the mount.

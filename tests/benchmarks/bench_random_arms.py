@@ -2,9 +2,10 @@
 
     python -m tests.benchmarks.bench_random_arms --count 1000 --first 0 --limit 2
 
-Arms have sections of their own lengths, radii, tapers, limits and locked joints, on fixed bases, feed axes and chains
-of axes, in the plane and in space. Each problem is solved and checked by the commands, and each plan is swept by
-``swept_file.py``, which shares nothing with the package. What is found is kept in the folder of runs.
+Arms have sections of their own lengths, radii, tapers, limits and locked joints, on fixed bases, feed axes and, with
+``--kinds axes``, chains of axes, in the plane and in space. Each problem is solved and checked by the commands, and
+each plan is swept by ``swept_file.py``, which shares nothing with the package. What is found is kept in the folder of
+runs.
 """
 
 # ruff: noqa: T201 - a benchmark prints its figures
@@ -49,7 +50,7 @@ class Drawn:
         }
         if self.space:
             self.data["space"] = 3
-        self._place()
+        self._place(kinds)
 
     def _arm(self, kinds: frozenset[str]) -> dict[str, Any]:
         rng = self.rng
@@ -79,12 +80,22 @@ class Drawn:
             arm["base_limit_deg"] = round(rng.uniform(20.0, 170.0), 1)
         if rng.random() < 0.3:
             arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
-        if "feed" in kinds and rng.random() < 0.3:
+        if "axes" in kinds and self.space:
+            arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
+        elif "feed" in kinds and rng.random() < 0.3:
             length = sum(row["links"] * row["link_length"] for row in rows)
             arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
         return arm
 
-    def _place(self) -> None:
+    def _axis(self) -> dict[str, Any]:
+        rng = self.rng
+        row: dict[str, Any] = {"axis": rng.normal(size=3).round(3).tolist(), "velocity": 0.5, "acceleration": 2.0}
+        if rng.random() < 0.5:
+            return row | {"kind": "prismatic", "range": [-round(rng.uniform(0.0, 0.3), 3), 0.3]}
+        turns = row | {"kind": "revolute", "range_deg": [-round(rng.uniform(0.0, 120.0), 1), 90.0]}
+        return turns | ({"position": rng.normal(0.0, 0.15, 3).round(3).tolist()} if rng.random() < 0.6 else {})
+
+    def _place(self, kinds: frozenset[str]) -> None:
         """Draw a goal pose, and bodies clear of it and of the start."""
         rng, data = self.rng, self.data
         arm = FileArm(data["arm"], self.space)
@@ -96,10 +107,14 @@ class Drawn:
             data["start"]["feed"] = low
             data["limits"] |= {"feed_velocity": 0.3, "feed_acceleration": 1.0}
             axes = np.array([[low], [0.3 * low]])
+        if self.space and "axes" in data["arm"]["base"]:
+            rows = data["arm"]["base"]["axes"]
+            ranges = [row["range"] if "range" in row else np.deg2rad(row["range_deg"]) for row in rows]
+            axes = np.array([np.zeros(len(rows)), [rng.uniform(*ends) for ends in ranges]])
         for _ in range(200):
             bends = np.zeros((2, count, 2) if self.space else (2, count))
             bends[1] = self._pose(arm)
-            if len(axes[0]):
+            if "feed" in data["arm"]:
                 bends[1][axes[1, 0] + arm.places[:-1] < data["arm"]["feed"].get("hole", 0.0)] = 0.0
             points, _ = arm.placed(bends, axes)
             if least_own_gap(arm, points)[0] > GAP:
@@ -111,14 +126,14 @@ class Drawn:
         corners = [(reach.min(axis=0) - arm.radii.max() - pad), (reach.max(axis=0) + arm.radii.max() + pad)]
         bounds = np.round(corners, 3)
         data["workspace"]["bounds"] = bounds.tolist() if self.space else bounds.ravel().tolist()
-        rows: list[dict[str, Any]] = []
+        bodies: list[dict[str, Any]] = []
         for _ in range(int(rng.integers(3, 14))):
-            row = self._body(points, bounds) | {"name": f"body {len(rows)}"}
+            row = self._body(points, bounds) | {"name": f"body {len(bodies)}"}
             if self._is_clear(arm, points, row):
-                rows.append(row)
-        data["workspace"]["obstacles"] = rows
+                bodies.append(row)
+        data["workspace"]["obstacles"] = bodies
         data["goal"] = {"position": points[1, -1].round(5).tolist()}
-        if rng.random() < 0.2:
+        if rng.random() < 0.2 and axes.shape[1] < 2 and "axes" not in kinds:
             data["goal"] = {"joints_deg": np.rad2deg(bends[1]).round(4).tolist()}
             if len(axes[0]):
                 data["goal"]["feed"] = float(axes[1, 0])

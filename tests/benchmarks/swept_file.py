@@ -116,22 +116,22 @@ class FileArm:
         return points, frames
 
     def _carried(self, axes: FloatArray) -> tuple[FloatArray, Rotation]:
-        """Return where axes carry the base, one frame in the other from the ground up, as their keys say."""
+        """Return where axes carry the base: each moves what is beyond it about where it is with all axes at zero."""
         place, turn = self.base
         count = len(axes)
         frames = Rotation.from_matrix(np.broadcast_to(turn, (count, 3, 3)))
         rows = self.table["base"].get("axes", ())
         if not rows:
             return place + axes.sum(axis=1)[:, None] * turn[:, 0], frames
-        # The axes' frames coincide with that of the base where all are at zero, so that each acts in the one before.
         origin = np.broadcast_to(place, (count, 3))
-        for row, values in zip(rows, axes.T, strict=True):
+        for row, values in reversed(list(zip(rows, axes.T, strict=True))):
             axis = np.array(row["axis"], dtype=float)
             axis /= np.linalg.norm(axis)
             if row["kind"] == "prismatic":
-                origin = origin + values[:, None] * frames.apply(axis)
-            else:
-                frames = frames * Rotation.from_rotvec(values[:, None] * axis)
+                origin = origin + values[:, None] * axis
+                continue
+            point, turned = np.array(row.get("position", place)), Rotation.from_rotvec(values[:, None] * axis)
+            origin, frames = point + turned.apply(origin - point), turned * frames
         return origin, frames
 
     @cached_property
@@ -311,7 +311,8 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
     over = np.abs(bends).reshape(len(bends), len(arm.lengths), -1).max(axis=(0, 2)) - arm.limits
     if over.max() > 1e-6:
         found.append(f"joint {int(over.argmax()) + 1} is {over.max():.2g} rad beyond its limit")
-    found += list(_beyond_ends(data, arrays, arm, bends, axes))
+    found += list(_beyond_ends(data, arrays, bends))
+    found += list(_beyond_axes(data, arrays, arm, bends, axes))
     dense = arm.placed(*densely(arm, bends, axes))[0]
     allowed = TOUCH * max(float(arm.places[-1]), 0.1)
     for k, start, end in arm.exposed(dense):
@@ -324,21 +325,11 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
     return found
 
 
-def _beyond_ends(
-    data: Keys, arrays: Mapping[str, FloatArray], arm: FileArm, bends: FloatArray, axes: FloatArray
-) -> Iterator[str]:
-    """Yield what start and goals miss, and axes beyond their range or joints bent in the guide tube."""
+def _beyond_ends(data: Keys, arrays: Mapping[str, FloatArray], bends: FloatArray) -> Iterator[str]:
+    """Yield what start and goals miss."""
     start = data["start"]
     if np.abs(bends[0] - np.deg2rad(start.get("joints_deg", np.zeros(bends.shape[1:])))).max() > 1e-6:
         yield "the start is another"
-    feed = data["arm"].get("feed")
-    if feed is not None:
-        low, high = feed["range"]
-        if axes.min() < low - 1e-9 or axes.max() > high + 1e-9:
-            yield "the feed is out of its range"
-        inside = axes + arm.places[:-1] < feed.get("hole", high) - 1e-8
-        if np.abs(bends.reshape(*inside.shape, -1)[inside]).max(initial=0.0) > 1e-6:
-            yield "a joint bends in the guide tube"
     goals: Sequence[Keys] = data["goal"] if isinstance(data["goal"], list) else [data["goal"]]
     tips = arrays["joint_positions"][:, -1]
     for goal, sample in zip(goals, (*arrays["stops"], len(tips) - 1), strict=True):
@@ -348,3 +339,24 @@ def _beyond_ends(
                 yield f"the tip misses a goal by {away:.2g} m"
         elif np.abs(bends[sample] - np.deg2rad(goal["joints_deg"])).max() > np.deg2rad(1.001):
             yield "the pose misses a goal"
+
+
+def _beyond_axes(
+    data: Keys, arrays: Mapping[str, FloatArray], arm: FileArm, bends: FloatArray, axes: FloatArray
+) -> Iterator[str]:
+    """Yield axes beyond their range or too fast, and joints bent in the guide tube."""
+    rows = data["arm"]["base"].get("axes", ()) if data.get("space") == 3 else ()
+    for row, values in zip(rows, axes.T if rows else (), strict=True):
+        low, high = row["range"] if row["kind"] == "prismatic" else np.deg2rad(row["range_deg"])
+        if values.min() < low - 1e-9 or values.max() > high + 1e-9:
+            yield "an axis is out of its range"
+        if np.abs(np.diff(values) / np.diff(arrays["time"])).max() > row["velocity"] * 1.001:
+            yield "an axis is too fast"
+    feed = data["arm"].get("feed")
+    if feed is not None:
+        low, high = feed["range"]
+        if axes.min() < low - 1e-9 or axes.max() > high + 1e-9:
+            yield "the feed is out of its range"
+        inside = axes + arm.places[:-1] < feed.get("hole", high) - 1e-8
+        if np.abs(bends.reshape(*inside.shape, -1)[inside]).max(initial=0.0) > 1e-6:
+            yield "a joint bends in the guide tube"
