@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError
-from ccm_opt.core.length_words import file_length, short_length
+from ccm_opt.core.length_words import file_length, in_unit, message_unit, short_length
 from ccm_opt.planning.ends import describe_contact
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.leader_motion import OwnPath
@@ -50,7 +50,7 @@ def motion_along(task: SpaceTask, points: FloatArray, tolerance: float, within: 
     tip = arm.joint_positions_at(start)[-1]
     away = float(np.linalg.norm(points[0] - tip))
     if away > tolerance:
-        where = ", ".join(file_length(float(value), 6) for value in tip)
+        where = ", ".join(f"{in_unit(round(float(value), 7), message_unit()) + 0.0:g}" for value in tip)
         raise ProblemError(
             f"goal.path begins {short_length(away)} from the tip at the start; begin it at [{where}], or move the start"
         )
