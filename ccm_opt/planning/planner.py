@@ -380,7 +380,7 @@ class MotionPlanner:
                 return _Planned((motion,), ending.record, path)
         with self.stages("optimisation"):
             motions = (
-                with_more_clearance(optimise(motion, ending.task), ending.task),
+                with_more_clearance(optimise(motion, ending.task), ending.task, begun=motion),
                 found if motion.u is None else motion,
             )
         return _Planned(motions, ending.record)
