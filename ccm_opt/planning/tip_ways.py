@@ -13,7 +13,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
-from ccm_opt.planning.guides import ONTO_TRACK, ArmTrack
+from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains, WayEnd
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.tube_exit import bend_shares
@@ -36,9 +36,6 @@ _FAR = 2.0
 _AROUND = 4.0
 """Distance by which paths may extend beyond all obstacles of the scene, in nominal links."""
 
-_CLOSE_ONTO_TRACK = 3.0
-"""Weight with which all joints are pulled onto the tip's track if the usual weight fails because walls block the arm.
-Measured: an arm of 12 links in a helical pipe is found with it only."""
 _BANDS = 6
 """Maximum number of elastic bands made through one grid."""
 _CHAIN_SEED = 1000
@@ -89,13 +86,13 @@ class TipWay:
         name: name of the path in the record of candidates.
         corners: vertices of the path, shape (m, 3) [m].
         margin: fraction of the planning margin that steps along the path keep.
-        followed: weight with which all joints are pulled onto the path of the tip; 0 if they are not.
+        followed: whether all joints are pulled onto the path of the tip.
     """
 
     name: str
     corners: FloatArray
     margin: float = 1.0
-    followed: float = 0.0
+    followed: bool = False
 
 
 @dataclass
@@ -128,7 +125,6 @@ class SpaceTipWays:
     _tried: set[float] = field(default_factory=set)  # cell sizes of grids already searched [m]
     _seen: list[FloatArray] = field(default_factory=list)  # paths through them
     _seen_chains: list[FloatArray] = field(default_factory=list)
-    _bands: list[TipWay] = field(default_factory=list)  # elastic bands from grids tried so far
 
     @cached_property
     def start(self) -> FloatArray:
@@ -140,7 +136,6 @@ class SpaceTipWays:
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
         yield from self._elastic(_CELLS[0])
         yield from self._chained(range(_GROWTHS[0]))
-        yield from self._close_behind()
 
     def others(self) -> Iterator[TipWay]:
         """Yield the tip paths that are not tried first.
@@ -207,17 +202,10 @@ class SpaceTipWays:
             known = any(_alike(way.places, other, 0.5 * task.unit) for other in seen)
             seen.append(way.places)
             if not known and self._followable_band(way):
-                followed = TipWay("behind the tip", self._joined([way.places]), _CLOSE, ONTO_TRACK)
-                self._bands.append(followed)
-                yield followed
+                yield TipWay("behind the tip", self._joined([way.places]), _CLOSE, followed=True)
             grid = _closed_about(grid, way.worst, _CLOSED * task.unit)
             if known:
                 grid = _closed_about(grid, way.worst, 2.0 * _CLOSED * task.unit)
-
-    def _close_behind(self) -> Iterator[TipWay]:
-        """Yield the elastic bands tried so far once more, with all joints pulled onto them more strongly."""
-        for way in self._bands:
-            yield replace(way, name="close behind the tip", followed=_CLOSE_ONTO_TRACK)
 
     @cached_property
     def _band(self) -> Callable[[FloatArray], ElasticWay | None] | None:
@@ -264,7 +252,7 @@ class SpaceTipWays:
                 self._seen_chains.append(corners)
                 way = band(corners)
                 if way is not None and self._followable_band(way):
-                    yield TipWay("behind the tip, along a chain", self._joined([way.places]), _CLOSE, ONTO_TRACK)
+                    yield TipWay("behind the tip, along a chain", self._joined([way.places]), _CLOSE, followed=True)
                 tried += 1
                 if tried >= _CHAINS:
                     return

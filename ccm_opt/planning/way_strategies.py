@@ -338,7 +338,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             track = ArmTrack.behind(poses[-1].points, corners)
             guide: Guide = TipLed(stepper.space, track, track.start, still=False, largest_turn=_TURN, at_once=True)
             if way.followed:
-                guide = TrackLed(stepper.space, track, weight=way.followed)
+                guide = TrackLed(stepper.space, track)
             poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
             if place is not None:
                 poses += settle(stepper, place, poses[-1], task.deadline)[1:]
