@@ -32,7 +32,7 @@ of the report."""
 
 LONGEST = """
     docs_blocks space_diagnosis real_jobs comparison_executors comparison_supervision surroundings space_suites
-    user_terms_in_space hill_climbing_planner pareto comparison ways_of_fed_arms space_search how_to_cluster
+    user_terms_in_space hill_climbing_planner pareto comparison followable_ways space_search how_to_cluster
     tolerance own_units space_reach pipeline diagnosis space_retargeting determinism feed_planning space_pose
     hill_climbing_examples interrupts motion_certificate
 """.split()  # noqa: SIM905 - legible

@@ -17,7 +17,7 @@ PLANNERS = frozenset(
     MotionPlanner plan plan_legs find_motion find_by_ways optimise search_by_trees CurveDraws
     GoalPoses poses_at_goal goal_poses solve_files
     compare compare_methods run_apart RunProcess completed execute with_constraint_first
-    by_walks by_trees by_candidates connected straight runpy
+    by_walks by_trees by_candidates connected straight FollowSearch runpy
     subprocess dask_cluster Process
     """.split()  # noqa: SIM905 - legible
 )

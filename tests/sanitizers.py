@@ -36,7 +36,7 @@ MODULES = (
     "curve_space",
     "space_curve_map",
     "space_certificate",
-    "ways_of_fed_arms",
+    "followable_ways",
     "dynamics",
     "planar_dynamics",
     "simulation",

@@ -6,6 +6,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
+from ccm_opt.robot.rigid_motions import turn_towards
 
 FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
 """Feed axis with a travel of 0.5 m and a guide tube that ends at its end."""
@@ -81,11 +82,11 @@ def laid_into_space(curve: Configuration, base: FloatArray, rotation: FloatArray
         base: position of the base, shape (3,) [m].
         rotation: rotation whose first two columns are the axes x and y of the plane, shape (3, 3).
     """
-    cos, sin = np.cos(curve.base_heading), np.sin(curve.base_heading)
+    heading = curve.base_heading
     segments = curve.segments
     return SpaceConfiguration.chain(
         base,
-        rotation @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]),
+        rotation @ turn_towards(np.array([1.0, 0.0]), heading),
         [segment.length for segment in segments],
         [np.column_stack((segment.curvature, np.zeros(5))) for segment in segments],
         [segment.knots for segment in segments],

@@ -20,8 +20,8 @@ from ccm_opt.planning.tip_ways import SpaceTipWays
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.biarc import free_before
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.tube_exit import free_before
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.snakes_in_space import boxes, task_of
 from tests.test_slid_along import LENGTH, fed_arm
@@ -151,7 +151,7 @@ def test_no_chains_grow_after_the_deadline(monkeypatch: pytest.MonkeyPatch) -> N
 def test_no_first_way_is_tried_twice(monkeypatch: pytest.MonkeyPatch, links: int, times: int) -> None:
     """Ways that bend earlier follow only if the joints of an arm may bend earlier."""
     task, _ = in_the_open(0.0, links=links)
-    for kind in ("_elastic", "_chained"):
+    for kind in ("_elastic", "_chained", "_behind_the_tip"):
         monkeypatch.setattr(SpaceTipWays, kind, lambda *_: iter(()))
     found = list(SpaceRun.from_task(task).first_ways())
     assert [way.name for way in found] == times * ["straight"]

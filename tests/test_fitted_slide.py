@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
+from ccm_opt.planning.followable_ways import STILL, feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.guides import ArmTrack
-from ccm_opt.planning.slides import STILL, feeds_to_end, fitted_slide, slid_along
 from ccm_opt.robot.arm import Arm
 from tests.test_slid_along import bent_way, fed_arm
 

@@ -16,8 +16,8 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.leader_motion import keyframes_behind_tip, tube_bound
 from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.biarc import straight_at_exit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.tube_exit import straight_at_exit
 from tests.snakes_in_space import snake
 
 ARM = snake(16, length=0.8, feed=Feed(-0.8, 0.0, 0.0))

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning import way_strategies
+from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.link_chains import LinkChain, LinkChains, WayEnd
+from ccm_opt.planning.link_chains import LinkChain, LinkChains
 from ccm_opt.planning.sampled_poses import CurvePoints, chained_goal_poses
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -18,7 +18,9 @@ from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.dynamics.simulation.controller import CompiledLoop
+from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
@@ -155,11 +157,25 @@ def test_obstacles_in_the_plane(corner: FloatArray, size: float) -> None:
 
 
 @attack
+@given(place=table(3), frame=table(3, 3), goal=table(3), directed=st.booleans())
+def test_followable_ways(place: FloatArray, frame: FloatArray, goal: FloatArray, directed: bool) -> None:
+    """Ways may begin and end anywhere, in any frame."""
+    arcs = WayArcs.for_radius(0.1, 0.3, 0.05)
+    shape = (4, 5, 6)
+    search = FollowSearch(np.zeros(3), 0.05, np.ones(shape, np.float32), np.ones(shape), arcs, 0.3, 0.1, 2.0)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(followable_ways, "MOST_STATES", 50)
+        search.connecting_arc_indices(place, frame, WayEnd(goal, frame[0] if directed else None))
+
+
+@attack
 @given(price=arrays(np.float32, (3, 4, 2), elements=st.floats(width=32)), gaps=table(3, 4, 2))
 def test_ways_through_grids(price: FloatArray, gaps: FloatArray) -> None:
     """Prices and gaps may be anything."""
     grid = TipGrid(np.zeros(3), 0.1, gaps, 1.0, 0.01)
-    grid._settled(price, (0, 0, 0), (2, 3, 1))
+    grid._settled(price, (0, 0, 0), None)
+    if np.any(price > 0.0):
+        grid._settled(price, (0, 0, 0), (2, 3, 1))
 
 
 @attack

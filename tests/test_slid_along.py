@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.followable_ways import feeds_to_end, slid_along
 from ccm_opt.planning.guides import ArmTrack
-from ccm_opt.planning.slides import feeds_to_end, slid_along
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.tube_exit import FREE_AFTER
 from tests.arms import held_bends
 from tests.space_arms import space_arm
 

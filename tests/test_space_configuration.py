@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.biarc import biarc
 from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import Knots
@@ -142,3 +143,25 @@ def test_what_is_no_segment_is_refused() -> None:
         chain(np.eye(3), [0.0], [np.zeros((5, 2))])
     with pytest.raises(ValueError, match="knots"):
         chain(np.eye(3), [1.0], [np.zeros((5, 2))], [(0.5, 0.4, 0.6)])
+
+
+@given(SEEDS)
+@settings(max_examples=60, deadline=None)
+def test_a_biarc_meets_both_poses(seed: int) -> None:
+    """Its curve, integrated, starts and ends as asked."""
+    random = np.random.default_rng(seed)
+    base, frame = random.normal(size=3), random_rotation(random)
+    tip, direction = base + random.normal(size=3), random_rotation(random)[:, 0]
+    arcs = biarc(base, frame, tip, direction)
+    assert arcs is not None
+    values = [np.tile(arc.turn / arc.length * arc.side, (5, 1)) for arc in arcs]
+    curve = SpaceConfiguration.chain(base, frame, [arc.length for arc in arcs], values)
+    position, along = curve.tip
+    np.testing.assert_allclose(position, tip, atol=1e-8 * (1.0 + curve.length))
+    np.testing.assert_allclose(along, direction, atol=1e-8)
+
+
+def test_no_two_arcs_lead_straight_back() -> None:
+    """A tip behind the base that points the same way is joined by none."""
+    behind = np.array([-1.0, 0.0, 0.0])
+    assert biarc(np.zeros(3), np.eye(3), behind, -behind) is None

@@ -11,7 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
-from ccm_opt.robot.tube_exit import bend_shares, free_before, straight_at_exit
+from ccm_opt.robot.biarc import bend_shares, free_before, straight_at_exit
 from tests.arms import held_bends
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy

@@ -323,6 +323,7 @@ def test_no_way_is_found_after_the_deadline() -> None:
     in_time = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1)
     assert in_time.cheapest_way(*ends, 3.0) is not None
     assert replace(in_time, deadline=Deadline.after(-1.0)).cheapest_way(*ends, 3.0) is None
+    assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to_go(ends[1], in_time.prices(3.0)) is None
 
 
 def test_an_arm_of_many_links_moves_as_one_of_few() -> None:

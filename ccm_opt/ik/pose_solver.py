@@ -16,7 +16,7 @@ from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.row_program import IPOPT_SWITCHES, RowAnswer, built_solver, row_answer
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.tube_exit import bend_shares
+from ccm_opt.robot.biarc import bend_shares
 
 _LIMIT_SHARE = 0.98
 """Fraction of a joint limit that a pose may use (as in the steps of the motion)."""

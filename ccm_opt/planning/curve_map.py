@@ -22,7 +22,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.tube_exit import bend_shares, free_before
+from ccm_opt.robot.biarc import bend_shares, free_before
 
 KNOTS = 11
 SETTLING = 1e-2

@@ -20,7 +20,7 @@ from scipy.linalg import solveh_banded
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths, points_at
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.tube_exit import bend_shares
+from ccm_opt.robot.biarc import bend_shares
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _PIECE = 0.25

@@ -36,7 +36,7 @@ from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord
-from ccm_opt.robot.tube_exit import straight_at_exit
+from ccm_opt.robot.biarc import straight_at_exit
 
 _LEAST_KEYFRAMES = 4
 """Minimum number of keyframes of a motion whose busiest joints get higher weights. Derived: fewer have no meaningful

@@ -38,8 +38,8 @@ _ADVANCE = 0.4
 """Advance of the tip's target in one step, in nominal links. Heuristic."""
 _FOLLOWING_WEIGHT = 0.1
 """Weight of the heading of a link that lies on the track, per nominal link. Heuristic."""
-_ONTO_TRACK = 0.1
-"""Weight on the distances of joints from the track in guides that pull all joints onto the track."""
+ONTO_TRACK = 0.1
+"""Usual weight on the distances of joints from the track in guides that pull all joints onto the track."""
 
 _TURN_LEASH = 0.4
 """Turn between any link and its target beyond which the target waits [rad]. Heuristic."""
@@ -308,11 +308,15 @@ class TrackLed(TipLed):
         space: map from the unknowns to configurations.
         track: track of the tip, which begins with the initial shape of the arm.
         end: arc length at which the tip ends, smaller or larger than at its start; the end of the track if None [m].
+        weight: weight on the distances of the joints from the track.
     """
 
-    def __init__(self, space: CurveUnknowns, track: ArmTrack, end: float | None = None) -> None:
+    def __init__(
+        self, space: CurveUnknowns, track: ArmTrack, end: float | None = None, weight: float = ONTO_TRACK
+    ) -> None:
         super().__init__(space, track, track.start, at_once=True)
         self._behind = track
+        self._weight = weight
         if end is not None:
             self._end = end
 
@@ -334,7 +338,7 @@ class TrackLed(TipLed):
         missing = np.einsum("kij,kj->ki", beside, track.at(arcs) - pose.points) / unit
         return [
             Term(pose.moving[-1] / unit, (track.at(self.arc) - pose.tip) / unit, 1.0),
-            Term(rows.reshape(-1, p), missing.ravel(), _ONTO_TRACK * self.space.nominal_per_link),
+            Term(rows.reshape(-1, p), missing.ravel(), self._weight * self.space.nominal_per_link),
         ]
 
     def _keeps_up(self, pose: Pose) -> bool:

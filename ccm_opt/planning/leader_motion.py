@@ -28,17 +28,17 @@ from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import file_length, short_length
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.curve_map import FEED_A_SPAN
+from ccm_opt.planning.followable_ways import slid_along
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.limits.following import FOLLOWING_SHARE, FollowingLimit
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.slides import slid_along
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.spline_path import certified_spare
 from ccm_opt.problem.solution import ClearanceLimit, JointPath
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import bend_shares, free_before, smooth_step
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.tube_exit import bend_shares, free_before, smooth_step
 
 _STEP_SHARE = 0.4
 """Maximum feed between two keyframes, as a fraction of the length on which joints stay straight beyond the guide tube,

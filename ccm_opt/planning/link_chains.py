@@ -14,6 +14,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
+from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -31,19 +32,6 @@ _ATTRACTED = 0.3
 """Fraction of targets that are nodes of the other tree. Heuristic."""
 _DIRECTIONS = 16
 """Number of random directions of the last link if any direction is acceptable. Heuristic."""
-
-
-@dataclass(frozen=True, eq=False)
-class WayEnd:
-    """Position and direction of an end of a chain of links.
-
-    Attributes:
-        place: position, shape (3,) [m].
-        direction: unit vector of the chain's direction, shape (3,); None if any is acceptable.
-    """
-
-    place: FloatArray
-    direction: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)

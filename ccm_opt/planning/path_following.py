@@ -12,12 +12,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError
 from ccm_opt.core.length_words import file_length, in_unit, message_unit, short_length
 from ccm_opt.planning.ends import describe_contact
+from ccm_opt.planning.followable_ways import feeds_to_end
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.leader_motion import OwnPath
 from ccm_opt.planning.limits.following import FOLLOWING_SHARE, FollowingLimit
 from ccm_opt.planning.path_fit import fitted_path
 from ccm_opt.planning.path_on_limits import certified_samples
-from ccm_opt.planning.slides import feeds_to_end
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.tip_path import SAMPLES, TipPath

@@ -14,9 +14,10 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import PoseLed
-from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains, WayEnd
+from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions

@@ -6,23 +6,44 @@ Many lengths are given in nominal links, each a twenty-fourth of the arm's lengt
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
+from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
-from ccm_opt.planning.guides import ArmTrack
-from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains, WayEnd
+from ccm_opt.planning.guides import ONTO_TRACK, ArmTrack
+from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.robot.tube_exit import bend_shares
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import bend_shares
+
+_FOLLOWABLE_CELLS = (200000, 1500000)
+"""Numbers of cells of the grids in which paths that a fed arm can follow are sought, in turn."""
+
+_TIGHTEST = 1.5
+"""Smallest bend radius of a path, in nominal links, at which the knots of the arm's curve can still represent a right
+angle."""
+_LIMIT_SHARES = (1.15, 0.75, 1.6)
+"""Assumed bend radii, tried in turn, as multiples of that of the circle through the joints of an arm bent to its
+limits. The circle that the links touch has cos(limit / 2) of that radius, 0.71 for right angles: with factors below 1,
+links reach out of a bend on both sides."""
+_APART = 0.9
+"""Largest ratio of the smaller to the greater of two bend radii for both to be tried."""
 
 _GRID_MARGINS = (1.0, 0.0)
 """Fractions of the planning margin with which grid cells are free, tried in turn until there is a path."""
 _STRAIGHT_ENDS = (3.0, 0.0, 1.5, 6.0)
 """Lengths of the straight end of a path along the goal direction, tried in turn, in nominal links."""
 
+_APPROACHES = (1.0, 0.0)
+"""Lengths of the straight end along the goal direction of paths that a fed arm follows, tried in turn, in nominal
+links, or in links where these are longer."""
+_PRICES = ((3.0, 1.0), (1.0, 0.0))
+"""Pairs tried in turn: relative extra cost of a path along a wall, and the fraction of the planning margin with which
+grid cells are free."""
 _CELLS = (200_000, 1_500_000, 8_000_000)
 """Numbers of cells of the grids in which paths are sought, the coarse one first."""
 _FINEST = 0.12
@@ -36,6 +57,10 @@ _FAR = 2.0
 _AROUND = 4.0
 """Distance by which paths may extend beyond all obstacles of the scene, in nominal links."""
 
+_CLOSE_ONTO_TRACK = 3.0
+"""Weight with which all joints are pulled onto the tip's track if the usual weight fails because walls block the arm;
+links that are long relative to the bends of a duct pass with the usual one (measured in pipes and slots with 8 and 12
+links)."""
 _BANDS = 6
 """Maximum number of elastic bands made through one grid."""
 _CHAIN_SEED = 1000
@@ -78,6 +103,32 @@ _SPARE_LENGTH = 2.0
 """Allowed excess of the length of a path over the feed that is left, in nominal links."""
 
 
+def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
+    """Return pairs of a smallest bend radius and an extra clearance with which followable paths are sought, in order.
+
+    Args:
+        arm: the arm.
+        unit: length of a nominal link [m].
+
+    Returns:
+        Pairs of the smallest bend radius that a path may have [m], and the clearance that a path needs beyond the usual
+        one, since straight links cut the bends (their sagitta, or 0) [m].
+    """
+    # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
+    half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
+    through_joints = 0.5 * arm.link_length / float(np.sin(half))
+    radii: list[float] = []
+    for share in _LIMIT_SHARES:
+        radius = max(_TIGHTEST * unit, share * through_joints)
+        if all(radius < _APART * other or other < _APART * radius for other in radii):
+            radii.append(radius)
+    found = []
+    for radius in radii:
+        height = max(arm.link_length**2 - unit**2, 0.0) / (8.0 * radius)
+        found += [(radius, beside) for beside in dict.fromkeys((height, 0.0))]
+    return found
+
+
 @dataclass(frozen=True)
 class TipWay:
     """Tip path in space, a polyline, with the parameters of a motion along the path.
@@ -86,13 +137,13 @@ class TipWay:
         name: name of the path in the record of candidates.
         corners: vertices of the path, shape (m, 3) [m].
         margin: fraction of the planning margin that steps along the path keep.
-        followed: whether all joints are pulled onto the path of the tip.
+        followed: weight with which all joints are pulled onto the path of the tip; 0 if they are not.
     """
 
     name: str
     corners: FloatArray
     margin: float = 1.0
-    followed: bool = False
+    followed: float = 0.0
 
 
 @dataclass
@@ -120,7 +171,8 @@ class SpaceTipWays:
     straight: float = 0.0
     joints: FloatArray | None = None
     out: float = 0.0
-    _grids: dict[tuple[int, float], TipGrid] = field(default_factory=dict)
+    _followed: list[FloatArray] = field(default_factory=list)  # followable paths tried so far
+    _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
     _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # cell sizes of grids already searched [m]
     _seen: list[FloatArray] = field(default_factory=list)  # paths through them
@@ -136,15 +188,18 @@ class SpaceTipWays:
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
         yield from self._elastic(_CELLS[0])
         yield from self._chained(range(_GROWTHS[0]))
+        yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
         """Yield the tip paths that are not tried first.
 
-        In order: further paths that a fed arm can follow, cheapest paths whatever their bends, detours from
+        In order: paths from finer grids that a fed arm can follow, cheapest paths whatever their bends, detours from
         these, and paths with another straight end at the goal.
         """
         yield from self._elastic(_CELLS[1])
         yield from self._chained(range(*_GROWTHS))
+        for cells in _FOLLOWABLE_CELLS[1:]:
+            yield from self._behind_the_tip(cells)
         for cells in _CELLS[:-1]:
             yield from self._through_cells(cells)
         for approach in _STRAIGHT_ENDS[1:]:
@@ -202,7 +257,7 @@ class SpaceTipWays:
             known = any(_alike(way.places, other, 0.5 * task.unit) for other in seen)
             seen.append(way.places)
             if not known and self._followable_band(way):
-                yield TipWay("behind the tip", self._joined([way.places]), _CLOSE, followed=True)
+                yield TipWay("behind the tip", self._joined([way.places]), _CLOSE, ONTO_TRACK)
             grid = _closed_about(grid, way.worst, _CLOSED * task.unit)
             if known:
                 grid = _closed_about(grid, way.worst, 2.0 * _CLOSED * task.unit)
@@ -252,7 +307,7 @@ class SpaceTipWays:
                 self._seen_chains.append(corners)
                 way = band(corners)
                 if way is not None and self._followable_band(way):
-                    yield TipWay("behind the tip, along a chain", self._joined([way.places]), _CLOSE, followed=True)
+                    yield TipWay("behind the tip, along a chain", self._joined([way.places]), _CLOSE, ONTO_TRACK)
                 tried += 1
                 if tried >= _CHAINS:
                     return
@@ -309,6 +364,60 @@ class SpaceTipWays:
                 across = np.sqrt(np.maximum(np.sum(apart**2, axis=-1) - along**2, 0.0))
                 prices[block][(across - radius) ** 2 + along**2 < tube**2] = _SHARP_PRICE
         return prices
+
+    def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
+        """Yield tip paths through a grid whose bends all joints of a fed arm can follow; none for a fixed base.
+
+        Each path is yielded three times: to pull the joints onto the path, to do so more strongly, and to lead the tip
+        alone.
+        """
+        if self.fed is None:
+            return
+        seen = self._followed
+        allowances = bend_allowances(self.task.arm, self.task.unit)
+        for allowance, price, approach in product(allowances, _PRICES, _APPROACHES):
+            way = self._followable(cells, allowance, price, approach)
+            if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
+                seen.append(way)
+                yield TipWay("behind the tip", way, _CLOSE, ONTO_TRACK)
+                yield TipWay("close behind the tip", way, _CLOSE, _CLOSE_ONTO_TRACK)
+                yield TipWay("behind the tip, more freely", way, _CLOSE)
+
+    def _followable(
+        self, cells: int, allowance: tuple[float, float], price: tuple[float, float], approach: float
+    ) -> FloatArray | None:
+        """Return a tip path via all via points whose bends a fed arm can follow, shape (m, 3) [m], or None.
+
+        Args:
+            cells: approximate number of cells of the grid.
+            allowance: smallest bend radius, and additional clearance for the sagitta of links [m].
+            price: relative extra cost along walls, and fraction of the planning margin with which cells are free.
+            approach: length of the straight end, in nominal links or in links, whichever are longer.
+        """
+        task = self.task
+        nearness, margin = price
+        radius, beside = allowance
+        grid = self._grid(cells, margin, beside, self._longest_followed)
+        avoided = self._followed
+        dear = _prices(grid, avoided, _DETOUR_PRICE) if avoided else None
+        prices = grid.prices(nearness, dear)
+        search = FollowableWays(grid, prices, radius, task.unit, task.deadline)
+        most = self._longest_followed
+        goals = [WayEnd(place, None) for place in task.via]
+        # The straight end is at least a link long, so that the last link lies on it and not on a chord of a bend.
+        last = self._before_goal(approach * max(1.0, task.arm.link_length / task.unit))
+        goals.append(WayEnd(last, self.direction))
+        parts = [self.start[None]]
+        heading = self.heading
+        for goal in goals:
+            part = search.between(WayEnd(parts[-1][-1], heading), goal, most)
+            if part is None:
+                return None
+            most -= float(np.sum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
+            heading = part[-1] - part[-2]
+            heading /= np.linalg.norm(heading)
+            parts.append(part)
+        return self._joined([*parts, self.goal])
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
         """Yield tip paths through a grid that keep away from the paths ``seen``, to which each new path is appended."""
@@ -376,15 +485,24 @@ class SpaceTipWays:
         """Length of the longest path that the arm can be fed along, up to where the straight approach begins [m]."""
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
-    def _grid(self, cells: int, margin: float) -> TipGrid:
-        """Return the grid of about ``cells`` cells whose free cells leave the tip a fraction of the planning margin."""
-        key = (cells, margin)
+    def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
+        """Return the grid whose free cells leave the tip a fraction of the planning margin and a further clearance.
+
+        Args:
+            cells: approximate number of cells.
+            margin: fraction of the planning margin.
+            beside: further clearance [m].
+            longest: length of the longest path that is sought, up to where the approach begins [m]; cells on no such
+                path count as closed.
+        """
+        key = (cells, margin, beside, longest)
         if key not in self._grids:
             task = self.task
             far = _FAR * task.unit
+            around = task.kept + beside
             # Distances up to the whole margin will be needed later.
-            distances = self._distances(cells, np.inf, task.kept + max(margin, 1.0) * task.margin + far)
-            grid = TipGrid.from_distances(distances, task.kept + margin * task.margin, far, task.deadline)
+            distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
+            grid = TipGrid.from_distances(distances, around + margin * task.margin, far, task.deadline)
             self._grids[key] = self._closed_behind(grid)
         return self._grids[key]
 
@@ -412,16 +530,13 @@ class SpaceTipWays:
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
         """Return the distances of the cells of a grid from surfaces, exact at least up to ``reach`` [m], cached.
 
-        Args:
-            cells: approximate number of cells.
-            longest: length of the longest path that is sought, up to where the approach begins [m]; cells on no such
-                path count as closed.
-            reach: distance up to which distances are exact [m].
+        ``cells`` and ``longest`` are as in ``_grid``.
         """
         known = self._known.get((cells, longest))
         if known is None or known.reach < reach:
             task = self.task
-            approach = max(task.unit, task.arm.link_length)
+            approaches = _APPROACHES
+            approach = max(approaches) * max(1.0, task.arm.link_length / task.unit) * task.unit
             ways = WaysBetween(self.start, self.goal, longest + approach) if np.isfinite(longest) else None
             low, high = self._box
             finest = _FINEST * task.unit

@@ -11,6 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
+from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, placed_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
@@ -28,13 +29,12 @@ from ccm_opt.planning.sampled_poses import (
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.section_map import unknowns_through
-from ccm_opt.planning.slides import feeds_to_end, fitted_slide, placed_slide, slid_along
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
 from ccm_opt.planning.via_places import passings
 from ccm_opt.planning.withdrawals import turned_over, withdrawal_poses
-from ccm_opt.robot.tube_exit import free_before
+from ccm_opt.robot.biarc import free_before
 
 _WANTED_POSES = 8
 """Number of poses at the goal to which motions are tried in turn before sampling."""
@@ -338,7 +338,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             track = ArmTrack.behind(poses[-1].points, corners)
             guide: Guide = TipLed(stepper.space, track, track.start, still=False, largest_turn=_TURN, at_once=True)
             if way.followed:
-                guide = TrackLed(stepper.space, track)
+                guide = TrackLed(stepper.space, track, weight=way.followed)
             poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
             if place is not None:
                 poses += settle(stepper, place, poses[-1], task.deadline)[1:]

@@ -94,6 +94,21 @@ def _hat(turn: FloatArray) -> FloatArray:
     return hat - np.swapaxes(hat, -1, -2)
 
 
+def turn_towards(side: FloatArray, angle: float) -> FloatArray:
+    """Return the rotation by an angle in the plane of the x axis and a direction perpendicular to x, shape (3, 3).
+
+    Args:
+        side: direction towards which x turns, a unit vector in the y-z plane, shape (2,).
+        angle: angle of the turn [rad].
+    """
+    t = np.array([np.cos(angle), *(np.sin(angle) * side)])
+    c, s = side
+    cos = np.cos(angle)
+    n1 = np.array([-c * np.sin(angle), s * s + c * c * cos, c * s * (cos - 1.0)])
+    n2 = np.array([-s * np.sin(angle), c * s * (cos - 1.0), c * c + s * s * cos])
+    return np.column_stack((t, n1, n2))
+
+
 NOMINAL_LINKS = 24
 """Number of nominal links in the length of an arm. The nominal link, a twenty-fourth of the arm, is the unit of length
 of all weights in planning."""

@@ -1,32 +1,40 @@
-"""Grids of ways of the tip, and motions of fed arms along ways that they can follow, in and back."""
+"""Ways that an arm can follow behind its tip: bends, room, ends; and motions of fed arms along them, in and back."""
 
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.cli.compare.space_clutter import disturbed_job
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.followable_ways import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.planning.strategies import find_by_ways
+from ccm_opt.planning.tip_ways import bend_allowances
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.planning.withdrawals import withdrawal_poses
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.arms import limits_at
+from tests.oracles.followable_ways import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
 
 from .space_sites import SITES, site_problem
 
+UNIT = 0.0375
+RADIUS = 2.0 * UNIT
 KEPT = 0.012
 SPACE_PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
 
@@ -36,6 +44,95 @@ def wall_with_a_gap() -> list[tuple[list[float], list[float]]]:
     return [([0.15, -0.4, -0.4], [0.152, 0.03, 0.4]), ([0.4, 0.0, -0.4], [0.402, 0.4, 0.4])]
 
 
+def ways(soup_boxes: list[tuple[list[float], list[float]]]) -> tuple[SurfaceTree, FollowableWays]:
+    """What finds ways among boxes."""
+    tree = SurfaceTree.from_triangles(boxes(soup_boxes))
+    grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 150_000, KEPT, 2.0 * UNIT)
+    return tree, FollowableWays(grid, grid.prices(1.0), RADIUS, UNIT)
+
+
+def sharpest(way: FloatArray, span: float) -> float:
+    """Largest turn of a way per length, over chords of a span [1/m]."""
+    arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))))
+    s = np.arange(0.0, arcs[-1], span)
+    places = np.stack([np.interp(s, arcs, column) for column in way.T], axis=1)
+    chords = np.diff(places, axis=0)
+    chords /= np.linalg.norm(chords, axis=1)[:, None]
+    cosines = np.einsum("kd,kd->k", chords[:-1], chords[1:])
+    return float(np.max(np.arccos(np.clip(cosines, -1.0, 1.0)))) / span
+
+
+@pytest.mark.parametrize("directed", [True, False])
+def test_a_followable_way_keeps_its_bends_its_room_and_its_ends(directed: bool) -> None:
+    """It begins and ends as asked, bends no more than is allowed, and passes no wall."""
+    tree, search = ways(wall_with_a_gap())
+    start = WayEnd(np.array([0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    goal = WayEnd(np.array([0.6, 0.1, 0.1]), np.array([0.0, 0.8, 0.6]) if directed else None)
+    way = search.between(start, goal, 1.5)
+    assert way is not None
+    assert np.allclose(way[0], start.place)
+    assert np.allclose(way[-1], goal.place)
+    assert way[1] - way[0] == pytest.approx(np.array([1.0, 0.0, 0.0]) * np.linalg.norm(way[1] - way[0]), abs=4e-3)
+    if goal.direction is not None:
+        last = (way[-1] - way[-2]) / np.linalg.norm(way[-1] - way[-2])
+        assert last @ goal.direction > np.cos(0.15)
+    assert sharpest(way, 0.02) < 1.15 / RADIUS
+    # Only the middles of cells were asked for room.
+    half = 0.5 * np.sqrt(3.0) * search.grid.cell
+    assert tree.distances(np.stack((way[:-1], way[1:]), axis=1), 0.1).min() > KEPT - half
+
+
+def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, FloatArray, FloatArray]:
+    """What is searched among random boxes, a goal, and a place with a frame from which there is a way to it."""
+    random = np.random.default_rng(seed)
+    corners = random.uniform(-0.4, 0.4, (5, 3))
+    tree = SurfaceTree.from_triangles(
+        boxes([(list(corner), list(corner + random.uniform(0.02, 0.3, 3))) for corner in corners])
+    )
+    grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 20_000, KEPT, 2.0 * UNIT)
+
+    def somewhere(cells: npt.NDArray[np.bool_]) -> FloatArray:
+        return np.asarray(grid.low + grid.cell * (random.choice(np.argwhere(cells)) + random.uniform(-0.4, 0.4, 3)))
+
+    wide = grid.gaps > UNIT
+    goal = somewhere(wide)
+    price = grid.prices(1.0)
+    left = grid.costs_to_go(goal, price)
+    assert left is not None
+    start = somewhere(wide & (left < 0.4))
+    arcs = WayArcs.for_radius(UNIT, RADIUS, grid.cell)
+    most = float(random.uniform(0.8, 3.0))
+    search = FollowSearch(grid.low, grid.cell, price, left, arcs, RADIUS, UNIT, most)
+    frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return search, WayEnd(goal, frame @ frame[0] if directed else None), start, frame
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), directed=st.booleans())
+def test_c_and_python_search_alike(seed: int, directed: bool) -> None:
+    """Among random boxes both find the same arcs, or both find no way."""
+    search, goal, place, frame = random_search(seed, directed)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(followable_ways, "MOST_STATES", 1 + seed % 1200)
+        found = search.connecting_arc_indices(place, frame, goal)
+        assert found == SearchByPython(search, goal).connecting_arc_indices(place, frame)
+
+
+def test_no_way_turns_round_where_there_is_no_room_to() -> None:
+    """In a tube that is narrower than the tightest bend there is no way back out beside the start."""
+    w = 0.04
+    tube = [
+        ([-0.1, w, -w], [0.7, w + 0.01, w]),
+        ([-0.1, -w - 0.01, -w], [0.7, -w, w]),
+        ([-0.1, -w, w], [0.7, w, w + 0.01]),
+        ([-0.1, -w, -w - 0.01], [0.7, w, -w]),
+    ]
+    _, search = ways(tube)
+    start = WayEnd(np.array([0.3, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    assert search.between(start, WayEnd(np.array([0.6, 0.0, 0.0]), None), 1.0) is not None
+    assert search.between(start, WayEnd(np.array([0.0, 0.0, 0.0]), None), 2.0) is None
+
+
 def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
     """Cells with room on both sides of a sheet of metal are no neighbours, however coarse the grid."""
     tree = SurfaceTree.from_triangles(boxes([([0.0, -0.5, -0.5], [0.0005, 0.5, 0.5])]))
@@ -43,6 +140,24 @@ def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
     assert grid.cell > 0.08
     assert grid.cheapest_way(np.array([-0.3, 0.0, 0.0]), np.array([0.3, 0.0, 0.0]), 3.0) is None
     assert grid.cheapest_way(np.array([-0.3, 0.3, 0.0]), np.array([-0.3, -0.3, 0.0]), 3.0) is not None
+
+
+def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
+    """Searched from the goal to all cells, or from one cell to the goal: the same cost."""
+    tree = SurfaceTree.from_triangles(boxes(wall_with_a_gap()))
+    grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 20_000, KEPT, 0.1)
+    price = grid.prices(3.0)
+    goal = np.array([0.6, 0.1, 0.1])
+    costs = grid.costs_to_go(goal, price)
+    assert costs is not None
+    for start in np.array([[0.0, 0.0, 0.0], [0.3, 0.2, -0.2], [0.6, -0.3, 0.3]]):
+        way = grid.cheapest_way(start, goal, 3.0)
+        assert way is not None
+        cells = [grid.index(place) for place in way[1:-1]]
+        lengths = np.linalg.norm(np.diff(way[1:-1], axis=0), axis=1)
+        prices = np.array([price[cell] for cell in cells])
+        total = float(np.sum(0.5 * lengths * (prices[:-1] + prices[1:])))
+        assert costs[cells[0]] == pytest.approx(total, rel=1e-3)
 
 
 @pytest.mark.parametrize("kept", [0.0, KEPT, 0.05])
@@ -124,11 +239,14 @@ def test_few_long_links_go_through_tight_bends(family: str) -> None:
     assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
 
 
-def test_long_links_that_bend_far_pass_between_ribs() -> None:
-    """In bends as tight as its joints allow an arm of 16 links would get stuck there."""
+def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
+    """In bends as tight as its joints allow an arm of 16 links gets stuck between ribs; in wide ones it passes them."""
     problem = disturbed_job(62000, "wing-box", 16, SPACE_PROBLEMS, "long links")
     triangle_soup = problem.workspace.triangle_soup
     task = space_task(problem, SurfaceTree.from_triangles(triangle_soup), Deadline.after(60.0), SpaceMotionSettings())
+    radii = {radius for radius, _ in bend_allowances(task.arm, task.unit)}
+    through_joints = 0.5 * task.arm.link_length / np.sin(0.5 * task.arm.joint_limit)
+    assert max(radii) > 1.5 * through_joints
     motion = find_by_ways(task)
     assert min(least_gaps(task.arm, triangle_soup, motion.configurations, 10)) > 0.0
 
