@@ -80,7 +80,7 @@ class _Fit:
     def scale(self) -> FloatArray:
         """Weight of a unit of each of x: 1 for angles, the reciprocal of the arm's length for displacements, (n,)."""
         units = np.array([1.0 if unit == "rad" else 1.0 / self.arm.length for unit in self.arm.coordinates.units])
-        return np.max(np.where(self.slopes != 0.0, units[:, None], 0.0), axis=0)
+        return np.asarray(np.max(np.where(self.slopes != 0.0, units[:, None], 0.0), axis=0))
 
     @cached_property
     def _limits(self) -> tuple[FloatArray, FloatArray]:
@@ -225,7 +225,7 @@ def fitted_path(arm: Arm, start: FloatArray, path: TipPath) -> BSpline:
     bends = np.eye(2 * arm.links) if arm.sections is None else arm.sections.coupling
     bends = bends[:, np.any(np.abs(bends) * arm.bend_limits[:, None] > 0.0, axis=0)]
     slopes = block_diag(bends, np.eye(axes))
-    first = np.linalg.lstsq(slopes, start, rcond=None)[0]
+    first: FloatArray = np.asarray(np.linalg.lstsq(slopes, start, rcond=None)[0], dtype=np.float64)
     joints = arm.joint_positions_at(start)
     shares = np.arange(SAMPLES // arm.links + 1)[:, None] / (SAMPLES // arm.links + 1)
     behind = (joints[:-1, None] + shares * (joints[1:, None] - joints[:-1, None])).reshape(-1, 3)
