@@ -12,7 +12,7 @@ from ccm_opt.problem import JointPose, PlannerOptions, Problem, SimulationOption
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
-from ccm_opt.robot.coordinates import Limits, PointLimit
+from ccm_opt.robot.coordinates import DriveLimits, Limits, PointLimit
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.chain_motion import LinkFrames
@@ -37,7 +37,10 @@ def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
     trajectory = JointTrajectory(time, *parts, arm.coordinates)
     one = np.ones(3 * LINKS)
     on_axis = {"feed_velocity": 0.25, "feed_acceleration": 0.5, "feed_force": 20.0} if arm.feed else {}
-    limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, **on_axis)
+    each = np.ones(len(arm.carrier))
+    axes = DriveLimits(1.0 * each, 0.5 * each, np.inf * each, np.inf * each) if arm.carrier else None
+    torque = 20.0 * one if arm.sections is None else None
+    limits = Limits(2.0 * one, 10.0 * one, torque, **on_axis, axes=axes)
     room = Workspace(bounds=np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), obstacles=())
     ends = [JointPose.from_configuration(place, arm.coordinates) for place in (start, end)]
     problem = Problem("in space", room, arm, limits, *ends, planner=FULL)

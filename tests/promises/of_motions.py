@@ -12,6 +12,8 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.tool import Tool, ToolBody
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.arms import plain_arm
 
@@ -246,6 +248,46 @@ def of_axis(case: Case, name: str, share: float = 0.98) -> float:
     return share * peak(getattr(case.trajectory, name)[:, -1])
 
 
+TOOL = Tool(np.array([0.06, 0.02]), np.array([0.8, 0.6]), (ToolBody(np.zeros(2), np.array([0.05, 0.0]), 0.012),))
+
+
+def tooled(tool: Tool = TOOL, *, stop: bool = False) -> Case:
+    """Return a case of an arm with a tool, with position and heading of the tool as goal at the end or at a stop."""
+    case = pausing() if stop else fixed()
+    arm = replace(case.problem.arm, tool=tool)
+    place = case.trajectory.positions[case.trajectory.stops[0] if stop else -1]
+    heading = float(arm.headings(place)[-1] + np.arctan2(tool.direction[1], tool.direction[0]))
+    goal = TipGoal(points_with_tool(arm, place)[-1], heading=heading)
+    return case.asked(arm=arm, stops=(Stop(goal, Tolerances()),)) if stop else case.asked(arm=arm, goal=goal)
+
+
+def retooled(case: Case, **changes: object) -> Case:
+    """Return the case with given fields of the tool replaced."""
+    return case.built(tool=replace(TOOL, **changes))  # type: ignore[arg-type]
+
+
+def tool_with(x: float, y: float) -> Tool:
+    """Return the tool with a further small disc at a place in the frame of the last link [m]."""
+    place = np.array([x, y])
+    return replace(TOOL, bodies=(*TOOL.bodies, ToolBody(place, place, 0.012)))
+
+
+def among(case: Case, *box: float) -> Case:
+    """Return the case with a box (xmin, ymin, xmax, ymax) as obstacle [m]."""
+    return case.asked(workspace=Workspace(ROOM, (Obstacle("box", PlaneShape(shapely.box(*box))),)))
+
+
+MOVED, TURNED = TOOL.tip + np.array([0.0, 1.1e-3]), np.array([0.6, 0.8])
+TOOL_MUTATIONS: dict[str, Mutation] = {
+    "goal position": lambda: retooled(tooled(), tip=MOVED),
+    "goal heading": lambda: retooled(tooled(), direction=TURNED),
+    "stop N position": lambda: retooled(tooled(stop=True), tip=MOVED),
+    "stop N heading": lambda: retooled(tooled(stop=True), direction=TURNED),
+    "free side": lambda: among(tooled(tool_with(1.0, 0.0)), 0.7, -0.5, 2.5, 2.5),
+    "wall clearance": lambda: among(tooled(), 0.455, 0.413, 0.5, 0.5),
+    "self-collision": lambda: tooled(tool_with(-0.28, 0.08)),
+}
+"""Cases of arms with tools by the name of the check that fails."""
 MUTATIONS: dict[str, Mutation] = {
     "samples": gap_in_time,
     "joint names": lambda: fixed().told(names=("yaw", *fixed().states.names[1:])),
@@ -304,5 +346,13 @@ MUTATIONS: dict[str, Mutation] = {
     ),
 }
 """Cases by the name of the check that fails; N stands for the number of an intermediate goal."""
-UNHARMED = (fixed, fed, lambda: stopping(AT_STOP), lambda: shared(fixed()), lambda: fixed().asked(planner=FULL))
+UNHARMED = (
+    fixed,
+    tooled,
+    lambda: tooled(stop=True),
+    fed,
+    lambda: stopping(AT_STOP),
+    lambda: shared(fixed()),
+    lambda: fixed().asked(planner=FULL),
+)
 """Cases in which all checks pass."""
