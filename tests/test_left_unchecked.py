@@ -41,7 +41,12 @@ def test_nothing_is_said_where_everything_is_checked() -> None:
 
 @pytest.mark.parametrize(
     ("mount", "said"),
-    [(0.6, "the whole arm counts as its mount"), (9.0, "the whole arm"), (0.25, "not checked for links 1 to 2")],
+    [
+        (0.6, "the whole arm counts as its mount"),
+        (9.0, "the whole arm"),
+        (0.25, "not checked for links 1 to 2"),
+        (0.1, "not checked for link 1, which belongs to the mount"),
+    ],
 )
 def test_a_mount_that_covers_links_is_named(mount: float, said: str) -> None:
     """A mount as long as the arm leaves nothing to be held against walls, and that is said."""

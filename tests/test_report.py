@@ -202,6 +202,7 @@ def test_units_follow_the_size_of_the_arm() -> None:
     assert PageUnits.of_arm(0.001).length(5e-6) == "5.00 µm"
     assert PageUnits.of_arm(40.0).length(1.5) == "1.50 m"
     assert MILLIMETRES.given(0.009, "m") == "9 mm"
+    assert PageUnits.of_file("m", 0.55).given(5.5e-10, "m") == "5.5e-10 m"
     assert MILLIMETRES.given(np.pi / 3.0, "rad") == "60°"
     assert MILLIMETRES.shown(2.5e-6, "N m", 4e-6) == "2.50 µN m"
 

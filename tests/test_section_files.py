@@ -131,6 +131,7 @@ def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
     count = (len(sums[0]) - 16) // 2
     np.testing.assert_allclose(arrays["drive_values"][:, 0], sums[:, : 2 * count : 2].sum(axis=1), atol=1e-12)
     assert arrays["tendon_lengths"].shape == (len(arrays["time"]), 3)
+    assert "peak_torque_Nm" not in solution.metrics
     assert not (folder / "arm.urdf").exists()
     load_motion(folder, load_any_problem(folder).arm)
     arrays["tendon_lengths"][0, 0] += 1e-4

@@ -48,7 +48,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     shown_checks = words if output().verbose else [check for check in words if not check.of_itself]
     table = checks_table(f"{problem.name}: solved", shown_checks)
     table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
-    if problem.limits.torque is None:
+    if problem.limits.torque is None and problem.arm.sections is None:
         peak = peak_torque(solution.joints.torques, None, solution.joints.names, in_space=in_space)
         table.add_row("Peak torque", *peak)
     if "leader_deviation_worst_m" in solution.metrics:

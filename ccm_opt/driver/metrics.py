@@ -106,9 +106,10 @@ def motion_figures(
     else:
         turns = np.abs(bends)
         ends = _in_the_plane(problem, trajectory)
+    modelled = problem.arm.sections is None
     figures = {
         "duration_s": trajectory.duration,
-        "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
+        **({"peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0))} if modelled else {}),
         "joint_path_length_rad": path_length(bends),
         # The bend at the base turns the whole arm and curves nothing, so it does not count.
         "largest_curvature_per_m": float(np.max(turns[:, 1:] / _around_joints(problem.arm), initial=0.0)),

@@ -126,4 +126,7 @@ def _mount_note(arm: Arm) -> str:
     whole = int((exposed_starts(arm) == 1.0).sum())
     if whole == arm.links:
         return "clearance to walls was not checked: the whole arm counts as its mount"
-    return f"clearance to walls was not checked for links 1 to {whole}, which belong to the mount" if whole else ""
+    if whole == 0:
+        return ""
+    links = f"links 1 to {whole}, which belong" if whole > 1 else "link 1, which belongs"
+    return f"clearance to walls was not checked for {links} to the mount"

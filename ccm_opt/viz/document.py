@@ -112,7 +112,8 @@ class PageUnits:
         """Return the text of a value that the user chose, such as a limit, with its unit and without trailing zeros."""
         number, _, rest = self.shown(value, unit).partition(" ")
         digits = number.rstrip("°")
-        whole = digits.rstrip("0").rstrip(".") if "." in digits else digits
+        # The zeros that end a power of ten count.
+        whole = digits.rstrip("0").rstrip(".") if "." in digits and "e" not in digits else digits
         return f"{whole}{number[len(digits) :]} {rest}".rstrip()
 
     def shown(self, value: float, unit: str, scale: float = 0.0) -> str:
@@ -344,7 +345,8 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
             )
         )
     found += _peak_torque(solution, units)
-    found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error in simulation"))
+    if isfinite(solution.simulation.tracking_error):
+        found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error in simulation"))
     found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time to solve"))
     return found
 
