@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
 import ccm_opt
@@ -16,10 +17,15 @@ from ccm_opt.core.native import NativeCall
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.planning.positioning import CarrierMotions
+from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.coordinates import DriveLimits, Limits
 from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
 
@@ -181,6 +187,26 @@ def test_exported_models_have_the_same_kinematics_and_dynamics(seed: int, axes: 
     # The inertia of drives is not part of a URDF.
     drives = np.append([axis.inertia for axis in arm.carrier], np.zeros(3 * LINKS)) * state[2]
     np.testing.assert_allclose(pin.rnea(model, data, placed, *moving)[order] + drives, ours, rtol=1e-8, atol=1e-7)
+
+
+@given(seed=seeds, axes=counts)
+def test_axes_that_move_to_their_limits_do_not_exceed_them(seed: int, axes: int) -> None:
+    """A way of the axes passes exactly through its places, in the path as a whole and in its parts."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes, 6)
+    still = JointPose(np.zeros((6, 2)), rng.uniform(-2.0, 2.0, axes))
+    bounds = DriveLimits(*(np.ones(axes) for _ in range(4)))
+    limits = Limits(np.ones(18), np.ones(18), axes=bounds)
+    problem = Problem("axes", Workspace(), arm, limits, still, still)
+    motions = CarrierMotions(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
+    way = [rng.uniform(-2.0, 2.0, axes), *(rng.choice([-2.0, 2.0, 0.1], axes) for _ in range(3))]
+    rest = np.tile(motions.start, (4, 1))
+    rest[:, arm.coordinates.base] = way[-1]
+    after = JointPath(BSpline(np.repeat([0.0, 1.0], 4), rest, 3), rest[:2], (), "")
+    path = motions.joined(way, after)
+    reached = [part.spline(1.0)[arm.coordinates.base] for part in path.parts[:-1]]
+    np.testing.assert_array_equal(reached, way[1:])
+    assert np.max(np.abs(path.spline.c[:, arm.coordinates.base])) <= 2.0
 
 
 @pytest.mark.planning

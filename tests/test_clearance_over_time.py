@@ -19,6 +19,7 @@ from ccm_opt.driver.clearance_over_time import ClearanceSettings, clearance_over
 from ccm_opt.driver.solution_assembly import gap_between_walls
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import ClearanceRecord, JointTrajectory, PossibleGap
+from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.selfcollision import segment_distances
@@ -91,11 +92,15 @@ def test_the_least_gap_is_that_of_a_dense_sweep(seed: int, radius: float, cleara
 
 @pytest.mark.planning
 @settings(max_examples=8, deadline=None)
-@given(seed=st.integers(0, 10**6), clearance=st.floats(0.0, 0.01))
-def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: float) -> None:
-    """Of an arm between balls, between samples too; gaps at samples are those of their poses, to the links as well."""
+@given(seed=st.integers(0, 10**6), clearance=st.floats(0.0, 0.01), thinnest=st.floats(0.2, 1.0))
+def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: float, thinnest: float) -> None:
+    """Of an arm between balls, between samples too; gaps at samples are those of their poses, to the links as well.
+
+    Links become thinner towards the tip, so the link with the nearest centre line need not have the least gap.
+    """
     rng = np.random.default_rng(seed)
-    arm = space_arm(6, 0.1, 0.02, mount_length=0.05)
+    taper = Proportions(np.ones(6), np.linspace(1.0, thinnest, 6), np.ones(12))
+    arm = space_arm(6, 0.1, 0.02, mount_length=0.05, proportions=taper)
     balls = tuple(Obstacle(f"ball {k}", SphereBody(rng.uniform(-0.6, 0.6, 3), 0.05)) for k in range(4))
     poses = np.cumsum(rng.normal(0.0, 0.15, (5, 12)), axis=0)
     still = np.zeros_like(poses)
@@ -107,15 +112,15 @@ def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: f
 
     def gaps(positions: FloatArray) -> FloatArray:
         points = arm.joint_positions_at(positions)
-        _, exposed = arm.exposed_links(points)
+        first, exposed = arm.exposed_links(points)
         walls = slow_gaps(exposed.reshape(-1, 2, 3), problem.workspace.triangle_soup, 9.0)
         i, j = arm.self_pairs
         itself = segment_distances(*(points[:, k].reshape(-1, 3) for k in (i, i + 1, j, j + 1))).reshape(
             len(points), -1
         )
-        return np.minimum(
-            walls.reshape(len(points), -1).min(axis=1) - arm.radius - clearance, itself.min(axis=1) - 2.0 * arm.radius
-        )
+        to_walls = walls.reshape(len(points), -1) - arm.radii[first:]
+        to_itself = itself - arm.radii[i] - arm.radii[j]
+        return np.asarray(np.minimum(to_walls.min(axis=1) - clearance, to_itself.min(axis=1)))
 
     at_samples = gaps(poses)
     np.testing.assert_allclose(room.gaps, np.minimum(at_samples, room.reach), atol=1e-9)
@@ -125,6 +130,19 @@ def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: f
     if swept > 1e-3 and swept < room.reach:
         assert room.nearest.gap <= swept + 2.0 * DEFAULT_VERIFICATION.report_resolution
         assert room.nearest.gap >= swept - 0.02
+
+
+def test_the_nearest_link_is_the_one_with_the_least_gap_of_its_surface() -> None:
+    """A thick link comes before a thin one whose centre line is nearer to a ball."""
+    arm = space_arm(6, proportions=Proportions(np.ones(6), np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2]), np.ones(12)))
+    near_thick = Obstacle("near the thick link", SphereBody(np.array([0.15, 0.055, 0.0]), 0.02))
+    near_thin = Obstacle("near the thin link", SphereBody(np.array([0.55, 0.05, 0.0]), 0.02))
+    one, still = np.ones(18), JointPose(np.zeros((6, 2)))
+    problem = Problem("taper", Workspace(obstacles=(near_thin, near_thick)), arm, Limits(one, one), still, still)
+    rest = np.zeros((2, 12))
+    room = clearance_over_time(problem, JointTrajectory(np.arange(2.0), rest, rest, rest, arm.coordinates), 0.0)
+    np.testing.assert_allclose(room.wall_gaps, 0.015, atol=1e-4)
+    assert (room.nearest.link, room.nearest.obstacle) == (2, "near the thick link")
 
 
 def test_the_ends_and_the_pair_are_named() -> None:

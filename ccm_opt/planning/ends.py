@@ -463,12 +463,15 @@ def _walls(problem: Problem, tree: SurfaceTree, points: FloatArray, reach: float
     count = len(points)
     if link == arm.links or len(problem.workspace.triangle_soup) == 0:
         return _nothing(count, reach)
-    found = tree.nearest(in_space(exposed.reshape(-1, 2, arm.dimension)), reach + arm.radius, exposed.shape[1])
-    gap = found.gap.reshape(count, -1) - arm.radii[link:]
-    best = np.argmin(gap, axis=1)
+    # The link whose centre line is nearest has the least gap only among links of one radius.
+    together = exposed.shape[1] if np.ptp(arm.radii[link:]) == 0.0 else 1
+    found = tree.nearest(in_space(exposed.reshape(-1, 2, arm.dimension)), reach + arm.radius, together)
+    gaps = found.gap.reshape(count, -1) - arm.radii[link:]
+    best = np.argmin(gaps, axis=1)
     rows = np.arange(count)
-    owner = found.owner.reshape(count, -1)[rows, best]
-    return NearestOfSamples(gap[rows, best], np.where(owner >= 0, link + best + 1, 0), owner)
+    gap = np.minimum(gaps[rows, best], reach)
+    owner = np.where(gap < reach, found.owner.reshape(count, -1)[rows, best], -1)
+    return NearestOfSamples(gap, np.where(owner >= 0, link + best + 1, 0), owner)
 
 
 def _itself(problem: Problem, points: FloatArray, reach: float) -> NearestOfSamples:

@@ -437,9 +437,10 @@ class CarrierMotions:
 
     def _straight(self, before: FloatArray, after: FloatArray) -> JointPath:
         ends = np.stack((self._at(before), self._at(after)))
-        share = np.linspace(0.0, 1.0, _DEGREE + 1)[:, None]
         knots = np.repeat([0.0, 1.0], _DEGREE + 1)
-        return JointPath(BSpline(knots, ends[0] + share * (ends[1] - ends[0]), _DEGREE), ends, (), "base axes")
+        # Both ends are exact: an axis that stands at its limit does not exceed it by rounding.
+        control = np.linspace(ends[0], ends[1], _DEGREE + 1)
+        return JointPath(BSpline(knots, control, _DEGREE), ends, (), "base axes")
 
 
 @dataclass

@@ -78,7 +78,9 @@ def verify(
     needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     checks += check_consistency(problem, trajectory, joints, needed, settings)
     checks += check_base_axes(problem, trajectory, joints, needed, settings)
-    of_links = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
+    of_links = motion
+    if problem.arm.tool is not None:
+        of_links = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks += check_following(problem, of_links, trajectory)
     checks += check_given_paths(problem, motion, trajectory)
     holding = holding_efforts(problem, trajectory.positions)
