@@ -22,7 +22,7 @@ from ccm_opt.verification.newton_euler import drive_efforts
 from .arms import plain_arm
 from .corruption.plans import Folder, write_plans
 from .promises import in_space
-from .promises.cases import FULL, Case, fixed
+from .promises.cases import FULL, Case, fed, fixed
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -210,6 +210,21 @@ def test_where_no_samples_will_do_time_is_longer() -> None:
         whole.factor,
         1e-3,
     )[0].passed
+
+
+def test_a_feed_that_leaves_the_end_of_its_range_gently_stays_in_it() -> None:
+    """A cubic through far samples of a motion that sets off with the fourth power of time would first move back."""
+    case = fed(0.08, 0.08)
+    t = case.trajectory.time[:, None] / case.trajectory.time[-1]
+    way, duration = case.trajectory.positions[-1], case.trajectory.time[-1]
+    shape = (5.0 * t**4 - 4.0 * t**5, 20.0 * (t**3 - t**4) / duration, (60.0 * t**2 - 80.0 * t**3) / duration**2)
+    positions, velocities, accelerations = (way * values for values in shape)
+    case = case.moved(positions=positions, velocities=velocities, accelerations=accelerations)
+    found = controller_points(case.problem, case.trajectory, case.states, ())
+    assert found.factor == 1.0
+    limits, deviation = message_checks(case.problem, case.trajectory, found.message, found.samples, 1.0, 1e-3)
+    assert limits.passed
+    assert deviation.passed
 
 
 @given(SEEDS)

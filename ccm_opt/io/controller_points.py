@@ -288,6 +288,20 @@ class _Choice:
         return np.asarray(np.abs(np.diff(self.plan.positions, axis=0)) <= 1e-3 * _STILL)
 
     @cached_property
+    def _ranges(self) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest value that each of c coordinates may take between points, each of shape (c,) [rad, m].
+
+        They are the limits with half of the verifier's tolerances, unless the plan's own values are farther apart.
+        """
+        arm, plan = self.problem.arm, self.plan
+        settings = DEFAULT_VERIFICATION.for_problem(self.problem)
+        slack = np.full(len(arm.upper_limits), settings.range_tolerance)
+        of_bends = settings.limit_tolerance * arm.upper_limits[plan.coordinates.bends]
+        slack[plan.coordinates.bends] = np.maximum(of_bends, settings.bend_tolerance)
+        low, high = arm.lower_limits - 0.5 * slack, arm.upper_limits + 0.5 * slack
+        return np.minimum(low, np.min(plan.positions, axis=0)), np.maximum(high, np.max(plan.positions, axis=0))
+
+    @cached_property
     def _limited_points(self) -> list[tuple[MovingPoint, float, float]]:
         arm = self.problem.arm
         return [
@@ -300,7 +314,7 @@ class _Choice:
 
         The polynomial is evaluated at all samples from ``first`` to ``last``. Of accelerations the square root of the
         fraction counts, of jerks the cube root, so that all limits hold once the motion is slowed down by the result.
-        The result is inf if a coordinate moves that rests in the plan.
+        The result is inf if a coordinate moves that rests in the plan, or leaves its range.
         """
         plan, span = self.plan, slice(first, last + 1)
         h = plan.time[last] - plan.time[first]
@@ -324,6 +338,9 @@ class _Choice:
             shares.append(np.sqrt(np.max(np.linalg.norm(point.acceleration(q, v, a), axis=1)) / acceleration))
         off = q - plan.positions[span]
         if np.any(np.abs(off[:-1][self._rests[first:last]]) > _STILL):
+            return np.inf
+        low, high = self._ranges
+        if np.any((q[1:-1] < low) | (q[1:-1] > high)):
             return np.inf
         # Deviation along the path is only a shift in time, so it is removed.
         rates = plan.velocities[span]
