@@ -6,6 +6,7 @@ from ccm_opt.problem.solution import Check
 from ccm_opt.viz.checks_section import checks_in_words
 from ccm_opt.viz.document import PageUnits
 
+MINUS = "\N{MINUS SIGN}"
 MILLIMETRES = PageUnits("mm", 1e-3, 2)
 
 
@@ -42,7 +43,15 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
         ),
         (
             Check("feed range", 0.0, 0.0, "m", "t = 0.0 s", passed=True),
-            ("Feed beyond its range", "0.00 mm", "at most 0 mm", ""),
+            ("Feed nearest to its limit", "0.00 mm", "0 mm", ""),
+        ),
+        (
+            Check("axis_1 range", -0.2, -0.4, "m", "t = 1.8 s", passed=True),
+            ("Axis 1 nearest to its limit", f"{MINUS}200 mm", f"{MINUS}400 mm", ""),
+        ),
+        (
+            Check("stop 2 axis_3", 1e-3, 0.0175, "rad", "base", passed=True),
+            ("Axis 3 error at goal 2", "0.06°", "at most 1°", "base"),
         ),
         (
             Check("joint velocity", 0.4, 0.5, "rad/s", "joint 3 (ball03_yaw) at t = 0.5 s", passed=True),

@@ -15,17 +15,9 @@ _WORDS = {
     "joint acceleration": "Joint accelerations",
     "joint jerk": "Joint jerks",
     "joint torque": "Joint torques",
-    "feed range": "Feed beyond its range",
     "joints inside the guide": "Bends inside the guide",
     "following the tip": "Deviation from the path of the tip",
-    "goal position": "Tip error at the goal",
-    "goal heading": "Heading error at the goal",
-    "goal direction": "Direction error at the goal",
-    "goal joints": "Joint error at the goal",
-    "goal feed": "Feed error at the goal",
     "free side": "Links beyond a wall",
-    "start joints": "Joint error at the start",
-    "start feed": "Feed error at the start",
     "start tip": "Tip error at the start",
     "start on the curve": "Deviation from the start curve",
     "rest": "Joint speed at rest",
@@ -43,6 +35,7 @@ _ORDER = (
     "soft constraint",
     "joint",
     "feed",
+    "axis",
     "following",
     "tip",
 )
@@ -72,7 +65,7 @@ class CheckWords:
         title: name of the checked quantity.
         worst: worst value found, with unit.
         limit: the limit, with unit.
-        used: ratio of the worst value to the limit, at least 0; None if the limit is a minimum clearance or 0.
+        used: ratio of the worst value to the limit, at least 0; None if the limit is a minimum, 0 or an end of a range.
         where: link or joint, and obstacle, at which the worst value was found.
         time: time of the worst value [s]; None if the check has none.
         passed: whether the check passed.
@@ -124,6 +117,7 @@ def joint_in_words(where: str, *, in_space: bool) -> str:
 def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     gap = check.name in {"wall clearance", "self-collision"}
     rest = _PAUSE.fullmatch(check.name) is not None
+    end = check.name.endswith(" range")
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
         # The value of a constraint is its violation, in a unit that only the user knows.
@@ -136,10 +130,13 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     elif check.unit == "tolerances":
         worst = units.shown(check.worst, "of the limit")
         limit = "at most 100 %"
+    elif end:
+        # The limit is the lower or the upper end, whichever is nearer.
+        worst, limit = units.shown(check.worst, check.unit, check.limit), bound
     else:
         worst = units.shown(check.worst, check.unit, check.limit)
         limit = f"at least {bound}" if rest else f"at most {bound}"
-    bounded = 0.0 < check.limit < float("inf") and not gap and not rest and "constraint " not in check.name
+    bounded = 0.0 < check.limit < float("inf") and not (gap or rest or end) and "constraint " not in check.name
     used = abs(check.worst) / check.limit if bounded else None
     when = _TIME.search(check.where)
     # The time has a field of its own.
@@ -163,15 +160,17 @@ def check_title(name: str) -> str:
         return _WORDS[name]
     if stop := _PAUSE.fullmatch(name):
         return f"Rest at goal {stop[1]}"
-    if stop := re.fullmatch(r"stop (\d+) (position|heading|direction|joints|feed)", name):
-        what = {"position": "Tip", "joints": "Joint"}.get(stop[2], stop[2].capitalize())
-        return f"{what} error at goal {stop[1]}"
+    if end := re.fullmatch(r"(?:(start|goal)|stop (\d+)) (position|heading|direction|joints|feed|axis_\d+)", name):
+        what = {"position": "Tip", "joints": "Joint"}.get(end[3], end[3].capitalize().replace("_", " "))
+        return f"{what} error at {f'the {end[1]}' if end[1] else f'goal {end[2]}'}"
     if way := re.fullmatch(r"(?:goal|stop (\d+)) (path|via \d+)", name):
         return f"Tip distance from {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
     for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
         if name.startswith(begin):
             return f"{words} “{name.removeprefix(begin)}”"
-    return name[:1].upper() + name[1:]
+    ranged = " nearest to its limit" if name.endswith(" range") else ""
+    words = name.removesuffix(" range").replace("axis_", "axis ")
+    return words[:1].upper() + words[1:] + ranged
 
 
 def _constraint_value(check: Check) -> str:
