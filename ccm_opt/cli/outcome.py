@@ -144,8 +144,10 @@ def warn(message: str) -> None:
 
 
 def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
-    """Return the exit code for the simulation of a plan; if the arm did not follow it, print the reason on stderr."""
-    if verdict.followed:
+    """Return the exit code for the simulation of a plan; if the arm did not follow it, warn with the reason."""
+    if not verdict.is_failure:
+        if not verdict.followed:
+            warn(f"{name}: the plan was not simulated: {verdict.reason}")
         return SOLVED
     advice = "".join(f"\n  try: {line}" for line in verdict.advice)
     warn(f"{name}: the simulated arm does not follow its plan ({verdict.outcome}): {verdict.reason}{advice}")

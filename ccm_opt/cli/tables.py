@@ -134,7 +134,7 @@ def report_console() -> Console:
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
     """Return table cells for the outcome of a simulation: outcome, empty limit, empty fraction, and reason."""
-    outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
+    outcome = f"[red]{verdict.outcome}[/red]" if verdict.is_failure else verdict.outcome
     return outcome, "", "", escape(verdict.reason)
 
 

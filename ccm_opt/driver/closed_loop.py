@@ -39,6 +39,7 @@ FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
     "touched",
     "diverged",
     "not simulated",
+    "not modelled",
 )
 """Outcomes of simulations, from best to worst."""
 
@@ -117,7 +118,7 @@ def simulate_and_check(
     """
     if problem.arm.sections is not None:
         reason = "the dynamics of sections that bend evenly are not modelled"
-        return not_simulated(trajectory, joints, problem.simulation.step, reason), {}
+        return not_simulated(trajectory, joints, problem.simulation.step, reason, outcome="not modelled"), {}
     requested = simulated_once(problem, trajectory, joints)
     best = requested
     before = requested
@@ -149,7 +150,8 @@ def simulated_once(
     options = problem.simulation
     if problem.arm.carrier:
         reason = "the dynamics of base axes other than a feed axis are not simulated"
-        return JudgedMotion(not_simulated(trajectory, joints, options.step, reason), seen=None)
+        still = not_simulated(trajectory, joints, options.step, reason, outcome="not modelled")
+        return JudgedMotion(still, seen=None)
     try:
         motion = simulate(problem.arm, trajectory, joints, options, problem.limits)
     except SimulationError as error:
@@ -190,7 +192,7 @@ def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
         fine: run with half of that step.
         share: maximum relative change of the tracking error.
     """
-    if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
+    if fine.rank != coarse.rank or fine.motion.verdict.outcome == "diverged" or not fine.motion.verdict.is_run:
         return False
     error = coarse.motion.tracking_error
     return abs(error - fine.motion.tracking_error) <= share * error
@@ -226,7 +228,12 @@ def _at_a_smaller_step(motion: SimulatedMotion, requested: SimulationVerdict) ->
 
 
 def not_simulated(
-    trajectory: JointTrajectory, joints: JointStates, step: float, reason: str, advice: tuple[str, ...] = ()
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    step: float,
+    reason: str,
+    advice: tuple[str, ...] = (),
+    outcome: SimulationOutcome = "not simulated",
 ) -> SimulatedMotion:
     """Return the result for an arm that was not simulated, which rests in the start pose.
 
@@ -236,6 +243,7 @@ def not_simulated(
         step: integration step that was requested [s].
         reason: reason why the arm was not simulated.
         advice: changes that would make a simulation possible.
+        outcome: "not modelled" if nothing could make it possible.
     """
     samples = len(trajectory.time)
     return SimulatedMotion(
@@ -244,7 +252,7 @@ def not_simulated(
         tracking_error=np.nan,
         saturated=False,
         base_positions=np.repeat(trajectory.base_positions[:1], samples, axis=0),
-        verdict=SimulationVerdict("not simulated", step, reason, advice=advice),
+        verdict=SimulationVerdict(outcome, step, reason, advice=advice),
     )
 
 
@@ -267,7 +275,7 @@ def seen(
         First contact and minimum distances; None if nothing was simulated, or a planar arm left its plane.
     """
     angles = simulated.angles
-    if simulated.verdict.outcome == "not simulated" or len(angles) < 2:
+    if not simulated.verdict.is_run or len(angles) < 2:
         return None
     arm = problem.arm
     if arm.dimension == 3:

@@ -72,7 +72,8 @@ def record_checks(
     if problem.dimension == 2:
         found.append(_curves(problem, motion))
     figures["keyframes"] = float(len(motion.keyframes))
-    if record.verdict["outcome"] == "not simulated":
+    modelled = problem.arm.sections is None and not problem.arm.carrier
+    if record.verdict["outcome"] == ("not simulated" if modelled else "not modelled"):
         found.append(_at_rest(motion))
         unheld = {name: value for name, value in record.figures.items() if name.endswith(_OF_SIMULATION)}
         figures |= {name: np.nan if value is None else value for name, value in unheld.items()}

@@ -240,6 +240,6 @@ def _simulation(verdict: SimulationVerdict) -> Markup:
     step = f"with steps of {1e3 * verdict.step:g} ms"
     if verdict.followed:
         return element("p", element("span", "Followed", cls="holds"), f" in the simulation, {step}.")
-    reason = element("span", verdict.outcome, cls="fails")
+    reason = element("span", verdict.outcome, cls="fails") if verdict.is_failure else verdict.outcome
     advice = element("ul", *(element("li", line) for line in verdict.advice)) if verdict.advice else None
     return joined((element("p", "Simulation, ", step, ": ", reason, f". {verdict.reason}"), advice))

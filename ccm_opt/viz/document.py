@@ -314,7 +314,7 @@ def plan_badges(solution: Solution) -> Markup:
     verified = all(check.passed for check in solution.checks)
     first = badge("solved and verified" if verified else "rejected by the verifier", good=verified)
     # A plan that the simulated arm follows needs no second badge.
-    return first if verdict.followed else joined((first, badge(f"simulation: {verdict.outcome}", good=False)))
+    return joined((first, badge(f"simulation: {verdict.outcome}", good=False))) if verdict.is_failure else first
 
 
 def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:

@@ -61,7 +61,7 @@ class TryRecord:
     taken: bool = False
 
 
-SimulationOutcome = Literal["followed", "saturated", "strayed", "touched", "diverged", "not simulated"]
+SimulationOutcome = Literal["followed", "saturated", "strayed", "touched", "diverged", "not simulated", "not modelled"]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ class SimulationVerdict:
     Attributes:
         outcome: "followed"; "saturated", a drive reached its effort limit; "strayed", a joint deviated far from the
             plan, by default 0.1 rad; "touched", the arm collided with an obstacle or itself; "diverged", tracking was
-            lost and the simulation stopped; "not simulated", no step was simulated.
+            lost and the simulation stopped; "not simulated", no step was simulated; "not modelled", as arms of this kind
+            cannot be simulated.
         step: integration step of the simulation [s].
         reason: sentence that names joint or link, time and cause of the failure; empty if the arm followed.
         joint: name of the revolute joint, or of the feed axis, that failed; empty for none.
@@ -91,6 +92,16 @@ class SimulationVerdict:
     obstacle: str = ""
     time: float | None = None
     advice: tuple[str, ...] = ()
+
+    @property
+    def is_run(self) -> bool:
+        """Whether any step was simulated."""
+        return self.outcome not in {"not simulated", "not modelled"}
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether the arm did not follow the plan, or could not be simulated although its dynamics are modelled."""
+        return self.outcome not in {"followed", "not modelled"}
 
     @property
     def followed(self) -> bool:
