@@ -211,6 +211,14 @@ def build_workspace(
     return Workspace(build_boundary(table), shapes, table.clearance)
 
 
+def _mount_length(table: ArmTable | SpaceArmTable, radius: float) -> float:
+    """Return the length of the mount of an arm [m], by default the radius of the first link; 0 on moving axes."""
+    if table.mount_length is not None:
+        return table.mount_length
+    # What carries the base moves with it, and is no reason to pass through an obstacle.
+    return 0.0 if isinstance(table, SpaceArmTable) and table.base.axes else radius
+
+
 def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
     """Return the boundary of a planar workspace as a polygon [m]."""
     return _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
@@ -278,7 +286,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         **{key: table.values[key] for key in same},
         "radius": float(np.max(radii)),
         "base_limit": float(np.max(table.base_limits)),
-        "mount_length": float(radii[0]) if table.mount_length is None else table.mount_length,
+        "mount_length": _mount_length(table, float(radii[0])),
         "sections": driven,
         "proportions": proportions,
         "masses": masses,

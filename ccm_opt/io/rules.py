@@ -234,6 +234,8 @@ def _check_base_axes(data: Mapping[str, object], issues: Issues) -> None:
         issues.add(("arm", "feed"), "not together with arm.base.axes; make it the last of them")
     if listed and lookup(data, ("tolerance", "joint_error_deg")):
         issues.add(("tolerance", "joint_error_deg"), "not supported for an arm on arm.base.axes; leave it out")
+    if listed and lookup(data, ("arm", "mount_length")):
+        issues.add(("arm", "mount_length"), "expected 0 on arm.base.axes, which move the mount; leave it out")
     for path, value in (("planner", "method"), "hill-climbing"), (("planner", "retiming"), "paul"):
         if listed and lookup(data, path) == value:
             issues.add(path, f'"{value}" is not supported for an arm on arm.base.axes; leave it out')

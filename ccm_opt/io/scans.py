@@ -103,11 +103,24 @@ def _read_xyz(content: bytes) -> FloatArray:
     Raises:
         ProblemError: a row has fewer than three numbers.
     """
-    text = re.sub(rb"[,;\t]", b" ", content)
+    text = _without_separators(content)
     try:
         return np.loadtxt(io.BytesIO(text), comments=("#", "//"), usecols=(0, 1, 2), ndmin=2)
     except (ValueError, UnicodeDecodeError) as error:
         raise ProblemError(f"not readable as rows of numbers x y z: {error}") from None
+
+
+def _without_separators(content: bytes) -> bytes:
+    """Return a text with blanks in the place of the commas or semicolons that separate its numbers.
+
+    Raises:
+        ProblemError: the numbers have decimal commas.
+    """
+    lines = [line for line in content.splitlines() if line.strip() and not line.lstrip().startswith((b"#", b"//"))]
+    first = lines[0] if lines else b""
+    if b"," in first and (b";" in first or any(len(field.split()) > 1 for field in first.split(b","))):
+        raise ProblemError("its numbers seem to have decimal commas; write decimal points")
+    return re.sub(rb"[,;\t]", b" ", content)
 
 
 def _read_npy(content: bytes) -> FloatArray:
@@ -122,6 +135,8 @@ def _read_npy(content: bytes) -> FloatArray:
         raise ProblemError(f"not readable as NPY: {error}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.ndim != 2:
         raise ProblemError("expected one array of numbers with a row (x, y, z) per point")
+    if array.shape[0] == 3 < array.shape[1]:
+        raise ProblemError(f"expected a row (x, y, z) per point, got the shape {array.shape}; transpose it")
     return array[:, :3].astype(np.float64)
 
 

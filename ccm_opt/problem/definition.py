@@ -92,6 +92,10 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
             f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}",
         ),
         (arm.mount_length >= 0.0, f"arm.mount_length must not be negative, got {arm.mount_length}"),
+        (
+            not arm.carrier or arm.mount_length == 0.0,
+            f"arm.mount_length must be 0 on base axes, which move the mount, got {arm.mount_length}",
+        ),
         (arm.joint_limit > 0.0, f"arm.joint_limit must be positive, got {arm.joint_limit}"),
         (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
     )

@@ -38,7 +38,7 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
         link, body = found
         yield (
             ("arm", "tool", "bodies", body),
-            f"touches link {link + 1} of the straight arm; expected it to be clear",
+            f"it touches or nearly touches link {link + 1} of the straight arm; keep a twentieth of both radii clear",
         )
 
 

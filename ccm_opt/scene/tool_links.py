@@ -230,17 +230,23 @@ def _distant(arm: Arm, corners: FloatArray, thick: FloatArray) -> BoolArray:
 
 
 def colliding_at_rest(arm: Arm, tool: Tool) -> tuple[int, int] | None:
-    """Return a link that the straight arm's tool touches although the last link is clear of it, and the body; or None.
+    """Return a link to which the straight arm's tool is too near to be compared with it later, and the body; or None.
 
-    Both are counted from 0. The last two links are left out: contact of the tool with them is by design.
+    Both are counted from 0. The last two links are left out: contact of the tool with them is by design. A body on the
+    last link may also touch others within two links and π times the greatest radius of arm from there.
     """
     if not tool.bodies:
         return None
     starts, ends = (np.array([getattr(body, name) for body in tool.bodies]) for name in ("start", "end"))
-    gaps = rest_gaps(arm, starts, ends, np.array([body.radius for body in tool.bodies]))
+    thick = np.array([body.radius for body in tool.bodies])
+    gaps = rest_gaps(arm, starts, ends, thick)
     ahead = np.eye(starts.shape[1])[:1]
     own = rest_gaps(arm, -float(arm.lengths[-1]) * ahead, 0.0 * ahead, arm.radii[-1:])
-    touching = (gaps <= 0.0) & (own > 0.0)
+    between = arm.joint_places[-2] - arm.joint_places[1:]
+    reach = np.pi * np.maximum(np.maximum.accumulate(arm.radii[::-1])[::-1, None], thick)
+    far = (between[:, None] >= reach) & (np.arange(arm.links)[:, None] < arm.links - 3)
+    # What is not clear of a link by this share is not compared with it, neither here nor by the verifier.
+    touching = (gaps <= _APART_AT_REST * (arm.radii[:, None] + thick)) & ((own > 0.0) | far)
     touching[max(arm.links - 2, 0) :] = False
     found = np.argwhere(touching)
     return (int(found[0, 0]), int(found[0, 1])) if len(found) else None

@@ -73,8 +73,8 @@ class SimulationVerdict:
     Attributes:
         outcome: "followed"; "saturated", a drive reached its effort limit; "strayed", a joint deviated far from the
             plan, by default 0.1 rad; "touched", the arm collided with an obstacle or itself; "diverged", tracking was
-            lost and the simulation stopped; "not simulated", no step was simulated; "not modelled", as arms of this kind
-            cannot be simulated.
+            lost and the simulation stopped; "not simulated", no step was simulated; "not modelled", as arms of this
+            kind cannot be simulated.
         step: integration step of the simulation [s].
         reason: sentence that names joint or link, time and cause of the failure; empty if the arm followed.
         joint: name of the revolute joint, or of the feed axis, that failed; empty for none.
