@@ -217,6 +217,80 @@ def test_a_gantry_brings_the_arm_before_the_hole() -> None:
     moved = np.ptp(solution.trajectory.base_positions, axis=0)
     assert np.all(moved > 0.01)
     assert all(check.passed for check in solution.checks)
+    assert solution.simulation.verdict.outcome == "not modelled"
+    assert not solution.simulation.verdict.is_failure
+
+
+SLIDE = """\
+schema = 1
+space = 3
+name = "slide"
+
+[workspace]
+bounds = [[-0.3, -0.3, -0.3], [0.9, 0.9, 0.3]]
+
+[[workspace.obstacles]]
+name = "post"
+box = [[-0.019, 0.2, -0.1], [-0.001, 0.24, 0.1]]
+
+[arm]
+links = 8
+link_length = 0.05
+radius = 0.02
+joint_limit_deg = 40
+
+[arm.base]
+position = [0.0, 0.0, 0.0]
+direction = [1.0, 0.0, 0.0]
+up = [0.0, 0.0, 1.0]
+
+[[arm.base.axes]]
+kind = "prismatic"
+axis = [0.0, 1.0, 0.0]
+range = [0.0, 0.5]
+velocity = 0.5
+acceleration = 2.0
+
+[[arm.base.axes]]
+kind = "revolute"
+axis = [0.0, 0.0, 1.0]
+range_deg = [-30, 30]
+velocity = 0.5
+acceleration = 2.0
+
+[limits]
+velocity = 1.0
+acceleration = 5.0
+
+[start]
+shape = "straight"
+axes = [0.0, 0.0]
+
+[goal]
+shape = "straight"
+axes = [0.4, 0.0]
+"""
+
+
+@pytest.mark.planning
+def test_a_moving_base_is_no_reason_to_pass_through_an_obstacle(tmp_path: Path) -> None:
+    """A post behind the base, which the base alone would touch, stops an arm that slides past it."""
+    (tmp_path / "slide.toml").write_text(SLIDE)
+    problem = ccm_opt.load_problem(tmp_path / "slide.toml")
+    with pytest.raises(ccm_opt.NoPlanFound):
+        ccm_opt.solve(problem)
+    free = replace(problem, workspace=replace(problem.workspace, obstacles=()))
+    assert all(check.passed for check in ccm_opt.solve(free).checks)
+
+
+@pytest.mark.planning
+def test_torques_are_limited_on_several_axes(tmp_path: Path) -> None:
+    """Joints with a limit on their torque are timed on two axes, and their torques are checked."""
+    text = SLIDE.replace("acceleration = 5.0", "acceleration = 5.0\ntorque = 20.0").replace("0.24, 0.1", "0.21, -0.08")
+    (tmp_path / "slide.toml").write_text(text.replace("[-0.019, 0.2, -0.1]", "[-0.019, 0.2, -0.3]"))
+    solution = ccm_opt.solve(ccm_opt.load_problem(tmp_path / "slide.toml"))
+    assert "joint torque" in {check.name for check in solution.checks}
+    assert all(check.passed for check in solution.checks)
 
 
 @pytest.mark.parametrize(
@@ -228,6 +302,8 @@ def test_a_gantry_brings_the_arm_before_the_hole() -> None:
         (('kind = "prismatic"', 'kind = "revolute"'), "arm.base.axes[0].range", "not for a revolute axis"),
         (("[limits]", "[limits]\ntip_velocity = 1.0"), "limits.tip_velocity", "not supported"),
         (("[start]", "[start]\naxes = [0.0]"), "start.axes", "3 axes"),
+        (("radius = 0.01", "radius = 0.01\nmount_length = 0.05"), "arm.mount_length", "move the mount"),
+        (("radius = 0.01", "radius = 0.01\nfeed = { range = [0.0, 0.1] }"), "arm.feed", "make it the last of them"),
     ],
 )
 def test_defects_of_axes_are_named(change: tuple[str, str], key: str, words: str, tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def _problem(text: str, folder: Path) -> Problem:
             r"line \d+: limits.tip_velocity: not supported",
         ),
         ("direction = [0, 1]", "direction = [0, 0]", r"line \d+: arm.tool.direction: expected numbers"),
-        ("to = [0.06, 0]", "to = [-0.5, 0]", r"line \d+: arm.tool.bodies\[0\]: touches link \d+"),
+        ("to = [0.06, 0]", "to = [-0.5, 0]", r"line \d+: arm.tool.bodies\[0\]: it touches or nearly touches link \d+"),
         ("{ box = [0.05, 0.0, 0.07, 0.04] }", "{}", r"line \d+: arm.tool.bodies\[1\]: expected exactly one"),
     ],
 )
@@ -149,6 +149,24 @@ def test_what_a_tool_does_not_allow_is_named_by_key_and_line(old: str, new: str,
     """Bad tools, and keys that do not go with tools, are refused with their place in the file."""
     with pytest.raises(ProblemFileError, match=expected):
         _problem(FILE.replace(old, new, 1), tmp_path)
+
+
+@pytest.mark.parametrize("beside", [0.0205, 0.0215, 0.05])
+def test_a_body_that_runs_back_along_the_arm_is_compared_or_refused(beside: float, tmp_path: Path) -> None:
+    """No body comes so near to links of the straight arm that it is not compared with them, unless it is refused."""
+    text = FILE.replace(
+        "bodies = [",
+        f"bodies = [{{ capsule = {{ from = [0, {beside}], to = [-0.3, {beside}], radius = 0.005 }} }}, ",
+        1,
+    )
+    try:
+        arm = _problem(text, tmp_path).arm
+    except ProblemFileError as refused:
+        assert "nearly touches link" in str(refused)  # noqa: PT017 - it may be accepted
+        return
+    whole = with_tool_links(arm)
+    body = arm.links + int(np.flatnonzero(whole.radii[arm.links :] > 0.0)[0])
+    assert all(whole.distant_links[link, body] for link in range(arm.links - 2))
 
 
 def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:

@@ -170,6 +170,8 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
     After a contact, the clearances are those at the contact.
     """
+    if simulated.verdict.outcome == "not modelled":
+        return {}
     figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):

@@ -159,10 +159,11 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a problem is supported: no stops, joint error, planar feed axis or even sections."""
+        """Return whether a problem is supported: no stops, joint error, path, planar feed axis or even sections."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
         arm = problem.arm
         plain = not (fed or arm.sections or arm.carrier or problem.stops or problem.joint_error)
+        plain = plain and problem.goal.path is None
         return plain and problem.planner.method == "nlp"
 
     def move_goal(

@@ -302,6 +302,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     direction = np.array(table.base.direction)
     up = _across(np.array(table.base.up), direction)
     carrier = tuple(_base_axis(axis, table.base.position) for axis in table.base.axes or ())
+    parts["feed"] = None if carrier else feed  # both are refused elsewhere
     return Arm(base=np.array(table.base.position), direction=direction, up=up, carrier=carrier, **parts)
 
 

@@ -1,7 +1,7 @@
 """Checks of the rules between keys of a problem file, and of the positions of the base, the drawing and the meshes."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -188,12 +188,20 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
     given: list[tuple[KeyPath, str]] = [(path, _UNMODELLED) for path in _OF_DYNAMICS]
     given += [(path, _LEAVE_OUT) for path in _UNSUPPORTED]
     given += [(path, _NEEDS_PATH) for path in _UNLESS_ALONG_PATH if not along]
+    given += [(path, _UNMODELLED) for path in _efforts_of_axes(data)]
     for path, words in given:
         if lookup(data, path):  # zeros, which other arms have by default, change nothing
             issues.add(path, words)
     for key, only in (("method", "nlp"), ("retiming", "toppra")):
         if lookup(data, ("planner", key)) not in {None, only}:
             issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
+
+
+def _efforts_of_axes(data: Mapping[str, object]) -> Iterator[KeyPath]:
+    """Yield the paths of the keys about forces, torques and inertia of base axes."""
+    axes = lookup(data, ("arm", "base", "axes"))
+    for k in range(len(axes) if isinstance(axes, list) else 0):
+        yield from (("arm", "base", "axes", k, key) for key in ("force", "torque", "inertia"))
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:

@@ -264,7 +264,7 @@ def _check_built_pose(
     for axis, value, number in zip(arm.carrier, np.atleast_1d(pose_feed(pose, arm)), itertools.count(1), strict=False):
         if not axis.low <= value <= axis.high:
             issues.add((*path, "axes"), f"outside the range of axis {number} of arm.base")
-    if table.feed is None:
+    if table.feed is None or arm.carrier:
         return
     low, high = table.feed.range
     at = float(pose_feed(pose, arm))

@@ -21,6 +21,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import (
@@ -240,12 +241,12 @@ def _draw_step(axes: Axes, plan: PlanDrawing, samples: IntArray, title: str) -> 
     draw_workspace(axes, problem.workspace, action_window(problem, plan.points))
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
     first = plan.points[samples[0]]
-    draw_body(axes, first, problem.arm.radii, style.START, style.START_EDGE, label="", zorder=3)
+    draw_body(axes, first, drawn_radii(problem.arm), style.START, style.START_EDGE, label="", zorder=3)
     for k, shade in zip(samples[1:-1], shades[1:-1], strict=True):
         axes.plot(*plan.points[k].T, color=shade, linewidth=0.9, zorder=5)
     if len(samples) > 1:
         last = plan.points[samples[-1]]
-        draw_body(axes, last, problem.arm.radii, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
+        draw_body(axes, last, drawn_radii(problem.arm), style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
     draw_goals(axes, plan, poses=False)
     axes.set_title(title, fontsize=8, loc="left")
     axes.set_xticks([])

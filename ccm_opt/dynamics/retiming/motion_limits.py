@@ -311,8 +311,13 @@ class DriveEffort(MotionLimit):
         layout = self._path.coordinates
         place = np.zeros((2, layout.revolutes))
         ones = np.ones((1, layout.revolutes))
-        base_at_rest = [np.zeros(2) for _ in layout.base_names]
-        torques = self._path.inverse_dynamics(place, np.concatenate((ones, -ones)), place, *base_at_rest)
+        rates = np.concatenate((ones, -ones))
+        dynamics: Any = self._path.inverse_dynamics
+        if self._path.arm is not None and self._path.arm.carrier:
+            at_rest = np.zeros((2, len(layout.base_names)))
+            torques, _ = dynamics.with_base((place, rates, place), (at_rest, at_rest, at_rest))
+        else:
+            torques = dynamics(place, rates, place, *(np.zeros(2) for _ in layout.base_names))
         # Velocity products are even in q̇ and friction is odd, so half the difference is friction alone.
         odd = 0.5 * (torques[0] - torques[1])
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
