@@ -510,7 +510,7 @@ class MeshBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Distance by which the body extends beyond its triangles: 0, or the radius of the balls of a scan [m]."""
+        """Distance by which the body extends beyond its triangles [m], the radius of the balls of a scan, or 0."""
         return 0.0 if self.balls is None else self.balls.whole
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
