@@ -5,10 +5,11 @@ A block is run unchanged unless a comment directly above it says otherwise::
     <!-- run with: --count 200 => --count 1 -->
     <!-- only read: takes hours -->
     <!-- not run: needs a cluster -->
+    <!-- excerpt of: space/elbow.toml -->
 
 The first replaces text that would take long to run, one replacement per line. With the second, scripts and commands
 parse their options and stop, so that wrong options are detected. The third skips the block. Second and third give the
-reason.
+reason. The fourth names the problem into whose tables those of the block are put.
 
 ``sh`` blocks are run by bash. In ``console`` blocks, lines that begin with ``$`` are run by bash, and their output must
 match the other lines, in which ``…`` matches any text. ``python`` blocks are run by Python. ``toml`` blocks are read as
@@ -25,11 +26,13 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
 RUNNABLE = ("sh", "console", "python", "toml")
 _FENCE = re.compile(r"^(?P<indent> *)(?P<fence>`{3,})(?P<language>[\w{}-]*)")
-_MARK = re.compile(r"<!-- (?P<kind>run with|only read|not run): (?P<text>(?:(?!-->).)*?) -->\s*\Z", re.DOTALL)
+_MARK = re.compile(
+    r"<!-- (?P<kind>run with|only read|not run|excerpt of): (?P<text>(?:(?!-->).)*?) -->\s*\Z", re.DOTALL
+)
 _COMMENTS = re.compile(r"(?:<!-- (?:(?!-->).)* -->\s*)+\Z", re.DOTALL)
 _PICTURE = re.compile(r"<!-- picture: (\S+) as \S+ -->")
 
-Mark = Literal["run with", "only read", "not run"]
+Mark = Literal["run with", "only read", "not run", "excerpt of"]
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,17 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import tomlkit
 
-from ccm_opt.io.reading import load_problem
+from ccm_opt.io.reading import load_problem, problem_from_mapping
 from tests.doc_blocks import PAGES, ROOT, Block, exchanges, matches, runnable_blocks
 from tests.doc_shell.shell import Server, Shell
 
 WITH_BLOCKS = [page for page in PAGES if any(block.mark != "not run" for block in runnable_blocks(page))]
-NOT_RUN = 17
+NOT_RUN = 19
 """Blocks that cannot be run in a test; each says why in the comment above it."""
 EXIT_CODES_SHOWN = {0, 2, 3, 4}
 """Of commands in console blocks, which may show what a failure looks like."""
@@ -74,12 +75,26 @@ def file_of(block: Block) -> str:
 
 
 def read_problem(block: Block, code: str, shell: Shell) -> None:
-    """Read a problem file; an excerpt takes the place of the same tables of the swan's neck."""
+    """Read a problem file; an excerpt takes the place of the same tables of the swan's neck, or goes into a problem."""
+    if block.mark == "excerpt of":
+        original = ROOT / "problems" / block.note.strip()
+        merged = _merged(tomlkit.parse(original.read_text()).unwrap(), tomlkit.parse(code).unwrap())
+        assert problem_from_mapping(merged, block.place, original.parent).name
+        return
     whole = tomlkit.parse((ROOT / "problems" / "swan-neck.toml").read_text()).unwrap()
     excerpt = tomlkit.parse(code).unwrap()
     file = shell.folder / f"block_{block.line}.toml"
     file.write_text(tomlkit.dumps(excerpt if "schema" in excerpt else {**whole, **excerpt}))
     assert load_problem(file).name
+
+
+def _merged(whole: dict[str, Any], excerpt: dict[str, Any]) -> dict[str, Any]:
+    """Return tables with the values of an excerpt, which replace those of equal keys at every depth."""
+    both = {
+        key: _merged(whole[key], value) if isinstance(value, dict) and isinstance(whole.get(key), dict) else value
+        for key, value in excerpt.items()
+    }
+    return {**whole, **both}
 
 
 @pytest.mark.planning
