@@ -13,7 +13,6 @@ from ccm_opt.cli.output import ExportFormat, output
 from ccm_opt.cli.tables import checks_table, print_clearance, print_not_checked, report_console, result_units
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
-from ccm_opt.driver.arguments import compiled_terms
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.ik.terms import Constraint, load_terms
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
@@ -116,7 +115,8 @@ def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[
     Raises:
         ProblemError: a constraint cannot be loaded, or cannot be checked from files alone.
     """
-    from ccm_opt.ik.term_checks import checks_without_path  # noqa: PLC0415 - loads casadi
+    from ccm_opt.driver.arguments import compiled_terms  # noqa: PLC0415 - loads casadi
+    from ccm_opt.ik.term_checks import checks_without_path  # noqa: PLC0415 - likewise
 
     terms = compiled_terms(problem.arm, load_terms(references, Constraint), ())
     if terms is None:
