@@ -251,7 +251,9 @@ def test_capsules_contain_bodies(seed: int) -> None:
     across = np.linalg.svd(axis[None])[2][1:]
     turn = rng.uniform(0.0, 2.0 * np.pi, 500)
     disc = ends[rng.integers(0, 2, 500)] + 0.3 * np.column_stack((np.cos(turn), np.sin(turn))) @ across
-    points = np.concatenate((bodies[0].points, disc, ends[:1] + 0.2 * across))
+    outward = rng.normal(size=(2000, 3))
+    ball = ends[0] + 0.2 * outward / np.linalg.norm(outward, axis=1)[:, None]
+    points = np.concatenate((bodies[0].points, disc, ball))
     beyond = points - np.clip(points[:, :1], 0.0, length) * [1.0, 0.0, 0.0]
     assert np.linalg.norm(beyond, axis=1).max() <= radius + 1e-12
     assert radius <= np.linalg.norm(beyond, axis=1).max() * 1.02 + 0.06
