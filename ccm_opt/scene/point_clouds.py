@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.surfaces import grid_cells
 
 SPREAD_SHARE = 0.5
 """Distance by which balls may grow to cover points that are left out, as a fraction of the radius of points. Heuristic:
@@ -47,13 +48,7 @@ def thin_points(points: FloatArray, spread: float) -> tuple[FloatArray, float]:
         return np.unique(points, axis=0), 0.0
     # The centre of a cube is within half of its diagonal of every point in it.
     cell = 2.0 * spread / np.sqrt(3.0) * (1.0 - 1e-9)
-    numbers = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    along, across, up = (int(most) + 1 for most in numbers.max(axis=0))
-    if along * across * up < 2**62:  # one number per cell, which sorts much faster than three
-        _, cells = np.unique((numbers[:, 0] * across + numbers[:, 1]) * up + numbers[:, 2], return_inverse=True)
-    else:
-        _, cells = np.unique(numbers, axis=0, return_inverse=True)
-        cells = cells.reshape(-1)
+    cells = grid_cells(points, cell)
     low, high = np.full((2, cells.max() + 1, 3), np.inf)
     high = -high
     np.minimum.at(low, cells, points)

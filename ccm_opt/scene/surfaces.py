@@ -59,6 +59,21 @@ def box_about(places: FloatArray) -> FloatArray:
     return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
 
+def grid_cells(points: FloatArray, cell: float) -> IntArray:
+    """Return the number of the grid cell in which each point lies, among those that hold any, counted from 0, (n,).
+
+    Args:
+        points: points, shape (n, 3) [m].
+        cell: width of a cell [m].
+    """
+    cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    along, across, up = (int(most) + 1 for most in cells.max(axis=0))
+    if along * across * up >= 2**63:
+        return np.asarray(np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1))
+    # One number per cell, which sorts much faster than three.
+    return np.unique((cells[:, 0] * across + cells[:, 1]) * up + cells[:, 2], return_inverse=True)[1]
+
+
 def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatArray, IntArray]:
     """Return a surface simplified by merging all vertices in a grid cell into their mean (Rossignac and Borrel 1993).
 
@@ -70,11 +85,8 @@ def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatAr
     Returns:
         Vertices and faces, without collapsed faces and duplicates.
     """
-    cells = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
-    # One number per cell, which sorts much faster than three.
-    _, across, up = cells.max(axis=0) + 1
-    cell_number = (cells[:, 0] * across + cells[:, 1]) * up + cells[:, 2]
-    _, number, count = np.unique(cell_number, return_inverse=True, return_counts=True)
+    number = grid_cells(vertices, cell)
+    count = np.bincount(number)
     sums = np.stack([np.bincount(number, column) for column in vertices.T], axis=1)
     joined = number[faces]
     whole = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
