@@ -12,6 +12,7 @@ from ccm_opt.planning.ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 from ccm_opt.scene.tool_links import points_with_tool
 
@@ -97,6 +98,13 @@ class JudgedMotion:
         return FROM_BEST_TO_WORST.index(self.motion.verdict.outcome)
 
 
+def unmodelled_dynamics(arm: Arm) -> str:
+    """Return the reason why the closed loop of an arm of this kind is not modelled; empty if it is."""
+    if arm.sections is not None:
+        return "the dynamics of sections that bend evenly are not modelled"
+    return "the dynamics of base axes other than a feed axis are not simulated" if arm.carrier else ""
+
+
 def simulate_and_check(
     problem: Problem,
     trajectory: JointTrajectory,
@@ -116,8 +124,7 @@ def simulate_and_check(
     Returns:
         The simulated motion with its outcome, and figures of merit by names that end in their unit.
     """
-    if problem.arm.sections is not None:
-        reason = "the dynamics of sections that bend evenly are not modelled"
+    if reason := unmodelled_dynamics(problem.arm):
         return not_simulated(trajectory, joints, problem.simulation.step, reason, outcome="not modelled"), {}
     requested = simulated_once(problem, trajectory, joints)
     best = requested
@@ -148,10 +155,6 @@ def simulated_once(
     Arguments are those of ``simulate_and_check``.
     """
     options = problem.simulation
-    if problem.arm.carrier:
-        reason = "the dynamics of base axes other than a feed axis are not simulated"
-        still = not_simulated(trajectory, joints, options.step, reason, outcome="not modelled")
-        return JudgedMotion(still, seen=None)
     try:
         motion = simulate(problem.arm, trajectory, joints, options, problem.limits)
     except SimulationError as error:
@@ -170,8 +173,6 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
     After a contact, the clearances are those at the contact.
     """
-    if simulated.verdict.outcome == "not modelled":
-        return {}
     figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
