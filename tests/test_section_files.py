@@ -99,10 +99,10 @@ def test_problem_is_written_as_it_was_read() -> None:
     ("old", "new", "words"),
     [
         ("space = 3", "space = 3\n[tolerance]\njoint_error_deg = 1.0", "tolerance.joint_error_deg"),
-        ("velocity = 0.5", "velocity = 0.5\ntorque = 1.0", "limits.torque: the dynamics of sections"),
         ("velocity = 0.5", "velocity = 0.5\ntip_velocity = 1.0", "limits.tip_velocity: not supported"),
         (LIMIT, f"{LIMIT}\nlocked = [2]", r"arm.sections\[1\].locked: joints of a section"),
-        (LIMIT, f"{LIMIT}\nmass = 0.1", r"arm.sections\[1\].mass: the dynamics"),
+        (LIMIT, f"{LIMIT}\nmass = 0.1", r"arm.sections\[0\]: mass is missing"),
+        ("velocity = 0.5", "velocity = 0.5\ntorque = [1, 2, 3]", "expected one value per section or revol"),
         (LIMIT, "joint_limit_deg = [14.0, 2.0]", r"sections\[1\].joint_limit_deg: expected one"),
         (LIMIT, "joint_limit_deg = 80.0", r"arm.sections\[1\].links: links turn by up to 113°; expected 11"),
         ("link_length = 20.0", "link_length = 20.0\nlength = 160.0", r"arm.sections\[1\].length"),
@@ -131,7 +131,7 @@ def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
     count = (len(sums[0]) - 16) // 2
     np.testing.assert_allclose(arrays["drive_values"][:, 0], sums[:, : 2 * count : 2].sum(axis=1), atol=1e-12)
     assert arrays["tendon_lengths"].shape == (len(arrays["time"]), 3)
-    assert "peak_torque_Nm" not in solution.metrics
+    assert solution.metrics["peak_torque_Nm"] == np.max(np.abs(arrays["drive_torques"]))
     assert not (folder / "arm.urdf").exists()
     load_motion(folder, load_any_problem(folder).arm)
     arrays["tendon_lengths"][0, 0] += 1e-4

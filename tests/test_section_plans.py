@@ -63,12 +63,11 @@ def test_map_reproduces_every_configuration_of_the_sections() -> None:
 @pytest.mark.parametrize(
     ("words", "changes"),
     [
-        ("limits.torque", {"torque": np.ones(3 * section_arm(3).links)}),
         ("limits of points", {"points": (PointLimit(None, 1.0),)}),
     ],
 )
 def test_what_sections_do_not_support_is_refused(words: str, changes: dict[str, Any]) -> None:
-    """A limit that needs the dynamics or points of single links is refused by name."""
+    """A limit that needs points of single links is refused by name."""
     problem = section_clutter(0, 3, 3)
     with pytest.raises(ccm_opt.ProblemError, match=words):
         replace(problem, limits=replace(problem.limits, **changes))

@@ -237,10 +237,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
         words, _, unit = name.rpartition("_")
         limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
         table.add_row(words.replace("_", " "), units.shown(value, unit), limit, "")
-    in_space = problem.dimension == 3
-    peak, bound, _, where = peak_torque(
-        simulated.torques, problem.limits.torque, motion.joints.names, in_space=in_space
-    )
+    peak, bound, _, where = peak_torque(problem, simulated.torques, motion.joints.names)
     table.add_row("peak torque", peak, bound, where)
     outcome, _, _, reason = verdict_cells(simulated.verdict)
     table.add_row("simulation", outcome, "", reason)

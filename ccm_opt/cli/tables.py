@@ -13,6 +13,7 @@ from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ClearanceRecord, NearPlace, ParetoPlan, ParetoPlans, SimulationVerdict, Solution
+from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
 from ccm_opt.viz.clearance_section import clearance_sentences
 from ccm_opt.viz.document import PageUnits
@@ -48,9 +49,8 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     shown_checks = words if output().verbose else [check for check in words if not check.of_itself]
     table = checks_table(f"{problem.name}: solved", shown_checks)
     table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
-    if problem.limits.torque is None and problem.arm.sections is None:
-        peak = peak_torque(solution.joints.torques, None, solution.joints.names, in_space=in_space)
-        table.add_row("Peak torque", *peak)
+    if problem.limits.torque is None:
+        table.add_row("Peak torque", *peak_torque(problem, solution.joints.torques, solution.joints.names))
     if "leader_deviation_worst_m" in solution.metrics:
         worst = units.length(solution.metrics["leader_deviation_worst_m"])
         mean = units.length(solution.metrics["leader_deviation_mean_m"])
@@ -145,23 +145,24 @@ def stage_line(clock: StageClock) -> str:
     return "time in s (CPU): " + ", ".join([*stages, total])
 
 
-def peak_torque(
-    torques: FloatArray, limit: FloatArray | None, names: Sequence[str], *, in_space: bool
-) -> tuple[str, str, str, str]:
-    """Return table cells for the peak joint torque: value, limit, used fraction of the limit, and joint.
+def peak_torque(problem: Problem, torques: FloatArray, names: Sequence[str]) -> tuple[str, str, str, str]:
+    """Return table cells for the peak torque of drives that bend an arm: value, limit, used fraction, and drive.
 
     Args:
-        torques: torques of m revolute joints at T samples, shape (T, m) [N m].
-        limit: torque limits, shape (m,) [N m]; None without limits.
+        problem: the problem, with arm and torque limits.
+        torques: torques of all revolute joints at T samples, shape (T, 3 * links) [N m].
         names: names of the revolute joints.
-        in_space: whether joints have two bend angles, which have separate names.
     """
-    magnitudes = np.abs(torques)
-    joint = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])
-    peak = float(magnitudes[:, joint].max())
-    bound = "none" if limit is None else f"≤ {limit[joint]:.3g} N m"
-    used = "" if limit is None else f"{100.0 * peak / limit[joint]:.0f} %"
-    where = joint_in_words(f"joint {joint // 3 + 1} ({names[joint]})", in_space=in_space)
+    arm, limits = problem.arm, problem.limits.torque
+    magnitudes = np.abs(drive_torques(arm, torques))
+    drive = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])
+    peak = float(magnitudes[:, drive].max())
+    limit = None if limits is None else float(drive_torque_limits(arm, limits)[drive])
+    bound = "none" if limit is None else f"≤ {limit:.3g} N m"
+    used = "" if limit is None else f"{100.0 * peak / limit:.0f} %"
+    if arm.sections is not None:
+        return f"{peak:.3g} N m", bound, used, arm.sections.drive_names[drive]
+    where = joint_in_words(f"joint {drive // 3 + 1} ({names[drive]})", in_space=arm.dimension == 3)
     return f"{peak:.3g} N m", bound, used, escape(where)
 
 

@@ -16,7 +16,7 @@ from ccm_opt.diagnosis.sections import link_words, section_at
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.frames import drive_torque_limits, drive_torques, joint_names, revolute_angles
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 _TOUCHING = 1e-6
@@ -182,7 +182,10 @@ def _self_touched(arm: Arm, pose: NamedPose) -> Iterator[Finding]:
 
 
 def within_torque_limits(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding per required pose that a joint is too weak to hold; only for arms with a fixed base."""
+    """Yield a finding per required pose that a joint or section is too weak to hold; only for arms on a fixed base.
+
+    That of a section is not proved: how its torque varies within the tolerances of the pose is not bounded.
+    """
     torque = problem.limits.torque
     # A guide tube carries part of the load, so fed arms are not checked.
     if torque is None or problem.arm.base_axes:
@@ -192,14 +195,18 @@ def within_torque_limits(problem: Problem) -> Iterator[Finding]:
     for pose in named_poses(problem):
         # At rest, inverse dynamics gives the gravity load of every joint.
         angles = revolute_angles(arm, pose.q[arm.coordinates.bends])
-        load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
-        number = int(np.argmax(load / torque))
-        if load[number] > torque[number]:
+        load = np.abs(drive_torques(arm, model(angles, np.zeros_like(angles), np.zeros_like(angles))))
+        limit = drive_torque_limits(arm, torque)
+        number = int(np.argmax(load / limit))
+        if load[number] > limit[number]:
+            drive = f"joint {number // 3 + 1} ({joint_names(arm)[number]})"
+            if arm.sections is not None:
+                drive = f"section {number // 2 + 1} ({arm.sections.drive_names[number]})"
             reason = (
-                f"{pose.key}: joint {number // 3 + 1} ({joint_names(arm)[number]}) needs {load[number]:.4g} N m to "
-                f"hold the arm still at {pose.name}, but its torque limit is {torque[number]:.4g} N m"
+                f"{pose.key}: {drive} needs {load[number]:.4g} N m to "
+                f"hold the arm still at {pose.name}, but its torque limit is {limit[number]:.4g} N m"
             )
-            proved = bool(np.any(load - _lighter(problem, pose) > torque))
+            proved = arm.sections is None and bool(np.any(load - _lighter(problem, pose) > torque))
             yield replace(overloaded(problem, reason, number, float(load[number])), proved=proved)
 
 
@@ -225,11 +232,11 @@ def overloaded(problem: Problem, reason: str, number: int, load: float) -> Findi
     Args:
         problem: the problem.
         reason: text that states joint, pose, load and limit.
-        number: index of the revolute joint.
-        load: torque that the joint needs [N m].
+        number: index of the revolute joint, or of the drive of a section.
+        load: torque that it needs [N m].
     """
     limits = problem.limits.torque
-    limit = np.inf if limits is None else float(limits[number])
+    limit = np.inf if limits is None else float(drive_torque_limits(problem.arm, limits)[number])
     share = load / limit
     return Finding(
         "torque",

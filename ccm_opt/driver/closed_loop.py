@@ -101,7 +101,7 @@ class JudgedMotion:
 def unmodelled_dynamics(arm: Arm) -> str:
     """Return the reason why the closed loop of an arm of this kind is not modelled; empty if it is."""
     if arm.sections is not None:
-        return "the dynamics of sections that bend evenly are not modelled"
+        return "the closed loop of sections that bend evenly is not modelled"
     return "the dynamics of base axes other than a feed axis are not simulated" if arm.carrier else ""
 
 

@@ -12,6 +12,7 @@ from ccm_opt.planning.limits.following import distances_from_leader
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import drive_torques
 from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.tool_chain import arm_reaching_tool
@@ -106,10 +107,10 @@ def motion_figures(
     else:
         turns = np.abs(bends)
         ends = _in_the_plane(problem, trajectory)
-    modelled = problem.arm.sections is None
+    torques = drive_torques(problem.arm, joints.torques)
     figures = {
         "duration_s": trajectory.duration,
-        **({"peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0))} if modelled else {}),
+        "peak_torque_Nm": float(np.max(np.abs(torques), initial=0.0)),
         "joint_path_length_rad": path_length(bends),
         # The bend at the base turns the whole arm and curves nothing, so it does not count.
         "largest_curvature_per_m": float(np.max(turns[:, 1:] / _around_joints(problem.arm), initial=0.0)),

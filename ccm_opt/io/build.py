@@ -266,11 +266,9 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
 def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     """Return the arm that the table ``[arm]`` describes; by default links have the inertia of solid cylinders."""
     in_space = isinstance(table, SpaceArmTable)
-    masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
     driven = _arc_sections(table)
     lengths, radii, proportions = _each_link(table, driven)
-    weighed = [each.mass for each in table.sections or () for _ in range(each.links) if each.mass is not None]
-    masses = np.array(weighed) if len(weighed) == table.links else masses  # some without are reported elsewhere
+    masses = _masses(table, driven)
     if table.inertia is not None:
         axial, transverse = (_each(value, table.links) for value in (table.inertia.axial, table.inertia.transverse))
     else:
@@ -293,8 +291,8 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         "inertia_axial": axial,
         "inertia_transverse": transverse,
         "feed": feed,
-        "rotor_inertia": each_revolute(table.rotor_inertia, table.links),
-        "friction": each_revolute(table.friction, table.links),
+        "rotor_inertia": _of_drives(table.rotor_inertia, table.links, driven),
+        "friction": _of_drives(table.friction, table.links, driven),
         "tool": None if (tool := getattr(table, "tool", None)) is None else build_tool(tool),
     }
     if isinstance(table, ArmTable):
@@ -304,6 +302,27 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     carrier = tuple(_base_axis(axis, table.base.position) for axis in table.base.axes or ())
     parts["feed"] = None if carrier else feed  # both are refused elsewhere
     return Arm(base=np.array(table.base.position), direction=direction, up=up, carrier=carrier, **parts)
+
+
+def _masses(table: ArmTable | SpaceArmTable, driven: ArcSections | None) -> FloatArray:
+    """Return the mass of each link, shape (links,) [kg]; a link at the end of an arc has half of that of both arcs."""
+    rows = table.sections or ()
+    alike = DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass
+    weighed = [each.mass for each in rows if each.mass is not None]
+    if table.masses or not rows or len(weighed) not in {0, len(rows)}:  # some without are reported elsewhere
+        return _each(table.masses or alike, table.links)
+    counts = [each.links for each in rows]
+    if driven is None:
+        return np.repeat(weighed, counts) if weighed else _each(alike, table.links)
+    of_arcs = np.repeat(np.array(weighed) / counts if weighed else np.full(len(rows), alike), counts)
+    return np.asarray(0.5 * (np.append(0.0, of_arcs) + np.append(of_arcs, 0.0)))
+
+
+def _of_drives(value: float | Sequence[float], links: int, driven: ArcSections | None) -> FloatArray:
+    """Return inertia or friction of each revolute, of which bends of sections have that of all of their joints."""
+    if driven is not None and np.size(value) != 3 * links:
+        value = driven.at_joints(np.asarray(value) * driven.counts).tolist()
+    return each_revolute(value, links)
 
 
 def _base_axis(table: BaseAxisTable, base: list[float]) -> BaseAxis:
@@ -396,7 +415,9 @@ def build_limits(table: LimitsTable, arm: Arm) -> Limits:
     for key in ("velocity", "acceleration", "torque", "jerk"):
         value = limits[key]
         if value is not None and arm.sections is not None and np.size(value) != 3 * arm.links:
-            value = arm.sections.shared(np.asarray(value)).tolist()
+            # Joints have a share in the rates of their section, and bear all of its torque.
+            share = 1.0 if key == "torque" else 1.0 / arm.sections.counts
+            value = arm.sections.at_joints(np.asarray(value) * share).tolist()
         limits[key] = None if value is None else each_revolute(value, arm.links)
     return Limits(**limits)
 

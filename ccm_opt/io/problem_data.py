@@ -178,6 +178,7 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
         "inertia": InertiaTable.from_object(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
         "feed": None if arm.feed is None else FeedTable.from_object(arm.feed, range=[arm.feed.low, arm.feed.high]),
     }
+    entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.proportions is not None:
         entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
         if arm.sections is not None:
@@ -186,7 +187,6 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
     if arm.tool is not None:
         entries["tool"] = _tool(arm.tool)
-    entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     if arm.dimension == 3:
         return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries).written(unit)
     return PlaneArmTable.from_object(arm, **entries).written(unit)
@@ -225,9 +225,8 @@ def _driven_arm(arm: Arm, sections: ArcSections, limits: Limits | None, entries:
             zip(sections.counts.tolist(), sections.tendons or (None,) * len(sections.counts), strict=True)
         )
     ]
-    unused = ("inertia", "masses", "base_limit_deg", "payload", "rotor_inertia", "friction")
-    given = {**entries, **dict.fromkeys(unused), "sections": rows}
-    return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **given)
+    entries = {**entries, "base_limit_deg": None, "sections": rows}
+    return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries)
 
 
 def _pair(limits: FloatArray) -> float | list[float]:

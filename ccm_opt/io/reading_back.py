@@ -312,6 +312,8 @@ DRIVE_ARRAYS = (
     "section_azimuths",
     "section_lengths",
     "tendon_lengths",
+    "drive_torques",
+    "tendon_tensions",
 )
 """Names of the additional arrays of ``solution.npz`` for sections that bend evenly."""
 AXES_SHAPES: Shapes = {AXIS_NAMES[name]: (*shape, "axes") for name, shape in FEED_SHAPES.items()}
@@ -459,13 +461,13 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         of_base("simulated_feed"),
         numbers,
     )
-    for name, values in drive_arrays(arm, trajectory.bend_angles).items():
+    for name, values in drive_arrays(arm, trajectory.bend_angles, joints.torques).items():
         stored = arrays.get(name, np.zeros(0))
         same = stored.shape == values.shape and (
             bool(np.all(stored == values)) if values.dtype.kind == "U" else np.allclose(stored, values, 1e-9, 1e-9)
         )
         if not same:
-            raise ProblemError(f"{path}: {name} is missing, or differs from bend_angles; the file was changed")
+            raise ProblemError(f"{path}: {name} is missing, or differs from those of the joints; the file was changed")
     points = points_with_tool(arm, trajectory.positions)
     places = {"joint_positions": points[:, : arm.links + 1], **({} if arm.tool is None else {TOOL_TIP: points[:, -1]})}
     for name, expected in places.items():

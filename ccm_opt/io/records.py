@@ -28,6 +28,7 @@ from ccm_opt.problem.solution import (
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
 from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.frames import drive_torques
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.scene.tool_links import points_with_tool
 
@@ -251,22 +252,23 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "stops": np.array(trajectory.stops, dtype=np.int64),
         # A fixed base has no columns here, and gaps are present only where they were measured.
         **_of_base(of_base, solution.problem.arm),
-        **drive_arrays(solution.problem.arm, trajectory.bend_angles),
+        **drive_arrays(solution.problem.arm, trajectory.bend_angles, solution.joints.torques),
         **({} if room is None else {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}),
     }
 
 
-def drive_arrays(arm: Arm, bends: FloatArray) -> dict[str, npt.NDArray[np.generic]]:
+def drive_arrays(arm: Arm, bends: FloatArray, torques: FloatArray) -> dict[str, npt.NDArray[np.generic]]:
     """Return the arrays of sections that bend evenly, by name; none for other arms.
 
     Args:
         arm: the arm.
         bends: bends of the joints, shape (T, 2 links) [rad].
+        torques: torques of all revolutes, shape (T, 3 links) [N m].
     """
     sections = arm.sections
     if sections is None:
         return {}
-    drives = sections.drives(bends)
+    drives, efforts = sections.drives(bends), drive_torques(arm, torques)
     return {
         "drive_values": drives,
         "drive_names": np.array(sections.drive_names),
@@ -274,6 +276,8 @@ def drive_arrays(arm: Arm, bends: FloatArray) -> dict[str, npt.NDArray[np.generi
         "section_azimuths": sections.azimuths(drives),
         "section_lengths": sections.lengths,
         "tendon_lengths": sections.tendon_lengths(drives),
+        "drive_torques": efforts,
+        "tendon_tensions": sections.tendon_tensions(efforts),
     }
 
 

@@ -1,7 +1,7 @@
 """Checks of the rules between keys of a problem file, and of the positions of the base, the drawing and the meshes."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -142,13 +142,8 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
             issues.add(path, "mass is missing; give it for all sections or for none")
 
 
-_UNMODELLED = 'the dynamics of sections with drive = "section" are not modelled; leave it out'
 _NEEDS_PATH = 'for sections with drive = "section" only together with goal.path; leave it out'
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
-_OF_DYNAMICS = (
-    *(("arm", key) for key in ("link_mass", "masses", "inertia", "payload", "rotor_inertia", "friction")),
-    ("limits", "torque"),
-)
 _UNSUPPORTED = (
     *(("arm", key) for key in ("base_limit_deg", "feed", "tool", "bodies")),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
@@ -177,7 +172,6 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
     for k, row in enumerate(rows):
         refused = {
             "drive": not driven[k] and 'expected "section" for all sections or for none',
-            "mass": row.get("mass") is not None and _UNMODELLED,
             "locked": row.get("locked") and 'joints of a section with drive = "section" bend alike; none can be locked',
             "joint_limit_deg": isinstance(row.get("joint_limit_deg"), list) and one_number,
         }
@@ -185,23 +179,14 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
             if words:
                 issues.add((*where, k, key), str(words))
     along = _are_paths(data)
-    given: list[tuple[KeyPath, str]] = [(path, _UNMODELLED) for path in _OF_DYNAMICS]
-    given += [(path, _LEAVE_OUT) for path in _UNSUPPORTED]
+    given: list[tuple[KeyPath, str]] = [(path, _LEAVE_OUT) for path in _UNSUPPORTED]
     given += [(path, _NEEDS_PATH) for path in _UNLESS_ALONG_PATH if not along]
-    given += [(path, _UNMODELLED) for path in _efforts_of_axes(data)]
     for path, words in given:
         if lookup(data, path):  # zeros, which other arms have by default, change nothing
             issues.add(path, words)
     for key, only in (("method", "nlp"), ("retiming", "toppra")):
         if lookup(data, ("planner", key)) not in {None, only}:
             issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
-
-
-def _efforts_of_axes(data: Mapping[str, object]) -> Iterator[KeyPath]:
-    """Yield the paths of the keys about forces, torques and inertia of base axes."""
-    axes = lookup(data, ("arm", "base", "axes"))
-    for k in range(len(axes) if isinstance(axes, list) else 0):
-        yield from (("arm", "base", "axes", k, key) for key in ("force", "torque", "inertia"))
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
@@ -323,8 +308,9 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
     """
     before = len(issues.found)
     _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
+    counts, what = _drive_lists(arm)
     for key in ("rotor_inertia", "friction"):
-        _one_each(getattr(arm, key), ("arm", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
+        _one_each(getattr(arm, key), ("arm", key), counts, what, issues)
     if arm.inertia is not None:
         _one_each(arm.inertia.axial, ("arm", "inertia", "axial"), (arm.links,), "link", issues)
         _one_each(arm.inertia.transverse, ("arm", "inertia", "transverse"), (arm.links,), "link", issues)
@@ -399,11 +385,16 @@ def check_tool(arm: Arm, tool: PlaneToolTable | SpaceToolTable, tables: Mapping[
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
     """Report lists of joint limits that have neither one value per ball joint nor one per revolute joint."""
+    counts, what = _drive_lists(arm)
     for key in ("velocity", "acceleration", "jerk", "torque"):
-        counts, what = (arm.links, 3 * arm.links), "ball joint or revolute"
-        if arm.bends_evenly:
-            counts, what = (len(arm.sections or ()), 3 * arm.links), "section or revolute"
         _one_each(getattr(limits, key), ("limits", key), counts, what, issues)
+
+
+def _drive_lists(arm: ChainTable) -> tuple[tuple[int, int], str]:
+    """Return the lengths that lists of values of drives may have, and what they have one value for, in words."""
+    if arm.bends_evenly:
+        return (len(arm.sections or ()), 3 * arm.links), "section or revolute"
+    return (arm.links, 3 * arm.links), "ball joint or revolute"
 
 
 def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:

@@ -446,7 +446,11 @@ class SectionTable(Table):
         )
     )
     mass: Positive | None = Field(
-        default=None, description="Mass of each of its links [kg]. Default: that of `arm.link_mass` or `arm.masses`."
+        default=None,
+        description=(
+            'Mass of each of its links [kg]; with `drive = "section"` of the whole section. Default: that of '
+            "`arm.link_mass` or `arm.masses`."
+        ),
     )
     locked: list[Annotated[int, Field(ge=1)]] = Field(
         default_factory=list, description="Joints of the section, counted from 1, that stay straight."

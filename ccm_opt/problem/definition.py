@@ -133,7 +133,6 @@ LOCKED_ON_FEED = "locked joints are not supported for an arm in the plane with a
 """What a problem with such joints is refused with."""
 
 
-_MODELLED = "the dynamics of sections that bend evenly are not modelled; leave it out"
 _MISFIT = 1e-9
 """Largest difference of a joint's bend from its share of its section's bend that is attributed to rounding [rad]."""
 
@@ -142,14 +141,11 @@ def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
     """Yield a sentence for everything in a problem that sections that bend evenly do not support."""
     arm, limits = problem.arm, problem.limits
     along = all(stop.goal.path is not None for stop in problem.goals)
-    plain = not (arm.payload or np.any(arm.rotor_inertia) or np.any(arm.friction))
     yield from _broken(
         (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
         (arm.feed is None, "arm.feed is not supported for sections that bend evenly; leave it out"),
         (along or not arm.carrier, "arm.base.axes are supported for sections that bend evenly only along goal.path"),
         (arm.tool is None, "arm.tool is not supported for sections that bend evenly; leave it out"),
-        (limits.torque is None, f"limits.torque: {_MODELLED}"),
-        (plain, f"arm.payload, arm.rotor_inertia and arm.friction: {_MODELLED}"),
         (not limits.points, "limits of points of the arm are not supported for sections that bend evenly"),
         (problem.joint_error == 0.0, "tolerance.joint_error is not supported for sections that bend evenly"),
         (problem.planner.method == "nlp", "planner.method must be 'nlp' for sections that bend evenly"),

@@ -113,13 +113,18 @@ class ArcSections:
         """
         return np.asarray(bends @ np.linalg.pinv(self.coupling).T)
 
-    def shared(self, values: FloatArray) -> FloatArray:
-        """Return the share of each joint in values of all sections or of each, shape (s,), as rates; (links,).
+    def at_joints(self, values: FloatArray) -> FloatArray:
+        """Return for each joint the value of its section, of values of all sections or of each, shape (s,); (links,).
 
         The first joint, which does not bend, has that of the second.
         """
-        each = np.broadcast_to(values, self.counts.shape) / self.counts
+        each = np.broadcast_to(values, self.counts.shape)
         return np.asarray(each[np.maximum(self.section_of_joint, 0)])
+
+    def of_drives(self, values: FloatArray) -> FloatArray:
+        """Return the values of the drives, shape (2 s,), which all revolutes of their section have, (3 links,)."""
+        first = 1 + np.cumsum(self.counts) - self.counts
+        return np.asarray(values.reshape(-1, 3)[first, :2].ravel())
 
     def curvatures(self, drives: FloatArray) -> FloatArray:
         """Return the curvature of each section for drives of shape (..., 2 s), shape (..., s) [1/m]."""
@@ -153,6 +158,34 @@ class ArcSections:
             if tendons is not None
         ]
         return np.concatenate(found, axis=-1) if found else np.zeros((*drives.shape[:-1], 0))
+
+    def tendon_tensions(self, torques: FloatArray) -> FloatArray:
+        """Return the least tensions of all tendons that give the torques of the drives, shape (..., count) [N].
+
+        A tendon at the position p gives all sections that it runs through the torque T p towards p, so that the tendons
+        of a section give it what its torque exceeds that of the next one by. Tensions are at least zero, and of those
+        of a section that together bend nothing, at least one is zero.
+
+        Args:
+            torques: torques of the drives, shape (..., 2 s) [N m].
+
+        Returns:
+            Tensions in the order of ``tendon_lengths``; without columns unless every section has tendons.
+        """
+        if len(self.tendons) < len(self.counts) or None in self.tendons:
+            return np.zeros((*torques.shape[:-1], 0))
+        bending = torques.reshape(*torques.shape[:-1], -1, 2) * np.array([1.0, -1.0])
+        own = bending - np.concatenate((bending[..., 1:, :], np.zeros_like(bending[..., :1, :])), axis=-2)
+        found = []
+        for k, tendons in enumerate(self.tendons):
+            if tendons is None:
+                continue
+            pulled = own[..., k, :] @ np.linalg.pinv(tendons.sides.T).T
+            # Of an even number, opposite ones bend nothing together; of three, all of them.
+            groups = 2 if tendons.number % 2 == 0 else 1
+            parts = pulled.reshape(*pulled.shape[:-1], -1, tendons.number // 2 if groups == 2 else 1)
+            found.append((parts - np.min(parts, axis=-2, keepdims=True)).reshape(pulled.shape))
+        return np.concatenate(found, axis=-1)
 
     def misfit(self, bends: FloatArray) -> float:
         """Return by how much bends of the joints, (..., 2 links), differ from the nearest of the sections, at most."""

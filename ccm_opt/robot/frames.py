@@ -68,6 +68,34 @@ def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
     return angles
 
 
+def coupling_of_revolutes(arm: Arm) -> FloatArray | None:
+    """Return the derivatives of the angles of all revolutes by the values of the m drives that move them together.
+
+    Returns:
+        Shape (3 * links, m); None for an arm whose revolutes each have their own drive.
+    """
+    return None if arm.sections is None else revolute_angles(arm, arm.sections.coupling.T).T
+
+
+def drive_torques(arm: Arm, torques: FloatArray) -> FloatArray:
+    """Return the torques of the m drives that bend an arm, from those of all revolutes, shape (..., 3 * links) [N m].
+
+    They are the same unless drives move several revolutes together; then the shape is (..., m).
+    """
+    coupling = coupling_of_revolutes(arm)
+    return torques if coupling is None else np.asarray(torques @ coupling)
+
+
+def drive_torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
+    """Return the torque limits of the drives that bend an arm, in the order of ``drive_torques`` [N m].
+
+    Args:
+        arm: the arm.
+        limits: limits of all revolutes, shape (3 * links,); revolutes of one section that bends evenly have its limit.
+    """
+    return limits if arm.sections is None else arm.sections.of_drives(limits)
+
+
 def bends_from_revolutes(arm: Arm, angles: FloatArray) -> FloatArray:
     """Return the joint bends for given revolute angles, the inverse of ``revolute_angles``.
 

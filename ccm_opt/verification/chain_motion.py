@@ -91,8 +91,8 @@ class LinkFrames:
         At constant rates of the bends, the mean of the turns by 0 to θ takes the rate of the rotation vector to the
         angular velocity.
         """
-        after = _arc_frames(arm, positions)
-        before = np.concatenate((_base_rotations(arm, positions)[:, None], after[:, :-1]), axis=1)
+        after = arc_frames(arm, positions)
+        before = np.concatenate((base_rotations(arm, positions)[:, None], after[:, :-1]), axis=1)
         angle, y, z = _arc_axes(arm, positions)
         mean = np.sinc(angle / np.pi)
         aside = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
@@ -111,7 +111,7 @@ class LinkFrames:
         return cls(first, np.broadcast_to(left, across.shape), cosine * ahead + sine * up, across)
 
 
-def _base_rotations(arm: Arm, positions: FloatArray) -> FloatArray:
+def base_rotations(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the rotation matrices of the base in configurations (T, c), shape (T, 3, 3)."""
     base = BaseMotion.from_configurations(arm, positions)
     return np.stack((base.ahead, base.left, base.up), axis=-1)
@@ -128,7 +128,7 @@ def _arc_axes(arm: Arm, positions: FloatArray) -> tuple[FloatArray, FloatArray, 
     return angle, unit[..., 1], unit[..., 0]
 
 
-def _arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
+def arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the rotation matrices of links whose joints are those of arcs, shape (T, links, 3, 3).
 
     A turn by θ about a unit vector k takes v to cos θ v + sin θ k × v + (1 − cos θ) (k · v) k.
@@ -142,7 +142,7 @@ def _arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
     turns[..., 1, 1], turns[..., 2, 2] = cos + (1.0 - cos) * y**2, cos + (1.0 - cos) * z**2
     turns[..., 1, 2] = turns[..., 2, 1] = (1.0 - cos) * y * z
     frames = np.empty_like(turns)
-    now = _base_rotations(arm, positions)
+    now = base_rotations(arm, positions)
     for link in range(arm.links):
         now = np.matmul(now, turns[:, link], out=frames[:, link])
     return frames
@@ -151,7 +151,7 @@ def _arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
     if arm.sections is not None:
-        return _arc_frames(arm, positions)[..., 0]
+        return arc_frames(arm, positions)[..., 0]
     if arm.dimension == 3:
         return LinkFrames.from_configurations(arm, positions).along
     turned = _turned_in_plane(arm, positions) + _fixed_turns(arm)
@@ -204,14 +204,14 @@ def tangent_lengths(arm: Arm, turns: FloatArray) -> FloatArray:
 
     An arc of length h that turns by θ has the radius h / θ, and its tangents are h / θ tan(θ / 2) long.
     """
-    arcs = _arc_lengths(arm)
+    arcs = arc_lengths(arm)
     half = np.maximum(0.5 * turns, 1e-8)  # of smaller turns the tangents are half of the arc to the last digit
     legs = 0.5 * arcs * np.tan(half) / half
     legs = np.concatenate((legs, np.zeros((len(legs), 1))), axis=1)
     return np.asarray(legs[:, :-1] + legs[:, 1:])
 
 
-def _arc_lengths(arm: Arm) -> FloatArray:
+def arc_lengths(arm: Arm) -> FloatArray:
     """Return the length of the arc about each joint, 0 of the first, which is at the base, shape (links,) [m]."""
     sections = arm.sections
     if sections is None:
@@ -314,7 +314,7 @@ class ChainMotion:
     def leg_rates(self) -> FloatArray:
         """Greatest derivative of a tangent's length by the turn of its arc over the motion, (links,) [m/rad]."""
         x = 0.5 * np.max(arc_turns(self.arm, self.positions), axis=0)
-        return np.asarray(0.25 * _arc_lengths(self.arm) * _tangent_rates(x))
+        return np.asarray(0.25 * arc_lengths(self.arm) * _tangent_rates(x))
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -487,7 +487,7 @@ def _growth_bounds(arm: Arm, most: FloatArray, changes: FloatArray) -> tuple[Flo
     tan = np.tan(np.where(meet, x, _SMALL))
     square = 1.0 + tan**2
     bent = np.where(meet, (x**2 * square * tan - x * square + tan) / x**3, np.inf)
-    arcs = 0.25 * _arc_lengths(arm)
+    arcs = 0.25 * arc_lengths(arm)
     legs = [np.where(arcs > 0.0, arcs * each, 0.0) for each in (_tangent_rates(x) * changes, bent * changes**2)]
     ends = [np.concatenate((leg, np.zeros((len(leg), 1))), axis=1) for leg in legs]
     growing, bending = (end[:, :-1] + end[:, 1:] for end in ends)

@@ -61,6 +61,38 @@ def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
     return values
 
 
+def of_drives(arm: Arm, torques: FloatArray) -> FloatArray:
+    """Return the torques of the drives that bend an arm, shape (T, m), from those of all revolutes, (T, 3 * links).
+
+    They are the same, unless sections bend evenly: each of their joints turns by its share of a section's bend, so that
+    the section's torque is the mean of theirs.
+    """
+    if arm.sections is None:
+        return torques
+    bends = torques.reshape(len(torques), arm.links, 3)[:, 1:, :2]
+    ends = np.cumsum(arm.sections.counts)
+    each = [np.mean(bends[:, end - count : end], axis=1) for end, count in zip(ends, arm.sections.counts, strict=True)]
+    return np.concatenate(each, axis=1)
+
+
+def torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
+    """Return the torque limits of these drives, shape (m,): of a section, the least of those of its joints."""
+    if arm.sections is None:
+        return limits
+    bends = limits.reshape(arm.links, 3)[1:, :2]
+    ends = np.cumsum(arm.sections.counts)
+    return np.concatenate(
+        [np.min(bends[end - count : end], axis=0) for end, count in zip(ends, arm.sections.counts, strict=True)]
+    )
+
+
+def describe_drives(arm: Arm, names: Sequence[str]) -> tuple[str, ...]:
+    """Return readable names of these drives, from those of the revolutes."""
+    if arm.sections is None:
+        return describe_revolute_joints(names)
+    return tuple(f"section {k + 1} {bend}" for k in range(len(arm.sections.counts)) for bend in "ab")
+
+
 def describe_bend_joint(coordinates: Coordinates, number: int) -> str:
     """Return a readable name of the joint to which bend `number` (from 0) belongs, such as "joint 3 a"."""
     each = bends_a_ball(coordinates)

@@ -22,9 +22,12 @@ from ccm_opt.verification.drives import (
     axis_limits,
     check_worst,
     describe_bend_joint,
+    describe_drives,
     describe_revolute_joints,
     largest_bends,
+    of_drives,
     sample_words,
+    torque_limits,
 )
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -51,9 +54,8 @@ def check_limits(
         ("velocity", "rad/s", limits.velocity, _velocity_sources),
         ("acceleration", "rad/s²", limits.acceleration, _acceleration_sources),
         ("jerk", "rad/s³", limits.jerk, _jerk_sources),
-        ("torque", "N m", limits.torque, lambda trajectory, joints: [(joints.torques, trajectory.time)]),
     ]
-    return [
+    checks = [
         check_bends(arm, trajectory, settings),
         *(
             check_sources(f"joint {kind}", unit, limit, sources(trajectory, joints), settings, names)
@@ -61,6 +63,11 @@ def check_limits(
             if limit is not None
         ),
     ]
+    if limits.torque is not None:
+        torques = [(of_drives(arm, joints.torques), trajectory.time)]
+        bound, names = torque_limits(arm, limits.torque), describe_drives(arm, joints.names)
+        checks.append(check_sources("joint torque", "N m", bound, torques, settings, names))
+    return checks
 
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
@@ -342,11 +349,11 @@ def check_shares(
             checks.append(_rate_check(kind, limited, share, settings))
     limit = effort_limits(problem)
     if np.any(np.isfinite(limit)):
-        taken = np.column_stack((joints.torques, joints.base_forces)) / limit
+        taken = np.column_stack((of_drives(problem.arm, joints.torques), joints.base_forces)) / limit
         # Fractions above 1 are clipped here; the check of the limit itself reports them.
         held = np.minimum(np.abs(holding) / limit, 1.0)
         axes = tuple(f"the {name} axis" for name in trajectory.coordinates.base_names)
-        names = (*describe_revolute_joints(joints.names), *axes)
+        names = (*describe_drives(problem.arm, joints.names), *axes)
         checks.append(_effort_check(taken, held, sample_words(trajectory.time, names), share, settings))
     return checks
 
@@ -386,10 +393,13 @@ def allowed_share(held: FloatArray, share: float) -> FloatArray:
 
 
 def effort_limits(problem: Problem) -> FloatArray:
-    """Return torque limits of all revolutes [N m], then force limits of the base axes [N]; inf where unlimited."""
+    """Return limits of the efforts of all drives: of those that bend the arm [N m], then of the base axes [N, N m].
+
+    They are inf where unlimited.
+    """
     limits = problem.limits
     torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
-    return np.append(torque, axis_limits(problem).effort)
+    return np.append(torque_limits(problem.arm, torque), axis_limits(problem).effort)
 
 
 def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
@@ -401,4 +411,5 @@ def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
     if not np.any(np.isfinite(limit)):
         return np.zeros((len(positions), len(limit)))
     rest = np.zeros_like(positions)
-    return np.column_stack(drive_efforts(problem.arm, problem.simulation.gravity, positions, rest, rest))
+    torques, on_axes = drive_efforts(problem.arm, problem.simulation.gravity, positions, rest, rest)
+    return np.column_stack((of_drives(problem.arm, torques), on_axes))

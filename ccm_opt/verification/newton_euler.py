@@ -11,6 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.verification.arc_dynamics import arc_efforts
 from ccm_opt.verification.base_motion import BaseMotion
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs
 
@@ -67,8 +68,6 @@ def drive_efforts(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the torques of all revolutes, and the efforts of the axes that carry the base, that a motion requires.
 
-    They are zero for sections that bend evenly, whose dynamics are not modelled.
-
     Args:
         arm: the arm, with masses, inertia, payload, rotor inertia and friction.
         gravity: gravitational acceleration, shape (3,) [m/s²].
@@ -80,11 +79,10 @@ def drive_efforts(
         The torques, shape (T, 3 * links) [N m], ordered by ball joint with three revolutes each, and the efforts of the
         axes, shape (T, k) [N, N m].
     """
-    if arm.sections is not None:
-        return np.zeros((len(positions), 3 * arm.links)), np.zeros((len(positions), len(arm.base_axes)))
     states = (positions, velocities, accelerations)
     starts = range(0, max(len(positions), 1), _AT_ONCE)
-    parts = [_efforts(arm, gravity, *(values[k : k + _AT_ONCE] for values in states)) for k in starts]
+    efforts = _efforts if arm.sections is None else arc_efforts
+    parts = [efforts(arm, gravity, *(values[k : k + _AT_ONCE] for values in states)) for k in starts]
     torques, forces = zip(*parts, strict=True)
     return np.concatenate(torques), np.concatenate(forces)
 

@@ -111,8 +111,8 @@ def check_sample_efforts(
     """
     limits = problem.limits
     time = trajectory.time
-    # The bounds on the error are those of a base that does not turn.
-    if len(time) < 3 or problem.arm.carrier:
+    # The bounds on the error are those of a base that does not turn, and of links of constant lengths.
+    if len(time) < 3 or problem.arm.carrier or problem.arm.sections is not None:
         return []
     checks = []
     means = SampleMeans(problem, motion)

@@ -111,8 +111,6 @@ def left_unchecked(
     remarks = [_mount_note(arm)]
     if arm.tool is not None and arm.tool.bodies:
         remarks.append(f"clearance between the tool and links {arm.links - 1} and {arm.links} was not checked")
-    if arm.sections is not None:
-        remarks.append("efforts were neither computed nor checked, since sections that bend evenly are not modelled")
     if not arm.self_collision:
         remarks.append("clearance between links was not checked, since arm.self_collision is false")
     elif len(distant_pairs(arm)[0]) == 0:

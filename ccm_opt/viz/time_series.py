@@ -15,7 +15,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.solution import Solution
-from ccm_opt.robot.frames import bends_from_revolutes
+from ccm_opt.robot.frames import bends_from_revolutes, drive_torque_limits, drive_torques
 from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
 
 _MOST_NUMBERS = 70_000
@@ -185,11 +185,17 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
     bending = dict(zip(coordinates.drives[coordinates.bends], coordinates.names, strict=False))
     unlimited = np.full(len(states.names), np.inf)
     torque = unlimited if limits.torque is None else limits.torque
-    for key, title, unit, values, bounds in (
+    rates = (
         ("velocities", "Joint velocities", "rad/s", states.velocities, limits.velocity),
         ("accelerations", "Joint accelerations", "rad/s²", states.accelerations, limits.acceleration),
-        ("torques", "Joint torques", "N m", states.torques, torque),
-    ):
+    )
+    sections = solution.problem.arm.sections
+    if sections is not None:
+        torques = drive_torques(solution.problem.arm, states.torques)
+        bounds = drive_torque_limits(solution.problem.arm, torque)
+        yield SeriesGroup("torques", "Torques of sections", "N m", sections.drive_names, torques, bounds)
+    efforts = (("torques", "Joint torques", "N m", states.torques, torque),) if sections is None else ()
+    for key, title, unit, values, bounds in (*rates, *efforts):
         peaks = np.max(np.abs(values), axis=0)
         moved = np.flatnonzero(peaks > _STILL * max(float(peaks.max(initial=0.0)), 1e-300))
         # Drives of bends always get a curve, so that every chart can show every joint.
@@ -280,7 +286,10 @@ def limit_shares(solution: Solution) -> list[LimitShare]:
         _share("acceleration", states.accelerations, limits.acceleration, joints),
     ]
     if limits.torque is not None:
-        found.append(_share("torque", states.torques, limits.torque, joints))
+        arm = solution.problem.arm
+        names = joints if arm.sections is None else arm.sections.drive_names
+        bounds = drive_torque_limits(arm, limits.torque)
+        found.append(_share("torque", drive_torques(arm, states.torques), bounds, names))
     if limits.jerk is not None and len(trajectory.time) > 1:
         jerk = np.gradient(states.accelerations, trajectory.time, axis=0)
         found.append(_share("jerk", jerk, limits.jerk, joints))

@@ -39,8 +39,7 @@ def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
     on_axis = {"feed_velocity": 0.25, "feed_acceleration": 0.5, "feed_force": 20.0} if arm.feed else {}
     each = np.ones(len(arm.carrier))
     axes = DriveLimits(1.0 * each, 0.5 * each, np.inf * each, np.inf * each) if arm.carrier else None
-    torque = 20.0 * one if arm.sections is None else None
-    limits = Limits(2.0 * one, 10.0 * one, torque, **on_axis, axes=axes)
+    limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, **on_axis, axes=axes)
     room = Workspace(bounds=np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), obstacles=())
     ends = [JointPose.from_configuration(place, arm.coordinates) for place in (start, end)]
     problem = Problem("in space", room, arm, limits, *ends, planner=FULL)

@@ -11,6 +11,7 @@ from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.tool import Tool, ToolBody
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.tool_links import points_with_tool
+from ccm_opt.verification.drives import of_drives
 from ccm_opt.verification.start_and_goal import pointing
 from ccm_opt.verification.tool_chain import motion_of
 from tests.arc_arms import arc_arm
@@ -113,6 +114,16 @@ def uneven() -> SpacePlan:
     return plan.moving(**{name: shares * getattr(motion, name) for name in names})
 
 
+def weak_section(number: int) -> SpacePlan:
+    """Return a motion for a problem in which the torque limit of one section is slightly too low."""
+    plan = even()
+    arm = plan.problem.arm
+    assert arm.sections is not None
+    most = np.max(np.abs(of_drives(arm, plan.joints.torques)), axis=0).reshape(-1, 2).max(axis=1)
+    limits = np.where(np.arange(2) == number, 0.999 * most, 2.0 * most)
+    return plan.asking(limits=replace(plan.problem.limits, torque=np.repeat(arm.sections.at_joints(limits), 3)))
+
+
 def tooled(tool: Tool = TOOL, first: float = 0.15) -> SpacePlan:
     """Return a motion of an arm with a tool, to position and direction of the tool at its end.
 
@@ -185,6 +196,8 @@ EQUIPPED_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
         lambda: carried().asking(goal=axes_at(-1, 1, 0.02)),
     ),
     "stop N axis_N": (lambda: stopping(carried(), axes_at(-1, 0, 0.01)),),
+    "joint torque": (lambda: weak_section(0), lambda: weak_section(1)),
+    "torques against dynamics": (lambda: told(even(), torques=1.001 * even().joints.torques),),
     "even bends of sections": (uneven,),
     "true arcs beyond links": (lambda: even(0.3),),
     "joint limit": (lambda: built(even(), joint_limit=0.15),),

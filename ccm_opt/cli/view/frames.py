@@ -11,6 +11,7 @@ from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory
+from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _TUBE_FRAMES = 200
@@ -56,11 +57,15 @@ class MotionFrames:
     def torque_shares(self, time: float) -> FloatArray:
         """Return the maximum torque of every ball joint near a time [s], as a fraction of the torque limit, shape (n,).
 
-        The fractions are 0 without torque limits.
+        The fractions are 0 without torque limits. Joints of sections that bend evenly have those of their section.
         """
-        torques, limit = self.joints.torques, self.problem.limits.torque
+        torques, limit, arm = self.joints.torques, self.problem.limits.torque, self.problem.arm
         if limit is None:
-            return np.zeros(self.problem.arm.links)
+            return np.zeros(arm.links)
+        if arm.sections is not None:
+            used = np.abs(drive_torques(arm, torques)) / drive_torque_limits(arm, limit)
+            sections = used.reshape(len(torques), -1, 2).max(axis=2)
+            return _nearest_row(self.trajectory.time, sections[:, np.maximum(arm.sections.section_of_joint, 0)], time)
         shares = (np.abs(torques) / limit).reshape(len(torques), -1, 3).max(axis=2)
         return _nearest_row(self.trajectory.time, shares, time)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.frames import coupling_of_revolutes
 
 
 @dataclass(frozen=True)
@@ -16,16 +17,18 @@ class Structure:
         links: number of links.
         axes: order of the three revolutes of a ball joint.
         planar: whether the arm never leaves its plane, where only the second revolutes move and most terms are zero.
+        arcs: whether joints are those of sections that bend evenly.
     """
 
     links: int
     axes: Axes
     planar: bool = False
+    arcs: bool = False
 
     @property
     def variant(self) -> str:
         """Name of the variant of the generated code for the structure, such as "zyx_planar"."""
-        return f"{self.axes}{'_planar' if self.planar else ''}"
+        return "arcs" if self.arcs else f"{self.axes}{'_planar' if self.planar else ''}"
 
     @property
     def joints(self) -> int:
@@ -40,16 +43,28 @@ class ArmModel:
     Attributes:
         structure: properties that determine generated code.
         bodies: mass [kg], axial inertia [kg m²], transverse inertia about the centre [kg m²] and length [m] of every
-            link, shape (links, 4).
+            link, shape (links, 4). Where joints are those of arcs, the rigid body of a link is fixed to the end of the
+            arc about its joint: in the place of the length, the arc's, and then the place of the body's centre along
+            the link from there [m], shape (links, 5).
         drives: rotor inertia [kg m²] of the three revolutes of a ball joint, then their friction [N m s/rad], shape
             (links, 6).
         world: gravity in the base frame [m/s²], mass of the payload [kg], and 1 if the base slides, else 0, shape (5,).
+        coupling: derivatives of the revolutes' angles by the values of m drives that move them together, shape
+            (3 * links, m); None if every revolute has its own drive.
+        armature: inertia of these drives beyond that of the revolutes, shape (m,) [kg m²]; None for none.
     """
 
     structure: Structure
     bodies: FloatArray
     drives: FloatArray
     world: FloatArray
+    coupling: FloatArray | None = None
+    armature: FloatArray | None = None
+
+    @property
+    def coordinates(self) -> int:
+        """Number of drives that bend the arm: of the revolutes, or of those that move them together."""
+        return self.structure.joints if self.coupling is None else self.coupling.shape[1]
 
 
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
@@ -59,14 +74,19 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
         arm: the arm.
         gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
     """
-    bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, arm.lengths))
+    sections = arm.sections
+    lengths = arm.lengths if sections is None else 2.0 * sections.arcs[:-1]
+    bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, lengths))
+    if sections is not None:
+        bodies = np.column_stack((bodies, 0.5 * (sections.arcs[1:] - sections.arcs[:-1])))
     drives = np.hstack((_per_ball(arm, arm.rotor_inertia), _per_ball(arm, arm.friction)))
 
     # The recursions start in the base frame, so gravity is expressed in it once.
     local_gravity = arm.base_rotation.T @ np.asarray(gravity, dtype=np.float64)
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
-    return ArmModel(Structure(arm.links, arm.axes), bodies, drives, world)
+    structure = Structure(arm.links, arm.axes, arcs=sections is not None)
+    return ArmModel(structure, bodies, drives, world, coupling_of_revolutes(arm))
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:

@@ -140,14 +140,19 @@ the intermediate results that the acceleration sweep needs, and body, drives and
 """
 
 
-def link_function(name: str, of: Callable[..., tuple[Any, ...]], state: int = 1) -> Any:
+def link_function(name: str, of: Callable[..., tuple[Any, ...]], **sizes: int) -> Any:
     """Build a CasADi function of one link from a Python function, whose argument names determine the sizes.
 
     Args:
         name: name of the CasADi function.
         of: Python function from columns to columns.
-        state: size of the state that one link passes to the next.
+        **sizes: size of the state that one link passes to the next, and of what differs from ``COLUMNS``.
     """
-    sizes = {**COLUMNS, "state": state}
-    columns = [ca.SX.sym(column, sizes.get(column, 1)) for column in signature(of).parameters]
+    columns = [ca.SX.sym(column, {**COLUMNS, **sizes}.get(column, 1)) for column in signature(of).parameters]
     return ca.Function(name, columns, list(of(*columns)))
+
+
+def shared_terms(function: Any) -> Any:
+    """Return a CasADi function that computes terms which occur more than once a single time."""
+    columns = function.sx_in()
+    return ca.Function(function.name(), columns, ca.cse(list(function(*columns))))

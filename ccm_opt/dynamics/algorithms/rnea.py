@@ -20,9 +20,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from ccm_opt.dynamics.algorithms.arc_joint import ArcJoint
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.in_plane import OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, centripetal, link_function
+from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, centripetal, link_function, shared_terms
 
 
 class RneaSteps(NamedTuple):
@@ -36,6 +37,13 @@ class RneaSteps(NamedTuple):
 
 def rnea_steps(structure: Structure) -> RneaSteps:
     """Return the functions of the Newton–Euler recursion for arms of a given structure."""
+    if structure.arcs:
+        return RneaSteps(
+            link_function("rnea_base", _base),
+            shared_terms(link_function("rnea_outward", _outward_along_arc, state=9, trig=2, body=5)),
+            link_function("rnea_tip", _tip, state=9),
+            shared_terms(link_function("rnea_inward", _inward_along_arc, state=6, trig=2, body=5)),
+        )
     joint = BALL_JOINTS[structure.axes]
     steps = RneaSteps(
         link_function("rnea_base", _base),
@@ -79,18 +87,45 @@ def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: A
     length = body[3]
     # ω̇ × x̂ = (0, ω̇_z, −ω̇_y).
     e = centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1])
-    load = _load(body, omega, omega_dot, a + 0.5 * length * e)
+    load = _load(body, 0.5 * length, omega, omega_dot, a + 0.5 * length * e)
     return ca.vertcat(omega, omega_dot, a + length * e), load
 
 
-def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
-    """Return the force F and the moment N about its ball joint that a link's own motion requires, shape (6,)."""
-    mass, axial, transverse, length = ca.vertsplit(body)
+def _outward_along_arc(state: Any, trig: Any, qd: Any, qdd: Any, body: Any) -> tuple[Any, Any]:
+    """Return (ω, ω̇, a) at the end of an arc from those at its beginning, and the load (F, N) of the body there.
+
+    a = Rᵀ a_p + p̈ + 2 ω × ṗ + ω̇ × p + ω × (ω × p).
+    """
+    to_child = ArcJoint.rotation(trig).T
+    w = ArcJoint.angular_velocity(trig, qd)
+    carried = to_child @ state[:3]
+    omega = carried + w
+    bias = ca.cross(carried, w) + ArcJoint.rate_bias(trig, qd)
+    omega_dot = to_child @ state[3:6] + bias + ArcJoint.angular_velocity(trig, qdd)
+
+    place = ArcJoint.place(trig, body[3])
+    rate, gain = ArcJoint.place_rates(trig, qd, qdd, body[3])
+    a = to_child @ state[6:] + gain + ca.cross(omega, 2.0 * rate + ca.cross(omega, place)) + ca.cross(omega_dot, place)
+    centre = body[4]
+    e = centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1])
+    return ca.vertcat(omega, omega_dot, a), _load(body, centre, omega, omega_dot, a + centre * e)
+
+
+def _load(body: Any, lever: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
+    """Return the force F and the moment N about its joint that a link's own motion requires, shape (6,).
+
+    Args:
+        body: the link.
+        lever: distance of its centre along it from the joint, or from the end of the joint's arc.
+        omega: its angular velocity.
+        omega_dot: its angular acceleration.
+        acceleration: acceleration of its centre less gravity.
+    """
+    mass, axial, transverse = body[0], body[1], body[2]
     force = mass * acceleration
     inertia = ca.vertcat(axial, transverse, transverse)
     moment = inertia * omega_dot + ca.cross(omega, inertia * omega)
-    # (l/2) x̂ × F = (l/2) (0, −F_z, F_y).
-    lever = 0.5 * length
+    # x̂ × F = (0, −F_z, F_y).
     return ca.vertcat(force, moment + ca.vertcat(0, -lever * force[2], lever * force[1]))
 
 
@@ -105,3 +140,14 @@ def _inward(
     to_parent = joint.rotation(trig)
     torques = joint.torques(trig, moment) + drive[:3] * qdd + drive[3:] * qd
     return ca.vertcat(to_parent @ force, to_parent @ moment), torques
+
+
+def _inward_along_arc(state: Any, trig: Any, load: Any, qd: Any, qdd: Any, body: Any, drive: Any) -> tuple[Any, Any]:
+    """Return (f, n) at the beginning of an arc from those at its end, and the generalised torques of its bends."""
+    force = load[:3] + state[:3]
+    moment = load[3:] + state[3:]
+    about_beginning = moment + ca.cross(ArcJoint.place(trig, body[3]), force)
+    torques = ArcJoint.torques(trig, about_beginning) + ArcJoint.stretching(trig, force, body[3])
+    to_parent = ArcJoint.rotation(trig)
+    rubbing = ca.vertcat((drive[:3] * qdd + drive[3:] * qd)[:2], 0)
+    return ca.vertcat(to_parent @ force, to_parent @ about_beginning), torques + rubbing

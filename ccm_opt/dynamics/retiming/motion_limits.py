@@ -38,8 +38,8 @@ from ccm_opt.dynamics.retiming.motion_samples import (
 )
 from ccm_opt.dynamics.retiming.timed_path import TimedPath
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
-from ccm_opt.problem import Limits
 from ccm_opt.robot.coordinates import Coordinates, planned_share
+from ccm_opt.robot.frames import coupling_of_revolutes, drive_torque_limits
 from ccm_opt.robot.points import MovingPoint, point_at_arc_length
 
 
@@ -178,33 +178,40 @@ def third_derivative_sides(spline: BSpline, s: FloatArray) -> tuple[FloatArray, 
 _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
-def drive_name(number: int, coordinates: Coordinates) -> str:
-    """Return a drive's name for messages: ball joint (counted from 1) and axis of a revolute, or axis of the base."""
-    if number < coordinates.revolutes:
-        return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
-    return f"the {coordinates.base_names[number - coordinates.revolutes]} axis"
+def drive_names(arm_drives: int, coordinates: Coordinates) -> tuple[str, ...]:
+    """Return the names of all drives for messages: of those that bend the arm, then of the axes that carry its base.
+
+    Args:
+        arm_drives: number of drives that bend the arm: of all revolutes, named by ball joint (counted from 1) and axis,
+            or two of each section that bends evenly.
+        coordinates: coordinates of the arm.
+    """
+    if arm_drives == coordinates.revolutes:
+        bending = [f"joint {k // 3 + 1}, {_AXIS[k % 3]} axis" for k in range(arm_drives)]
+    else:
+        bending = [f"section {k // 2 + 1}, bend {'ab'[k % 2]}" for k in range(arm_drives)]
+    return (*bending, *(f"the {name} axis" for name in coordinates.base_names))
 
 
-def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
+def too_weak(name: str, number: int, share: float, place: float, limit: float) -> RetimingError:
     """Return the error for a drive that is too weak to hold the arm still.
 
     Args:
-        number: index of the drive.
+        name: name of the drive.
+        number: its index.
         share: fraction of its limit that the drive needs to hold the arm still.
         place: path parameter at which the drive is too weak.
-        limits: limits of the problem.
-        coordinates: coordinates of the arm.
+        limit: limit of its effort [N m, N].
     """
-    turning = number < coordinates.revolutes
-    kind = "torque" if turning else "force"
-    unit = "N m" if turning else "N"
-    part = "joint" if turning else "axis"
+    bends = not name.startswith("the ")
+    kind = "torque" if bends else "force"
+    unit = "N m" if bends else "N"
+    part = name.split(" ", maxsplit=1)[0] if bends else "axis"
 
-    limit = float(limits.of_drives(coordinates).effort[number])
     load = share * limit
     return RetimingError(
         Diagnosis(
-            reason=f"{drive_name(number, coordinates)} needs {load:.4g} {unit} to hold the arm still at {place:.1%} "
+            reason=f"{name} needs {load:.4g} {unit} to hold the arm still at {place:.1%} "
             f"of the path, but its {kind} limit is {limit:.4g} {unit}",
             stage="retiming",
             advice=(
@@ -218,7 +225,9 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
 
 
 class DriveEffort(MotionLimit):
-    """Limits on the torques of all revolutes and on the force on the feed axis.
+    """Limits on the torques of all drives that bend the arm and on the efforts of the axes that carry its base.
+
+    A drive that moves several revolutes together bears what they all need for a unit of its motion, τ = Cᵀ τ_revolutes.
 
     Args:
         path: path of the arm whose drives are limited.
@@ -232,12 +241,19 @@ class DriveEffort(MotionLimit):
         revolutes = path.coordinates.revolutes
         bounds = path.limits.of_drives(path.coordinates).effort
         self._torque = bounds[:revolutes]
+        self._coupling = None if path.arm is None else coupling_of_revolutes(path.arm)
+        if path.arm is not None:
+            self._torque = drive_torque_limits(path.arm, self._torque)
         # Axes of the base whose force is limited; the others get no row.
-        self._force = bounds[revolutes:][np.isfinite(bounds[revolutes:])]
+        limited = np.isfinite(bounds[revolutes:])
+        self._force = bounds[revolutes:][limited]
+        count = len(self._torque)
+        names = drive_names(count, path.coordinates)
+        self._names = (*names[:count], *(name for name, kept in zip(names[count:], limited, strict=True) if kept))
         self._torque_limited = bool(np.any(np.isfinite(self._torque)))
         if len(self._force) and not hasattr(path.inverse_dynamics, "feed_forces"):
             raise ProblemError("limits.feed_force needs inverse dynamics with a method feed_forces; leave it out")
-        self._friction = self._viscous() if self._torque_limited else np.zeros(revolutes)
+        self._friction = self._viscous() if self._torque_limited else np.zeros((revolutes, count))
 
     @property
     def limited(self) -> bool:
@@ -291,23 +307,34 @@ class DriveEffort(MotionLimit):
             with_base: Any = path.inverse_dynamics
             torque, on_axes = with_base.with_base(of_arm, tuple(each[:, path.coordinates.base] for each in states))
             limits = path.limits.of_drives(path.coordinates).effort[path.coordinates.revolutes :]
-            shares = torque / self._torque if self._torque_limited else np.zeros_like(torque)
-            return np.column_stack((shares, (on_axes / limits)[:, np.isfinite(limits)]))
+            return np.column_stack((self._torque_shares(torque), (on_axes / limits)[:, np.isfinite(limits)]))
         motion = [path.revolutes(values[:, path.coordinates.bends]) for values in (place, velocity, acceleration)]
         # One more argument for each axis that carries the base.
         motion += [np.ascontiguousarray(column) for column in acceleration[:, path.coordinates.base].T]
         dynamics: Any = path.inverse_dynamics
-        torques = dynamics(*motion) / self._torque if self._torque_limited else np.zeros_like(motion[0])
+        torques = dynamics(*motion) if self._torque_limited else motion[0]
         forces = [dynamics.feed_forces(*motion) / limit for limit in self._force]
-        return np.column_stack((torques, *forces))
+        return np.column_stack((self._torque_shares(torques), *forces))
+
+    def _torque_shares(self, torques: FloatArray) -> FloatArray:
+        """Return the efforts of the drives that bend the arm as fractions of their limits, from those of revolutes."""
+        if not self._torque_limited:
+            return np.zeros((len(torques), len(self._torque)))
+        return np.asarray((torques if self._coupling is None else torques @ self._coupling) / self._torque)
 
     def _damping(self, velocity: FloatArray) -> FloatArray:
         """Return the efforts due to viscous friction at velocities (N, n), as fractions of the limits."""
-        shares = self._path.revolutes(velocity[:, self._path.coordinates.bends]) * self._friction
+        shares = self._path.revolutes(velocity[:, self._path.coordinates.bends]) @ self._friction
         return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
 
     def _viscous(self) -> FloatArray:
-        """Return the ratio of viscous friction to torque limit of each revolute, from torques at velocities of ±1."""
+        """Return the effort of each drive, as a fraction of its limit, for the friction of a unit of each velocity.
+
+        It is found from the torques at velocities of ±1.
+
+        Returns:
+            Shape (3 * links, drives).
+        """
         layout = self._path.coordinates
         place = np.zeros((2, layout.revolutes))
         ones = np.ones((1, layout.revolutes))
@@ -320,7 +347,9 @@ class DriveEffort(MotionLimit):
             torques = dynamics(place, rates, place, *(np.zeros(2) for _ in layout.base_names))
         # Velocity products are even in q̇ and friction is odd, so half the difference is friction alone.
         odd = 0.5 * (torques[0] - torques[1])
-        return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
+        rubbing = np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0)
+        each = np.eye(len(rubbing)) if self._coupling is None else self._coupling
+        return np.asarray(rubbing[:, None] * each / self._torque)
 
     def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
         """Raise ``RetimingError`` if a drive cannot hold the arm still somewhere on the path."""
@@ -328,7 +357,8 @@ class DriveEffort(MotionLimit):
         point, drive = np.unravel_index(np.argmax(load), load.shape)
         if load[point, drive] >= 1.0:
             share = float(load[point, drive])
-            raise too_weak(int(drive), share, float(s[point]), self._path.limits, self._path.coordinates)
+            limit = float(np.append(self._torque, self._force)[drive])
+            raise too_weak(self._names[drive], int(drive), share, float(s[point]), limit)
 
 
 class PointSpeed(MotionLimit):

@@ -12,7 +12,7 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model
 from ccm_opt.dynamics.algorithms.base_motion import CarriedBase
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.frames import coupling_of_revolutes, joint_names, revolute_angles
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
 """Direction of the dynamics: from accelerations to torques, or from torques to accelerations."""
@@ -26,7 +26,17 @@ def arm_for_c(model: ArmModel) -> dict[str, Any]:
     """Return an arm's parameters and working memory as named fields of ``Arm`` in recursion.c."""
     links = model.structure.links
     work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
-    return {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
+    fields = {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
+    if model.coupling is None:
+        return fields
+    coupled = model.coupling.shape[1]
+    reduced = np.zeros(12 * links + (coupled + 1) * (coupled + 4))
+    return fields | {"coupled": coupled, "coupling": model.coupling, "armature": model.armature, "reduced": reduced}
+
+
+def columns_of(kind: DynamicsKind, model: ArmModel) -> int:
+    """Return the number of columns of states: of all revolutes, or in forward dynamics of coupled ones, of drives."""
+    return model.structure.joints if kind == "inverse_dynamics" else model.coordinates
 
 
 class CompiledFunction:
@@ -40,7 +50,7 @@ class CompiledFunction:
     def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
         self._many = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model))
         self._one = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model), count=1)
-        self.one, self.one_with_feed = self._single_state_calls(model.structure.joints)
+        self.one, self.one_with_feed = self._single_state_calls(columns_of(kind, model))
 
     def _single_state_calls(self, joints: int) -> tuple[JointsCall, FeedCall]:
         """Return functions that evaluate the dynamics in a single state.
@@ -140,7 +150,7 @@ class DynamicsFunction:
         self._one = function.one
         self._one_with_feed = function.one_with_feed
         self._many = function.many
-        self._joints = model.structure.joints
+        self._joints = columns_of(kind, model)
 
     def of_joints(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
         """Return the result for the joints with a feed of 0, of the shape of the arguments.
@@ -278,7 +288,7 @@ class InverseDynamics:
 
 
 class MassMatrix:
-    """Mass matrix of an arm, payload and rotors included.
+    """Mass matrix of an arm, payload and rotors included: of its revolutes, or of the drives that couple them.
 
     The columns of the matrix are the torques for unit accelerations, at rest and without gravity.
 
@@ -288,31 +298,28 @@ class MassMatrix:
 
     def __init__(self, arm: Arm) -> None:
         self._dynamics = InverseDynamics(arm, np.zeros(3))
+        self._coupling = coupling_of_revolutes(arm)
 
     def __call__(self, angles: FloatArray) -> FloatArray:
-        """Return the mass matrix M at joint angles (3 * links,) [rad], shape (3 * links, 3 * links) [kg m²]."""
+        """Return the mass matrix M at joint angles (3 * links,) [rad], shape (n, n) for n drives [kg m²]."""
         return self.with_feed(angles)[1:, 1:]
 
     def with_feed(self, angles: FloatArray) -> FloatArray:
-        """Return the mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1) [kg, kg m, kg m²]."""
-        unit = np.eye(len(angles) + 1)
-        states = np.broadcast_to(angles, (len(unit), len(angles)))
-        torques, forces = self._dynamics.efforts(states, np.zeros_like(states), unit[:, 1:], unit[:, 0])
-        columns = np.column_stack((forces, torques))
+        """Return the mass matrix with the feed axis first, shape (n + 1, n + 1) [kg, kg m, kg m²]."""
+        each = np.eye(len(angles)) if self._coupling is None else self._coupling.T
+        feeds = np.append(1.0, np.zeros(len(each)))
+        unit = np.vstack((np.zeros(len(angles)), each))
+        states = np.broadcast_to(angles, unit.shape)
+        torques, forces = self._dynamics.efforts(states, np.zeros_like(states), unit, feeds)
+        columns = np.column_stack((forces, torques if self._coupling is None else torques @ self._coupling))
         return np.asarray(0.5 * (columns + columns.T))
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
-    """Return motion and efforts of all drives along a trajectory: of the revolutes and of the axes of the base.
-
-    The dynamics of sections that bend evenly are not modelled: their efforts are zero.
-    """
+    """Return motion and efforts of all revolutes along a trajectory, and of the axes that carry the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
-    if arm.sections is not None:
-        nothing = np.zeros((len(angles), len(arm.base_axes)))
-        return JointStates(joint_names(arm), angles, velocities, accelerations, np.zeros_like(angles), nothing)
     if arm.carrier:
         axes = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations)
         torques, on_axes = inverse_dynamics.with_base((angles, velocities, accelerations), axes)
@@ -326,6 +333,9 @@ def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: Invers
 
 class ForwardDynamics:
     """Accelerations that torques on an arm cause, by the articulated-body algorithm.
+
+    Those of drives that move several revolutes together are found from their mass matrix; the arrays of an arm with m
+    such drives have m columns in the place of 3 * links.
 
     Args:
         arm: the arm.

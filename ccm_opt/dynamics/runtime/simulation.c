@@ -1,4 +1,5 @@
-/* The closed loop: simulation/controller.py says what it computes. */
+/* The closed loop: simulation/controller.py says what it computes. It has n coordinates and then the feed: the angles of
+   all revolutes, 3 links, or where drives move them together, the values of the drives. */
 
 typedef struct {
     const Arm *plant;
@@ -11,15 +12,15 @@ typedef struct {
     double feed_kp;
     double feed_kd;
     double feed_limit;
-    const double *kp;        /* (3 links,) */
-    const double *kd;        /* (3 links,) */
-    const double *limit;     /* (3 links,) */
-    const double *reference; /* (count, 3, 3 links + 1): positions, velocities, accelerations, the feed last */
-    const double *noise;     /* (count, 2, 3 links) */
-    double *x;               /* (2, 3 links + 1): positions, velocities; start, then end */
-    double *states;          /* (count, 2, 3 links + 1) */
-    double *efforts;         /* (count, 3 links + 1) */
-    double *work;            /* (loop_rows, 3 links + 1) */
+    const double *kp;        /* (n,) */
+    const double *kd;        /* (n,) */
+    const double *limit;     /* (n,) */
+    const double *reference; /* (count, 3, n + 1): positions, velocities, accelerations, the feed last */
+    const double *noise;     /* (count, 2, n) */
+    double *x;               /* (2, n + 1): positions, velocities; start, then end */
+    double *states;          /* (count, 2, n + 1) */
+    double *efforts;         /* (count, n + 1) */
+    double *work;            /* (loop_rows, n + 1) */
 } Loop;
 
 /* Rows of a loop's working memory: five for a control or for an integration, one for the efforts. */
@@ -34,14 +35,14 @@ static double clamped(double value, double limit)
 static double moved_mass(const Arm *arm)
 {
     double mass = arm->world[3];
-    for (int64_t k = 0; k < arm->links; k++) mass += arm->bodies[4 * k];
+    for (int64_t k = 0; k < arm->links; k++) mass += arm->bodies[BODY * k];
     return mass;
 }
 
 /* Efforts of computed torque, before they saturate. */
 static void computed_torque(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
-    int64_t n = 3 * loop->model->links;
+    int64_t n = coordinates(loop->model);
     int64_t m = n + 1;
     const double *x = loop->x;
     const double *v = x + m;
@@ -70,7 +71,7 @@ static void computed_torque(const Loop *loop, const double *reference, const dou
 /* Efforts of PD with the gravity torques of the pose, before they saturate: errors are those at the end of the step. */
 static void proportional_derivative(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
-    int64_t n = 3 * loop->model->links;
+    int64_t n = coordinates(loop->model);
     int64_t m = n + 1;
     const double *x = loop->x;
     const double *v = x + m;
@@ -98,7 +99,7 @@ static void proportional_derivative(const Loop *loop, const double *reference, c
 /* The efforts that are held over a step. */
 static void control(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
-    int64_t n = 3 * loop->model->links;
+    int64_t n = coordinates(loop->model);
     if (loop->computed)
         computed_torque(loop, reference, noise, effort);
     else
@@ -112,7 +113,7 @@ static void advance(const Loop *loop, const double *effort)
 {
     static const double at[] = {0.0, 0.5, 0.5, 1.0};
     static const double weight[] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
-    int64_t n = 3 * loop->plant->links;
+    int64_t n = coordinates(loop->plant);
     int64_t m = n + 1;
     double h = loop->step;
     double *x = loop->x;
@@ -143,7 +144,7 @@ static void advance(const Loop *loop, const double *effort)
 
 PUBLIC void simulate(const Loop *loop)
 {
-    int64_t n = 3 * loop->plant->links;
+    int64_t n = coordinates(loop->plant);
     int64_t m = n + 1;
     double *effort = loop->work + EFFORT_ROW * m;
     for (int64_t s = 0; s < loop->count; s++) {
