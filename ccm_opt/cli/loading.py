@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -13,6 +13,7 @@ import shapely
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console, result_units
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, words_in
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
@@ -21,7 +22,9 @@ from ccm_opt.io.rules import odd_mesh_size
 from ccm_opt.problem import ImportedArm, ImportedDrawing, Limits, Problem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import open_edge_words
+from ccm_opt.scene.point_clouds import BallRadii
 from ccm_opt.scene.surfaces import box_about
+from ccm_opt.scene.workspace import PlaneScan, PlaneShape
 
 _MOST_LEFT_OUT = 10
 """Maximum number of layers of a drawing, and of elements left out, that are listed without --verbose."""
@@ -56,10 +59,47 @@ def report_drawing(problem: Problem) -> None:
     """Print a summary of a problem's drawing, and warn of implausible size and obstacles outside the workspace."""
     if problem.drawing is not None:
         _report_drawing(problem.drawing, problem)
+    for obstacle in problem.workspace.obstacles:
+        shape = cast("PlaneShape", obstacle.shape)
+        if shape.scan is not None:
+            _report_scan(obstacle.name, shape, shape.scan, problem)
     boundary = problem.workspace.boundary
     warn_outside(
         problem.name,
         [each.name for each in problem.workspace.obstacles if shapely.distance(each.core, boundary) > each.rounding],
+    )
+
+
+def _report_scan(name: str, shape: PlaneShape, scan: PlaneScan, problem: Problem) -> None:
+    """Print a summary of a scan in the plane, and warn of an implausible size."""
+    box = box_about(shape.vertices)
+    if output().as_json:
+        radii = {"disc_radius": scan.radii.whole, "spread": scan.radii.spread}
+        summary = {"obstacle": name, "file": scan.file, "points_read": scan.points_read, "discs": len(shape.vertices)}
+        output().note({"scan": {**summary, **radii, "box": box.tolist(), "notes": list(scan.notes)}})
+    if output().tables:
+        unit = problem.length_unit
+        kept = _kept(len(shape.vertices), "discs", scan.radii, unit)
+        words = f"{name}: {scan.file}, {scan.points_read} points, {_span(box, unit)}, {kept}"
+        for line in (words, *(f"  {note}" for note in scan.notes)):
+            report_console().print(line, markup=False, highlight=False, soft_wrap=True)
+    if (odd := odd_mesh_size(scan.file, shape.vertices, problem.arm.length)) is not None:
+        warn(f"{problem.name}: {odd}")
+
+
+def _kept(count: int, balls: str, radii: BallRadii, unit: LengthUnit) -> str:
+    """Return a description of the balls or discs that stand for the points of a scan."""
+    with words_in(unit):
+        whole, spread = file_length(radii.whole), file_length(radii.spread)
+    return f"kept as {count} {balls} of {whole}, {spread} of it to cover points left out"
+
+
+def _span(box: FloatArray, unit: LengthUnit) -> str:
+    """Return a description of a box between two corners, shape (2, d) [m]."""
+    low, high = box / METRES[unit]
+    size = f" {TIMES} ".join(f"{length:.4g}" for length in high - low)
+    return (
+        f"{size} {unit}, from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
     )
 
 
@@ -139,7 +179,7 @@ def report_meshes(problem: Problem) -> None:
             for line in mesh_lines(name, body, problem):
                 console.print(line, markup=False, highlight=False, soft_wrap=True)
     for _, body in meshes:
-        odd = odd_mesh_size(body, problem.arm.length)
+        odd = odd_mesh_size(body.file, body.vertices, problem.arm.length)
         if odd is not None:
             warn(f"{problem.name}: {odd}")
 
@@ -153,26 +193,22 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
         problem: the problem, which gives workspace bounds and unit of length.
     """
     unit = problem.length_unit
-    low, high = box_about(body.vertices) / METRES[unit]
-    size = f" {TIMES} ".join(f"{length:.4g}" for length in high - low)
-    corners = f"from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
+    low, high = box = box_about(body.vertices)
     count = f"{body.triangles_read} {'triangles' if body.balls is None else 'points'}"
-    yield f"{name}: {body.file}, {count}, {size} {unit}, {corners}, {_inside(body, unit)}"
+    yield f"{name}: {body.file}, {count}, {_span(box, unit)}, {_inside(body, unit)}"
     for words in body.notes:
         yield f"  {words}"
     for words in body.mended:
         yield f"  repaired: {words}"
     room = problem.workspace.bounds
-    if room is not None and np.any((low * METRES[unit] < room[0]) | (high * METRES[unit] > room[1])):
+    if room is not None and np.any((low < room[0]) | (high > room[1])):
         yield "  parts of it lie outside the workspace"
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
     """Return a description of whether a mesh is closed, and of which region counts as its interior."""
     if body.balls is not None:
-        with words_in(unit):
-            whole, spread = file_length(body.rounding), file_length(body.balls.spread)
-        return f"kept as {len(body.faces)} balls of {whole}, {spread} of it to cover points left out"
+        return _kept(len(body.faces), "balls", body.balls, unit)
     if not body.solid:
         return "surface only (solid = false)"
     if body.closed:

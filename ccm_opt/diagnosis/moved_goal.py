@@ -307,7 +307,7 @@ def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     room = problem.workspace.boundary.buffer(-need)
-    grown = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
+    grown = [wall.buffered(wall.rounding + need) for wall in problem.workspace.obstacles]
     base = shapely.Point(arm.base)
     mount = base.buffer(max(arm.mount_length, ROUNDING))
     free = shapely.union(shapely.difference(room, shapely.union_all(grown)), mount)

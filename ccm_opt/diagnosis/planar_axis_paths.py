@@ -125,10 +125,7 @@ class WideSpace(FreeSpace):
         """Polygons that together contain the exact free space."""
         # Inscribed arcs make obstacles slightly smaller than they are; discs around the ends are circumscribed.
         room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=_ARC_SIDES)
-        grown = [
-            shapely.buffer(wall.core, wall.rounding + self.inflation, quad_segs=_ARC_SIDES)
-            for wall in self.workspace.obstacles
-        ]
+        grown = [wall.buffered(wall.rounding + self.inflation, _ARC_SIDES) for wall in self.workspace.obstacles]
         free = shapely.difference(room, shapely.union_all(grown))
         # The mount may be inside a wall, and the tip anywhere within its tolerance. Both discs are added whole, even
         # where they leave the room. Any point of the tolerance is then joined with its centre by a straight line, and a

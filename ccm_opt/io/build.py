@@ -188,7 +188,7 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
 def build_workspace(
     table: WorkspaceTable | SpaceWorkspaceTable,
     obstacles: Sequence[tuple[int, ObstacleTable | SpaceObstacleTable]],
-    meshes: Mapping[int, MeshBody] | None = None,
+    meshes: Mapping[int, MeshBody | PlaneShape] | None = None,
 ) -> Workspace:
     """Return the workspace, planar or in space, that the tables of a problem file describe.
 
@@ -196,7 +196,7 @@ def build_workspace(
         table: the table ``[workspace]``.
         obstacles: index in the file, from 0, and table of each obstacle; an obstacle without a name is called
             ``obstacle`` and its number from 1.
-        meshes: solids of the obstacles that are meshes, by index in the file.
+        meshes: shapes of the obstacles that are read from files, by index in the file.
     """
     named = [(number, item.name or f"obstacle {number + 1}", item) for number, item in obstacles]
     if isinstance(table, SpaceWorkspaceTable):
@@ -207,7 +207,11 @@ def build_workspace(
             if isinstance(item, SpaceObstacleTable)
         )
         return Workspace(bounds=bounds, obstacles=bodies, clearance=table.clearance)
-    shapes = tuple(_obstacle(item, name) for _, name, item in named if isinstance(item, ObstacleTable))
+    shapes = tuple(
+        Obstacle(name, (meshes or {}).get(number) or _shape(item))
+        for number, name, item in named
+        if isinstance(item, ObstacleTable)
+    )
     return Workspace(build_boundary(table), shapes, table.clearance)
 
 
@@ -224,15 +228,17 @@ def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
     return _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
 
 
-def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
-    """Return a planar obstacle from its table, which has exactly one kind of shape."""
+def _shape(table: ObstacleTable) -> PlaneShape:
+    """Return a planar obstacle from its table, which has exactly one kind of shape and needs no file."""
     if table.circle is not None:
-        return Obstacle(name, PlaneShape(shapely.Point(table.circle.center), table.circle.radius))
+        return PlaneShape(shapely.Point(table.circle.center), table.circle.radius)
     if table.wall is not None:
-        return Obstacle(name, PlaneShape(shapely.LineString(table.wall.points), table.wall.thickness / 2.0))
+        return PlaneShape(shapely.LineString(table.wall.points), table.wall.thickness / 2.0)
     if table.box is not None:
-        return Obstacle(name, PlaneShape(_box(table.box)))
-    return Obstacle(name, PlaneShape(shapely.Polygon(table.polygon, table.holes)))
+        return PlaneShape(_box(table.box))
+    if isinstance(table.points, list):
+        return PlaneShape(shapely.MultiPoint(table.points), (table.point_radius or 0.0) + (table.error or 0.0))
+    return PlaneShape(shapely.Polygon(table.polygon, table.holes))
 
 
 def _box(corners: Sequence[float]) -> shapely.Polygon:

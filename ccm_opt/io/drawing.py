@@ -565,10 +565,12 @@ def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, obje
         }
     elif isinstance(core, shapely.Point) and obstacle.rounding > 0.0:
         entries["circle"] = CircleTable.from_object(None, center=_points(core)[0], radius=obstacle.rounding)
+    elif isinstance(core, shapely.MultiPoint) and obstacle.rounding > 0.0:
+        entries = {"points": _points(core), "point_radius": obstacle.rounding}
     else:  # a rounded polygon has no table of its own, and a point without rounding is no obstacle
         raise ProblemError(
             f"obstacle '{obstacle.name}', a {type(core).__name__} with rounding {obstacle.rounding:g} m, "
-            "cannot be written to a problem file; expected a polygon without rounding, a point with "
+            "cannot be written to a problem file; expected a polygon without rounding, points with "
             "rounding, or a line"
         )
     return ObstacleTable.from_object(obstacle, **entries).written(unit)

@@ -17,17 +17,21 @@ from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
 from ccm_opt.io.scans import Scan, read_scan
-from ccm_opt.io.schema import SpaceObstacleTable
+from ccm_opt.io.schema import ObstacleTable, SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.point_clouds import BallRadii
 from ccm_opt.scene.shells import find_shells, repeated
+from ccm_opt.scene.workspace import PlaneShape
 
 _SAME = 1e-9
 """Maximum relative difference between two scale factors that count as equal."""
 EXPECTED = "a mesh, for example 'casing.stl'"
+_MOST_DISCS = 100_000
+"""Greatest number of discs of a scan in the plane: the length of a list in a problem file."""
+_SCAN = "a scan, for example 'gallery.ply'"
 
 
 def mesh_bodies(
@@ -54,7 +58,7 @@ def mesh_bodies(
     for number, table in listed:
         file = table.mesh or table.points or ""
         path: KeyPath = ("workspace", "obstacles", number, "mesh" if table.mesh else "points")
-        expected = EXPECTED if table.mesh else "a scan, for example 'gallery.ply'"
+        expected = EXPECTED if table.mesh else _SCAN
         place = file and resolve_file(file, folder, path, expected, issues, allow_outside=allow_outside)
         if not place:
             continue
@@ -78,6 +82,67 @@ def mesh_bodies(
             "them coarser",
         )
     return found
+
+
+def plane_scans(
+    listed: Sequence[tuple[int, ObstacleTable]],
+    folder: Path | None,
+    metres: float,
+    issues: Issues,
+    *,
+    allow_outside: bool = False,
+) -> dict[int, PlaneShape]:
+    """Return the obstacles in the plane that are files of points, by index among all obstacles of the file.
+
+    The arguments are those of ``mesh_bodies``.
+    """
+    found: dict[int, PlaneShape] = {}
+    for number, table in listed:
+        if not isinstance(table.points, str):
+            continue
+        path: KeyPath = ("workspace", "obstacles", number, "points")
+        place = resolve_file(table.points, folder, path, _SCAN, issues, allow_outside=allow_outside)
+        if not place:
+            continue
+        try:
+            shape = _plane_scan(table, table.points, read_scan(place, 2), metres)
+        except ProblemError as error:
+            issues.add(path, str(error))
+            continue
+        if len(shape.vertices) > _MOST_DISCS:
+            said = f"it keeps {len(shape.vertices)} points; at most {_MOST_DISCS} can be written into a plan's record"
+            issues.add(path, f"{said}; raise point_radius, by half of which discs may grow to cover points left out")
+        elif abs(shape.vertices).max() > MAX_LENGTH:
+            issues.add(path, f"it reaches beyond {MAX_LENGTH:g} m; check its scale")
+        else:
+            found[number] = shape
+    return found
+
+
+def _plane_scan(table: ObstacleTable, file: str, scan: Scan, metres: float) -> PlaneShape:
+    """Return the discs about the points of a scan in the plane; arguments are those of ``_mesh``."""
+    scale = metres * (1.0 if table.scale is None else table.scale)
+    turn = 0.0 if table.pose is None else table.pose.rotation_deg
+    x, y = [0.0, 0.0] if table.pose is None else table.pose.position
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    points = scale * scan.points @ rotation.T + (x, y)
+    radii, notes = _radii(table, scan, scale)
+    return PlaneShape.of_scan(points, radii, file, scale=scale, origin=(x, y), notes=notes)
+
+
+def _radii(table: ObstacleTable | SpaceObstacleTable, scan: Scan, scale: float) -> tuple[BallRadii, tuple[str, ...]]:
+    """Return the radii of the points of a scan, with a note for the user if they leave gaps between them.
+
+    Args:
+        table: table of the obstacle.
+        scan: the scan, in the unit of its file.
+        scale: metres per unit of the file.
+    """
+    radii = BallRadii(table.point_radius or 0.0, table.error or 0.0)
+    if not scan.leaves_gaps((radii.point + radii.error) / scale):
+        return radii, ()
+    gaps = "points of point_radius leave gaps between them, through which a thin arm may pass; raise point_radius"
+    return radii, (f"its points are {file_length(scale * scan.spacing)} apart in the median: {gaps}",)
 
 
 def _mesh(table: SpaceObstacleTable, raw: RawMesh, mended: RawMesh, metres: float) -> MeshBody:
@@ -109,12 +174,7 @@ def _mesh(table: SpaceObstacleTable, raw: RawMesh, mended: RawMesh, metres: floa
 def _scan(table: SpaceObstacleTable, scan: Scan, metres: float) -> MeshBody:
     """Return the balls about the points of a scan, in world coordinates; arguments are those of ``_mesh``."""
     scale = metres * (1.0 if table.scale is None else table.scale)
-    radii = BallRadii(table.point_radius or 0.0, table.error or 0.0)
-    notes: tuple[str, ...] = ()
-    if scan.leaves_gaps((radii.point + radii.error) / scale):
-        spacing = file_length(scale * scan.spacing)
-        gaps = "balls of point_radius leave gaps between them, through which a thin arm may pass; raise point_radius"
-        notes = (f"its points are {spacing} apart in the median: {gaps}",)
+    radii, notes = _radii(table, scan, scale)
     return MeshBody.of_scan(
         _in_room(table, scale * scan.points),
         radii,

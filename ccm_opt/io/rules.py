@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -32,7 +32,7 @@ from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import enclosure_advice
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.surfaces import box_about
-from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
+from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneScan, PlaneShape, Workspace
 
 KNOWN = frozenset(
     key
@@ -539,23 +539,28 @@ def check_drawing(
         issues.add(("workspace", "file"), outside_message(drawing.file, *boxes, unit, scale=scale, keys=keys))
 
 
-def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthUnit, issues: Issues) -> None:
-    """Report meshes that lie entirely outside the workspace, where they would silently have no effect.
+def check_meshes(
+    meshes: Mapping[int, MeshBody | PlaneShape], room: FloatArray, unit: LengthUnit, issues: Issues
+) -> None:
+    """Report meshes and scans that lie entirely outside the workspace, where they would silently have no effect.
 
     Args:
-        meshes: meshes, by the index of the obstacle in the file.
-        room: lower and upper corner of the workspace, shape (2, 3) [m].
+        meshes: meshes, or scans in the plane, by the index of the obstacle in the file.
+        room: lower and upper corner of the workspace, shape (2, d) [m].
         unit: unit of length of the problem file.
         issues: receives the defects.
     """
     for number, body in meshes.items():
         box = box_about(body.vertices)
         if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
-            boxes = box, body.placement.position, room
-            message = outside_message(
-                body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position"
-            )
-            key = "mesh" if body.balls is None else "points"
+            if isinstance(body, MeshBody):
+                file, scale, origin = body.file, body.scale, body.placement.position
+                key = "mesh" if body.balls is None else "points"
+            else:
+                scan = cast("PlaneScan", body.scan)
+                file, scale, origin, key = scan.file, scan.scale, np.array(scan.origin), "points"
+            keys = "scale pose.position"
+            message = outside_message(file, box, origin, room, unit, scale=scale / METRES[unit], keys=keys)
             issues.add(("workspace", "obstacles", number, key), message)
 
 
@@ -633,18 +638,19 @@ def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
     return obstacle.rounding + (distance if inside_core else -distance)
 
 
-def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:
+def odd_mesh_size(file: str, vertices: FloatArray, arm_length: float) -> str | None:
     """Return a warning if the size of a mesh, compared with the arm's length, suggests a wrong scale; else None.
 
     Args:
-        body: the mesh.
+        file: file of the mesh.
+        vertices: its vertices, or the points of a scan, shape (n, d) [m].
         arm_length: length of the arm [m].
     """
-    extent = float(np.ptp(body.vertices, axis=0).max())
+    extent = float(np.ptp(vertices, axis=0).max())
     if (times := odd_times(extent / arm_length)) is None:
         return None
     return (
-        f"the mesh {body.file} spans {extent:.4g} m, {times} than the arm's {arm_length:.4g} m; check "
+        f"the mesh {file} spans {extent:.4g} m, {times} than the arm's {arm_length:.4g} m; check "
         "scale, the length of one unit of the mesh (0.001 for a mesh in millimetres and a problem file in "
         "metres)"
     )

@@ -22,6 +22,8 @@ _SAMPLED = 2000
 _COVERED = np.sqrt(2.0)
 """Ratio of the spacing of points on a square grid to the least radius with which they cover the surface between them.
 Derived: half of the diagonal."""
+_HERE = ["0", "0", "0", "1", "0", "0", "0"]
+"""Viewpoint of a PCD file whose points are as they are: position, and quaternion w, x, y, z."""
 _PCD_TYPES = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -30,7 +32,7 @@ class Scan:
     """Points of a scan in the unit of its file.
 
     Attributes:
-        points: the points, shape (n, 3).
+        points: the points, shape (n, d).
         spacing: median distance of a point from its nearest neighbour.
         content: bytes of the file.
     """
@@ -44,11 +46,12 @@ class Scan:
         return bool(self.spacing > _COVERED * radius)
 
 
-def read_scan(path: Path) -> Scan:
+def read_scan(path: Path, dimension: int = 3) -> Scan:
     """Return the points in a file.
 
     Args:
         path: a PLY, PCD, XYZ or NPY file, recognised by its suffix.
+        dimension: number of coordinates of a point, 3 in space and 2 in the plane, where all points have one height.
 
     Raises:
         ProblemError: the file cannot be read, or contains no usable points.
@@ -56,7 +59,8 @@ def read_scan(path: Path) -> Scan:
     content = read_drawing(path, POINT_READERS, "scan", MESHES.most_bytes, b"\0 \t\r\n")
     try:
         points = POINT_READERS[path.suffix.lower()](content)
-        _refuse_unusable(points)
+        _refuse_unusable(points, dimension)
+        points = points if dimension == 3 else _level(points)
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
     except MemoryError as error:
@@ -73,14 +77,29 @@ def _median_spacing(points: FloatArray) -> float:
     return float(np.median(np.asarray(distances)[:, 1]))
 
 
-def _refuse_unusable(points: FloatArray) -> None:
+def _level(points: FloatArray) -> FloatArray:
+    """Return the x and y of points of one height, shape (n, 2).
+
+    Raises:
+        ProblemError: the points have different heights.
+    """
+    low, high = np.min(points[:, 2:], initial=np.inf), np.max(points[:, 2:], initial=-np.inf)
+    if high > low:
+        raise ProblemError(
+            f"its points are {low:g} to {high:g} high; expected one height in the plane: cut a level slice of the scan"
+        )
+    return np.ascontiguousarray(points[:, :2])
+
+
+def _refuse_unusable(points: FloatArray, dimension: int) -> None:
     """Raise an error if there are no points, too many, or some that are not finite or too large.
 
     Raises:
         ProblemError: the points have one of these defects.
     """
-    if points.ndim != 2 or points.shape[1] < 3:
-        raise ProblemError(f"expected rows of at least three numbers (x, y, z), got an array of shape {points.shape}")
+    if points.ndim != 2 or points.shape[1] < dimension:
+        expected = "three numbers (x, y, z)" if dimension == 3 else "two numbers (x, y)"
+        raise ProblemError(f"expected rows of at least {expected}, got an array of shape {points.shape}")
     if len(points) == 0:
         raise ProblemError("it contains no points")
     if len(points) > _MOST_POINTS:
@@ -98,16 +117,18 @@ def _read_ply_points(content: bytes) -> FloatArray:
 
 
 def _read_xyz(content: bytes) -> FloatArray:
-    """Return the first three numbers of each row of a text, separated by blanks, commas or semicolons, shape (n, 3).
+    """Return the numbers of each row of a text, three at most, separated by blanks, commas or semicolons, (n, 2 or 3).
 
     Raises:
-        ProblemError: a row has fewer than three numbers.
+        ProblemError: the rows are not such numbers.
     """
     text = _without_separators(content)
+    rows = (row.split() for row in text.splitlines() if row.strip() and not row.lstrip().startswith((b"#", b"//")))
+    columns = range(min(3, len(next(rows, ()))))
     try:
-        return np.loadtxt(io.BytesIO(text), comments=("#", "//"), usecols=(0, 1, 2), ndmin=2)
+        return np.loadtxt(io.BytesIO(text), comments=("#", "//"), usecols=columns, ndmin=2)
     except (ValueError, UnicodeDecodeError) as error:
-        raise ProblemError(f"not readable as rows of numbers x y z: {error}") from None
+        raise ProblemError(f"not readable as rows of numbers: {error}") from None
 
 
 def _without_separators(content: bytes) -> bytes:
@@ -124,7 +145,7 @@ def _without_separators(content: bytes) -> bytes:
 
 
 def _read_npy(content: bytes) -> FloatArray:
-    """Return the first three columns of an array in an NPY file, shape (n, 3).
+    """Return the columns of an array in an NPY file, three at most, shape (n, 2 or 3).
 
     Raises:
         ProblemError: the content is not such an array.
@@ -135,8 +156,8 @@ def _read_npy(content: bytes) -> FloatArray:
         raise ProblemError(f"not readable as NPY: {error}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.ndim != 2:
         raise ProblemError("expected one array of numbers with a row (x, y, z) per point")
-    if array.shape[0] == 3 < array.shape[1]:
-        raise ProblemError(f"expected a row (x, y, z) per point, got the shape {array.shape}; transpose it")
+    if 2 <= array.shape[0] <= 3 < array.shape[1]:
+        raise ProblemError(f"expected a row of coordinates per point, got the shape {array.shape}; transpose it")
     return array[:, :3].astype(np.float64)
 
 
@@ -146,7 +167,8 @@ def _read_pcd(content: bytes) -> FloatArray:
     Points that a scanner marks as missing, by NaN, are left out.
 
     Raises:
-        ProblemError: the content is not PCD, is truncated, or compressed.
+        ProblemError: the content is not PCD, is truncated, or compressed, or has a viewpoint, which programs either
+            apply to the points or take for the place of the scanner.
     """
     found = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content, re.MULTILINE)
     if found is None:
@@ -168,6 +190,11 @@ def _read_pcd(content: bytes) -> FloatArray:
         number = int(header["POINTS"][0])
     except (KeyError, ValueError, TypeError, IndexError):
         raise ProblemError("not readable as PCD: its header is damaged") from None
+    if (viewpoint := header.get("VIEWPOINT", _HERE)) != _HERE and _numbers(viewpoint) != _numbers(_HERE):
+        raise ProblemError(
+            f"its VIEWPOINT is {' '.join(viewpoint)}, and whether its points are relative to that is not said; "
+            f"transform the points if so, and write VIEWPOINT {' '.join(_HERE)}"
+        )
     body = content[found.end() :]
     order = found[1].decode()
     if order == "ascii":
@@ -186,6 +213,14 @@ def _read_pcd(content: bytes) -> FloatArray:
     if len(points) != number:
         raise ProblemError(f"its header announces {number} points, but it has {len(points)}")
     return points[~np.isnan(points).any(axis=1)]
+
+
+def _numbers(words: list[str]) -> list[float]:
+    """Return words as numbers; none if one is not a number."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return []
 
 
 POINT_READERS: Mapping[str, Callable[[bytes], FloatArray]] = {

@@ -15,7 +15,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement
+from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
 
 
@@ -157,10 +157,13 @@ def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[
     """
     core = obstacle.core
     rounding = obstacle.rounding
-    if not isinstance(core, (shapely.Point, shapely.LineString)):
+    if not isinstance(core, (shapely.Point, shapely.MultiPoint, shapely.LineString)):
         yield from (_extruded(corners, half_depth) for corners in convex_parts(obstacle.outline()))
         return
     points = shapely.get_coordinates(core)
+    if isinstance(core, shapely.MultiPoint):  # to an arm in the plane, a ball is as near as a disc
+        yield from (SphereBody(np.array([x, 0.0, z]), rounding) for x, z in points)
+        return
     for tail, head in pairwise(points):
         yield _extruded(_leg(tail, head, max(rounding, thinnest)), half_depth)
     if rounding > 0.0:

@@ -56,6 +56,7 @@ from ccm_opt.io.shape_tables import (
     Corners,
     Direction,
     Quaternion,
+    ScanPoints,
     SpacePoint,
     SphereTable,
     Turns,
@@ -150,10 +151,22 @@ class WallTable(Table):
     )
 
 
-class ObstacleTable(Table):
-    """Table of a planar obstacle: exactly one of ``polygon`` (with holes), ``box``, ``circle`` and ``wall``."""
+class PlanePlacementTable(Table):
+    """Table of the pose of a scan in the plane: a rotation about the origin, followed by a translation."""
 
-    rules = Rules(exactly_one=("polygon", "box", "circle", "wall"))
+    rules = Rules()
+
+    position: Point = Field(default=[0.0, 0.0], description="Position of the origin of the file.")
+    rotation_deg: Degrees = Field(default=0.0, description="Rotation about this origin, counter-clockwise.")
+
+
+class ObstacleTable(Table):
+    """Table of a planar obstacle: one of ``polygon`` (with holes), ``box``, ``circle``, ``wall`` and ``points``."""
+
+    rules = Rules(
+        exactly_one=("polygon", "box", "circle", "wall", "points"),
+        needs={**dict.fromkeys(("point_radius", "error", "scale", "pose"), ("points",)), "points": ("point_radius",)},
+    )
 
     name: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
@@ -172,6 +185,37 @@ class ObstacleTable(Table):
     wall: WallTable | None = Field(
         default=None, description="`{ points = [[x, y], …], thickness = t }`: a line swept by a disc."
     )
+    points: ScanPoints | None = Field(
+        default=None,
+        description=(
+            "Points of a scan, each a disc: a file as [in space](#scans), with rows of two numbers or of one height, "
+            "or the points themselves."
+        ),
+    )
+    point_radius: PositiveLength | None = Field(
+        default=None, description="Points only, and required: radius of the disc about each point."
+    )
+    error: NonNegativeLength | None = Field(
+        default=None, description="Points only: greatest error of the scan, further radius. Default: 0."
+    )
+    scale: Positive | None = Field(
+        default=None,
+        description="File of points only: length of one unit of the file, in the problem file's unit. Default: 1.",
+    )
+    pose: PlanePlacementTable | None = Field(
+        default=None,
+        description=(
+            "File of points only: `{ position = [x, y], rotation_deg = angle }`, where the scan comes to lie. "
+            "Default: its coordinates as they are."
+        ),
+    )
+
+    @field_validator("scale", "pose")
+    @classmethod
+    def _of_file(cls, value: Any, info: ValidationInfo) -> Any:
+        if value is not None and isinstance(info.data.get("points"), list):
+            raise ValueError("only allowed with the path of a scan; scale or move the points themselves")
+        return value
 
     @field_validator("holes")
     @classmethod

@@ -149,7 +149,7 @@ def exactly(count: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _is_number(value: object) -> TypeGuard[float]:
+def is_number(value: object) -> TypeGuard[float]:
     """Return whether a value is a finite number; booleans do not count, although Python treats them as numbers."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
@@ -170,7 +170,7 @@ def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
         if value == []:
             raise ValueError(f"expected {expected} or a list of such; the list is empty")
         for k, entry in enumerate(value if isinstance(value, list) else [value]):
-            if not (_is_number(entry) and (entry > 0.0 or (zero and entry == 0.0))):
+            if not (is_number(entry) and (entry > 0.0 or (zero and entry == 0.0))):
                 place = f"; [{k}] is {described(entry)}" if isinstance(value, list) else ""
                 raise ValueError(f"expected {expected} or a list of such{place}")
         return [float(entry) for entry in value] if isinstance(value, list) else float(value)  # type: ignore[arg-type]
@@ -187,7 +187,7 @@ def _bend_limits(most: float) -> BeforeValidator:
 
     def check(value: object) -> object:
         pair = value if isinstance(value, list) else [value]
-        numbers = [each for each in pair if _is_number(each)]
+        numbers = [each for each in pair if is_number(each)]
         single = len(pair) == 1 and not isinstance(value, list)
         if len(numbers) != len(pair) or not (single or len(pair) == 2):
             raise ValueError("expected a number of degrees, or [a, b] in space")
@@ -367,7 +367,7 @@ def _even(links: int, info: ValidationInfo) -> int:
 
 def _both_ends(value: Any) -> Any:
     """Return the radii of a section as a list: one radius for a number, both end radii for a list (unchanged)."""
-    return [value] if _is_number(value) else value
+    return [value] if is_number(value) else value
 
 
 class FeedTable(Table):
@@ -507,15 +507,15 @@ def _divided(section: Any) -> Any:
         return section
     row = dict(section)
     radius = row.get("radius")
-    thin = min((each for each in (radius if isinstance(radius, list) else [radius]) if _is_number(each)), default=0.0)
+    thin = min((each for each in (radius if isinstance(radius, list) else [radius]) if is_number(each)), default=0.0)
     count, each, bend = row.get("links"), row.get("joint_limit_deg"), row.get("bend_limit_deg")
-    if count is None and _is_number(row.get("length")) and _is_number(bend) and thin > 0.0:
+    if count is None and is_number(row.get("length")) and is_number(bend) and thin > 0.0:
         count = row["links"] = fitting_arcs(row["length"], math.radians(bend), thin)
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         return row
-    if row.get("link_length") is None and _is_number(row.get("length")):
+    if row.get("link_length") is None and is_number(row.get("length")):
         row["link_length"] = row.pop("length") / count
-    if each is None and _is_number(bend):
+    if each is None and is_number(bend):
         row["joint_limit_deg"] = row.pop("bend_limit_deg") / count
     return row
 
@@ -530,7 +530,7 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
 
     def numbers(key: str) -> list[float]:
         values = [row.get(key) for row in rows]
-        return [v for value in values for v in (value if isinstance(value, list) else [value]) if _is_number(v)]
+        return [v for value in values for v in (value if isinstance(value, list) else [value]) if is_number(v)]
 
     counts = [int(count) for count in numbers("links")]
     lengths = numbers("link_length")
@@ -542,14 +542,14 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
     widest = max(numbers("radius"), default=0.0)
     bending = [row for k, row in enumerate(rows) if _unlocked(row, int(k == 0)) > 0]
     given = [row.get("joint_limit_deg") for row in bending or rows[:1]]
-    limits = [v for limit in given for v in (limit if isinstance(limit, list) else [limit]) if _is_number(v)]
+    limits = [v for limit in given for v in (limit if isinstance(limit, list) else [limit]) if is_number(v)]
     return {"links": links, "link_length": mean, "radius": widest, "joint_limit_deg": max(limits, default=0.0)}
 
 
 def _unlocked(section: Mapping[str, Any], first: int) -> int:
     """Return the number of joints of a section, from index ``first`` on, that are not locked."""
     locked = section.get("locked")
-    numbers = {number for number in locked if _is_number(number)} if isinstance(locked, list) else set()
+    numbers = {number for number in locked if is_number(number)} if isinstance(locked, list) else set()
     count = int(section["links"])
     return count - first - sum(first < number <= count for number in numbers)
 

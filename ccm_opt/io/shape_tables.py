@@ -1,11 +1,21 @@
 """Types of points and tables of shapes in problem files, which obstacles and tools have in common."""
 
 import math
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo
 
-from ccm_opt.io.schema_tables import Degrees, Length, Point, PositiveLength, Table, exactly
+from ccm_opt.io.schema_tables import (
+    Degrees,
+    Length,
+    Point,
+    PositiveLength,
+    Table,
+    exactly,
+    is_number,
+    lengths,
+    to_metres,
+)
 
 SHORTEST = 1e-9
 """Minimum norm of direction vectors and quaternions; rounding would determine the direction of shorter ones."""
@@ -30,6 +40,32 @@ def _ordered_corners(corners: list[list[float]]) -> list[list[float]]:
     return corners
 
 
+def _file_or_points(value: object, info: ValidationInfo) -> object:
+    """Return the path of a scan, or points in metres.
+
+    Raises:
+        ValueError: the value is neither, or has no points.
+    """
+    if isinstance(value, str) and value:
+        return value
+    if not isinstance(value, list) or not value:
+        raise ValueError('expected the path of a scan, for example "gallery.ply", or points [[x, y], …]')
+    for k, point in enumerate(value):
+        if not (isinstance(point, list) and len(point) == 2 and all(map(is_number, point))):
+            raise ValueError(f"expected a point [x, y]; [{k}] is another value")
+    return [[to_metres(number, info) for number in point] for point in value]
+
+
+def _written_points(value: Any, info: SerializationInfo) -> Any:
+    return value if isinstance(value, str) else lengths(value, info)
+
+
+ScanPoints: TypeAlias = Annotated[
+    str | list[list[float]],
+    Field(description="text, or `[[x, y], …]`"),
+    BeforeValidator(_file_or_points),
+    PlainSerializer(_written_points),
+]
 SpacePoint: TypeAlias = Annotated[list[Length], Field(description="`[x, y, z]`"), exactly(3)]
 Corners: TypeAlias = Annotated[
     list[SpacePoint], Field(description="two corners"), exactly(2), AfterValidator(_ordered_corners)

@@ -21,7 +21,7 @@ from ccm_opt.io.build import (
 )
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues, KeyPath, lookup
-from ccm_opt.io.mesh_obstacles import mesh_bodies
+from ccm_opt.io.mesh_obstacles import mesh_bodies, plane_scans
 from ccm_opt.io.rules import (
     ANGLE_TOLERANCE,
     check_alternatives,
@@ -53,6 +53,7 @@ from ccm_opt.io.urdf_arm import with_urdf
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
+from ccm_opt.scene.bodies import MeshBody
 
 IN_SPACE_KEY = 3
 """Value of the key ``space`` in problem files whose arm moves in three dimensions."""
@@ -90,16 +91,17 @@ def check_data(
     # Defective tables are None, or left out of lists, so that the other tables can still be checked.
     found = _validate(whole, issues, in_space=in_space)
     unit = _length_unit(data)
-    listed = found["obstacles"] if in_space else ()
-    found["meshes"] = mesh_bodies(listed, folder, METRES[unit], issues, allow_outside=allow_outside)
+    read: Any = mesh_bodies if in_space else plane_scans
     with words_in(unit):
+        found["meshes"] = read(found["obstacles"], folder, METRES[unit], issues, allow_outside=allow_outside)
         _check_drawing_places(found, drawing, data, issues)
         if found["arm"] is not None:
             _check_between(found, issues, drawing)
         if issues.found or any(table is None for table in found.values()):
             _hint_at_scale(drawing, found, issues)
             return None
-    problem = build_problem(found, source if whole is data else "")
+    is_self_contained = whole is data and (in_space or not found["meshes"])
+    problem = build_problem(found, source if is_self_contained else "")
     return replace(problem, drawing=drawing, imported_arm=imported_arm)
 
 
@@ -202,8 +204,8 @@ def _check_drawing_places(
     if room is None:
         return
     if found["meshes"] and room.bounds is not None:
-        check_meshes(found["meshes"], np.array(room.bounds), _length_unit(data), issues)
-    elif drawing is not None and (room.bounds or room.boundary):
+        check_meshes(found["meshes"], np.reshape(room.bounds, (2, -1)), _length_unit(data), issues)
+    if drawing is not None and (room.bounds or room.boundary):
         offset = np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
         scale: Any = lookup(data, ("workspace", "scale")) or 1.0  # validated with the drawing
         check_drawing(drawing, offset, float(scale), build_boundary(room), _length_unit(data), issues)
@@ -243,7 +245,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
 
 def _has_shape(table: Table) -> bool:
     """Return whether an obstacle's table gives a shape for which no file is needed."""
-    return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind not in {"mesh", "points"})
+    given = [getattr(table, kind) for kind in table.rules.exactly_one if kind != "mesh"]
+    return any(value is not None and not isinstance(value, str) for value in given)
 
 
 def _check_built_pose(
@@ -290,5 +293,6 @@ def _hint_at_scale(drawing: ImportedDrawing | None, found: Mapping[str, Any], is
     if drawing is not None and (odd := drawing.odd_size(length)) is not None:
         issues.add(("workspace", "scale"), odd)
     for number, body in found["meshes"].items():
-        if (odd := odd_mesh_size(body, length)) is not None:
+        file = body.file if isinstance(body, MeshBody) else body.scan.file
+        if (odd := odd_mesh_size(file, body.vertices, length)) is not None:
             issues.add(("workspace", "obstacles", number, "scale"), odd)

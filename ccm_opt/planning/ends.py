@@ -166,7 +166,7 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     # Slightly more clearance than needed: at the very edge of free space no step has a choice.
     need += _CLEARANCE_SHARE * slack
     room = problem.workspace.boundary.buffer(-need)
-    bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
+    bodies = [wall.buffered(wall.rounding + need) for wall in problem.workspace.obstacles]
     free = shapely.difference(room, shapely.union_all(bodies))
 
     nearest = shapely.get_coordinates(shapely.shortest_line(place, free))

@@ -16,7 +16,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Workspace
 
 _STRIDE = 8
 """Stride of the first pass over the poses of a motion. Heuristic: most motions with contact have it over many poses."""
@@ -72,7 +72,8 @@ class BlockedRaster:
         sure = gap - _TO_CORNER * cell
         square = shapely.box(*corner, *(corner + 2.0 * half))
         near = [wall for wall in workspace.obstacles if shapely.dwithin(wall.core, square, wall.rounding + gap)]
-        bodies = [_grown(wall, sure) for wall in near]
+        # Round corners are approximated from inside, so that no polygon is too large.
+        bodies = [wall.buffered(wall.rounding + sure) for wall in near]
         room = shapely.buffer(workspace.boundary, -sure)
 
         covered = _covered(bodies, corner, cell, cells)
@@ -89,15 +90,6 @@ class BlockedRaster:
         row = (y * scale + (1.0 - self.corner[1] * scale)).astype(np.int32)
         found: BoolArray = self.blocked.ravel().take(row * side + column, mode="clip")
         return found
-
-
-def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
-    """Return a wall's polygon grown by a distance [m].
-
-    Round corners are approximated from inside, so that the polygon is never too large.
-    """
-    grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
-    return grown
 
 
 def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, cells: int) -> BoolArray:

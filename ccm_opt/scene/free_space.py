@@ -329,7 +329,7 @@ def grown_outline(
         return obstacle.outline(inflation, settings.corner_quad_segs)
     radius = obstacle.rounding + inflation
     core = obstacle.core
-    if isinstance(core, shapely.Point):
+    if isinstance(core, shapely.Point | shapely.MultiPoint):
         return obstacle.outline(inflation, _CIRCLE_QUAD_SEGS)
     if isinstance(core, shapely.LineString):
         points = shapely.get_coordinates(core)

@@ -41,15 +41,15 @@ def thin_points(points: FloatArray, spread: float) -> tuple[FloatArray, float]:
     Points in a cell of a grid are replaced by the centre of the rectangle around them.
 
     Args:
-        points: points, shape (n, 3).
+        points: points, shape (n, d).
         spread: distance that may not be exceeded; 0 merges equal points alone.
     """
     if spread <= 0.0:
         return np.unique(points, axis=0), 0.0
-    # The centre of a cube is within half of its diagonal of every point in it.
-    cell = 2.0 * spread / np.sqrt(3.0) * (1.0 - 1e-9)
+    # The centre of a square or cube is within half of its diagonal of every point in it.
+    cell = 2.0 * spread / np.sqrt(float(points.shape[1])) * (1.0 - 1e-9)
     cells = grid_cells(points, cell)
-    low, high = np.full((2, cells.max() + 1, 3), np.inf)
+    low, high = np.full((2, cells.max() + 1, points.shape[1]), np.inf)
     high = -high
     np.minimum.at(low, cells, points)
     np.maximum.at(high, cells, points)

@@ -1,5 +1,6 @@
 """Surfaces of bodies as triangles, and their simplification for display."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -49,13 +50,13 @@ class TriangleSoup:
 
 
 def box_about(places: FloatArray) -> FloatArray:
-    """Return the lower and upper corner of the bounding box of points, shape (2, 3).
+    """Return the lower and upper corner of the bounding box of points, shape (2, d).
 
     Args:
-        places: at least one point, shape (..., 3).
+        places: at least one point, shape (..., d).
     """
     # Column by column: numpy takes the minimum of many rows of three some ten times as slowly.
-    columns = [places[..., axis] for axis in range(3)]
+    columns = [places[..., axis] for axis in range(places.shape[-1])]
     return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
 
@@ -63,15 +64,15 @@ def grid_cells(points: FloatArray, cell: float) -> IntArray:
     """Return the number of the grid cell in which each point lies, among those that hold any, counted from 0, (n,).
 
     Args:
-        points: points, shape (n, 3) [m].
+        points: points, shape (n, d) [m].
         cell: width of a cell [m].
     """
     cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    along, across, up = (int(most) + 1 for most in cells.max(axis=0))
-    if along * across * up >= 2**63:
+    counts = [int(most) + 1 for most in cells.max(axis=0)]
+    if math.prod(counts) >= 2**63:
         return np.asarray(np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1))
-    # One number per cell, which sorts much faster than three.
-    return np.unique((cells[:, 0] * across + cells[:, 1]) * up + cells[:, 2], return_inverse=True)[1]
+    # One number per cell, which sorts much faster than several.
+    return np.unique(np.ravel_multi_index(tuple(cells.T), counts), return_inverse=True)[1]
 
 
 def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatArray, IntArray]:

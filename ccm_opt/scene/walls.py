@@ -141,14 +141,15 @@ class Walls:
 
 
 def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
-    """Return the rings of polygons, and all other cores unchanged, in order, each with the index of its core."""
+    """Return the rings of polygons, single points of scans, and other cores, in order, each with its core's index."""
     kinds = shapely.get_type_id(cores)
     areas = np.flatnonzero(kinds == shapely.GeometryType.POLYGON)
     others = np.flatnonzero(kinds != shapely.GeometryType.POLYGON)
     rings, ring_of = shapely.get_rings(cores[areas], return_index=True)
-    owner = np.concatenate((areas[ring_of], others)).astype(np.intp)
+    parts, part_of = shapely.get_parts(cores[others], return_index=True)
+    owner = np.concatenate((areas[ring_of], others[part_of])).astype(np.intp)
     order = np.argsort(owner, kind="stable")
-    return np.concatenate((rings, cores[others]))[order], owner[order]
+    return np.concatenate((rings, parts))[order], owner[order]
 
 
 @dataclass(frozen=True)

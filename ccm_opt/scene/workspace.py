@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, TypeAlias, cast
+from typing import Any, Protocol, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from ccm_opt.core.arrays import TINY, FloatArray, in_space
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.scene.bodies import BOX_FACES, Body, MeshBody, box_corners
+from ccm_opt.scene.point_clouds import SPREAD_SHARE, BallRadii, thin_points
 from ccm_opt.scene.surfaces import TriangleSoup, box_about
 from ccm_opt.scene.walls import Walls, WallSegments
 
@@ -37,16 +38,52 @@ class Shape(Protocol):
 
 
 @dataclass(frozen=True)
+class PlaneScan:
+    """Record of a scan in the plane.
+
+    Attributes:
+        file: path of the file as given in the problem file.
+        points_read: number of points in the file.
+        radii: radii of the discs about the points that are kept.
+        scale: length of one unit of the file [m].
+        origin: where the origin of the file comes to lie [m].
+        notes: remarks for the user.
+    """
+
+    file: str
+    points_read: int
+    radii: BallRadii
+    scale: float = 1.0
+    origin: tuple[float, float] = (0.0, 0.0)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class PlaneShape:
     """A shape in the plane, exact for every kind in a problem file: all points within ``rounding`` of ``core``.
 
     Attributes:
-        core: a polygon (polygon, box), a point (circle) or a line string (wall) [m].
-        rounding: radius by which the core is inflated [m]: a circle's radius, half a wall's thickness, else 0.
+        core: a polygon (polygon, box), a point (circle), a line string (wall) or several points (scan) [m].
+        rounding: radius by which the core is inflated [m]: a circle's radius, half a wall's thickness, the radius of
+            the discs about the points of a scan, else 0.
+        scan: the file that the points of a scan were read from; None for other shapes.
     """
 
     core: shapely.Geometry
     rounding: float = 0.0
+    scan: PlaneScan | None = None
+
+    @classmethod
+    def of_scan(cls, points: FloatArray, radii: BallRadii, file: str, **of_file: Any) -> "PlaneShape":
+        """Return points of a file, shape (n, 2) [m], as discs, thinned; further arguments are those of PlaneScan."""
+        kept, spread = thin_points(points, SPREAD_SHARE * radii.point)
+        radii = replace(radii, spread=spread)
+        return cls(shapely.MultiPoint(kept), radii.whole, PlaneScan(file, len(points), radii, **of_file))
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Coordinates of the core, shape (n, 2) [m]."""
+        return np.asarray(shapely.get_coordinates(self.core))
 
     @property
     def middle(self) -> FloatArray:
@@ -93,8 +130,15 @@ class Obstacle:
         radius = self.rounding + grow
         if radius <= 0.0:
             return self.core
-        circumscribed = radius / np.cos(np.pi / (4 * quad_segs))
-        grown: shapely.Geometry = shapely.buffer(self.core, circumscribed, quad_segs=quad_segs)
+        return self.buffered(radius / np.cos(np.pi / (4 * quad_segs)), quad_segs)
+
+    def buffered(self, radius: float, quad_segs: int = 16) -> shapely.Geometry:
+        """Return a geometry that all points within ``radius`` [m] of the core contain, with inscribed arcs."""
+        if isinstance(self.core, shapely.MultiPoint):
+            # Some thirty times as fast as buffering all points at once.
+            discs = shapely.buffer(shapely.get_parts(self.core), radius, quad_segs=quad_segs)
+            return shapely.union_all(discs)
+        grown: shapely.Geometry = shapely.buffer(self.core, radius, quad_segs=quad_segs)
         return grown
 
 

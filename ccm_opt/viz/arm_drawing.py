@@ -56,9 +56,10 @@ def whole_workspace(workspace: Workspace) -> FloatArray:
 def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
     """Draw the exact outline of one planar obstacle."""
     outline = obstacle.outline()
-    if isinstance(outline, shapely.Polygon):
-        patch = polygon_patch(outline, facecolor=style.WALL, edgecolor=style.WALL_EDGE, linewidth=0.8, zorder=1)
-        axes.add_patch(patch)
+    if isinstance(outline, shapely.Polygon | shapely.MultiPolygon):
+        for part in shapely.get_parts(outline):
+            patch = polygon_patch(part, facecolor=style.WALL, edgecolor=style.WALL_EDGE, linewidth=0.8, zorder=1)
+            axes.add_patch(patch)
     else:  # a wall of no thickness
         xy = shapely.get_coordinates(outline)
         axes.plot(xy[:, 0], xy[:, 1], color=style.WALL_EDGE, linewidth=1.2, zorder=1)
