@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -88,3 +89,23 @@ def lies_along(random: np.random.Generator, task: SpaceTask, *, fed: bool) -> bo
     np.testing.assert_allclose(own[:-1, 2 * links :], found.configurations[:-1, 2 * NOMINAL_LINKS :], atol=1e-12)
     assert np.linalg.norm(task.arm.joint_positions_at(refined.configurations[-1])[-1] - tip) < 1e-6
     return bool(np.max(np.linalg.norm([at_start, *apart], axis=-1)) < NEAR)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_arm_that_the_fit_overbends_is_fitted_within_its_limit(seed: int) -> None:
+    """With a limit just below the bends of the first fit, another fit stays within the limit, and is certified."""
+    random = np.random.default_rng(seed)
+    task = begun(random, 48, fed=True)
+    few = nominal_task(task)
+    assert few is not None
+    found = coarse_motion(random, few, fed=True)
+    tip = few.arm.joint_positions_at(found.configurations[-1])[-1]
+    goal = GoalPose(tip, None, near_enough=(1e-3, 1e-2))
+    free = refine_space_motion(task_of(task.arm, NOTHING_NEAR, goal, start=task.start), found)
+    assert free is not None
+    most = 0.99 * float(np.max(np.abs(free.configurations[:, : 2 * task.arm.links])))
+    stiffer = task_of(replace(task.arm, joint_limit=most), NOTHING_NEAR, goal, start=task.start)
+    fitted = refine_space_motion(stiffer, found)
+    assert fitted is not None
+    assert np.max(np.abs(fitted.configurations[:, : 2 * task.arm.links])) <= most + 1e-9
+    assert len(stiffer.certificate.failures(fitted.configurations)) == 0

@@ -13,7 +13,7 @@ from math import ceil
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.goal import moved_onto
@@ -22,7 +22,7 @@ from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
-from ccm_opt.planning.pose import Term
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
@@ -69,6 +69,12 @@ _MOST_LINKS = 36
 _TIME_SHARE = 0.4
 """Fraction of the remaining time that the search with nominal links may take."""
 
+_BEND_SHARE = 0.94
+"""Fraction of the joint limit up to which joints are bent in a second fit, if the first one is not certified.
+Heuristic: where a coarse arm was optimised up to its limit, a fit, or moving its end onto the goal, exceeds the limit
+by a few hundredths."""
+_BEND_WEIGHT = 3.0
+"""Weight of a bend's excess in the fit [1/rad], beside position errors in nominal links. Heuristic."""
 _MOST_BEND = 0.9
 """Largest joint limit that a coarse arm gets [rad]."""
 _RAISED_RIDGE = 1e-2
@@ -319,24 +325,28 @@ def refine_space_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | No
     """
     curve, start = CurveMap.through(task.arm, task.start, found.curve.knots)
     stepper = task.stepper(curve, 0.0)
-    unknowns = _fitted(stepper, found, start)
-    end = moved_onto(curve, task.goal, stepper.pose(unknowns[-1]))
-    if not task.goal.on_goal(end):
-        return None
-    unknowns = np.vstack((unknowns[:-1], end.v))
-    if len(stepper.failing_edges(unknowns)) > 0:
+    for share in (np.inf, _BEND_SHARE):
+        unknowns = _fitted(stepper, found, start, share * task.arm.joint_limit)
+        end = moved_onto(curve, task.goal, stepper.pose(unknowns[-1]))
+        if not task.goal.on_goal(end):
+            return None
+        unknowns = np.vstack((unknowns[:-1], end.v))
+        if len(stepper.failing_edges(unknowns)) == 0:
+            break
+    else:
         return None
     configurations = curve.configurations(stepper.space.in_pieces(unknowns))
     return SpaceMotion(curve, unknowns, configurations, f"{found.candidate}, lifted from {found.curve.arm.links} links")
 
 
-def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> FloatArray:
+def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray, most: float) -> FloatArray:
     """Return the arm's unknowns at the keyframes of a coarse motion, fitted to the coarse arm's joints, shape (K, p).
 
     Args:
         stepper: solver of QP steps of the arm; gives the space of unknowns.
         found: the coarse motion.
         start: unknowns of the arm at its start, shape (p,).
+        most: bend up to which joints are bent where possible [rad].
     """
     along = _Along.coarse_joints(stepper.space.arm.links)
     scale = found.curve.scale / stepper.space.scale
@@ -348,10 +358,10 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
     for q, places, change in zip(configurations, joints, changes, strict=True):
         # The coarse arm's change of unknowns is mostly a good initial guess. Where the fit from there is poor, the
         # curve fitted to the coarse arm's configuration is tried as well.
-        laid = _nearest(stepper, along, places, fitted[-1] + change)
+        laid = _nearest(stepper, along, places, fitted[-1] + change, most)
         if laid.off > _NEAR:
             same_curve = found.curve.fitted(q)[:shared] * scale
-            other = _nearest(stepper, along, places, same_curve)
+            other = _nearest(stepper, along, places, same_curve, most)
             laid = min(laid, other, key=lambda each: each.off)
         fitted.append(laid.v)
     return np.stack(fitted)
@@ -401,7 +411,7 @@ class _Along:
         return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
 
 
-def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray) -> _Laid:
+def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray, most: float = np.inf) -> _Laid:
     """Return the unknowns at which points on an arm come nearest to given positions, and the largest distance left.
 
     The feed is fixed; the method is Levenberg-Marquardt.
@@ -411,25 +421,37 @@ def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatA
         along: points on the arm.
         wanted: positions that these points should have, shape (m, 3) [m].
         v: initial unknowns, shape (p,).
+        most: bend beyond which joints cost, besides points that miss their positions [rad].
     """
+    space = stepper.space
+
+    def residuals(pose: Pose) -> tuple[FloatArray, BoolArray]:
+        missing = (wanted - along.interpolate(pose.points)) / space.nominal_length
+        bends = space.bends(pose.q)
+        beyond = np.abs(bends) > most
+        excess = np.clip(bends[beyond], -most, most) - bends[beyond]
+        return np.concatenate((missing.ravel(), _BEND_WEIGHT * excess)), beyond
+
     pose = stepper.pose(v)
-    missing = ((wanted - along.interpolate(pose.points)) / stepper.space.nominal_length).ravel()
+    left, beyond = residuals(pose)
     ridge = _RIDGE
     for _ in range(_FITS):
-        rows = along.interpolate(pose.moving).reshape(len(missing), -1) / stepper.space.nominal_length
-        if stepper.space.arm.base_axes:
-            rows[:, stepper.space.feed_column] = 0.0
-        step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ missing)
+        rows = along.interpolate(pose.moving).reshape(wanted.size, -1) / space.nominal_length
+        if np.any(beyond):
+            rows = np.vstack((rows, _BEND_WEIGHT * space.bend_slopes(pose)[beyond]))
+        if space.arm.base_axes:
+            rows[:, space.feed_column] = 0.0
+        step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ left)
         trial = stepper.pose(pose.v + step)
-        left = ((wanted - along.interpolate(trial.points)) / stepper.space.nominal_length).ravel()
-        gained = float(missing @ missing - left @ left)
+        after, beyond_after = residuals(trial)
+        gained = float(left @ left - after @ after)
         if not gained > 0.0:
             ridge = _RIDGE_RISE * max(ridge, _RAISED_RIDGE)
             continue
-        settled = gained < _WORTH * float(missing @ missing)
-        pose = trial
-        missing = left
+        settled = gained < _WORTH * float(left @ left)
+        pose, left, beyond = trial, after, beyond_after
         ridge = max(ridge / _RIDGE_RISE, _RIDGE)
         if settled:
             break
-    return _Laid(pose.v, float(np.max(np.linalg.norm(missing.reshape(-1, 3), axis=1))))
+    missing = left[: wanted.size].reshape(-1, 3)
+    return _Laid(pose.v, float(np.max(np.linalg.norm(missing, axis=1))))
