@@ -329,7 +329,7 @@ class SpaceMotionSettings(EngineSettings):
     continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
     goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
     optimisation: OptimisationSettings = OptimisationSettings(
-        intervals=24, finer_intervals=32, leg_depth=4, first_stride=8, first_rounds=2, rounds=24, steps=_STEPS
+        intervals=24, finer_intervals=32, leg_depth=4, first_stride=8, first_rounds=1, rounds=24, steps=_STEPS
     )
 
 
