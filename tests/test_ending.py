@@ -10,11 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt import solve
+from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.ending import bent_to, weighing_bottlenecks
 from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise, with_more_clearance
 from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
@@ -22,6 +24,7 @@ from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem
 from tests.scenes import clutter, make_arm, mixed_walls, motion_task, rows_of, sweep_gaps, swept
+from tests.snakes_in_space import balls, snake, task_of
 
 MARGIN = 1e-3
 WANTED = 8e-3
@@ -112,6 +115,30 @@ def test_a_motion_with_room_stays_as_it_is() -> None:
     assert with_more_clearance(motion, task) is motion
     little = replace(task, wanted_gap=0.5 * room(motion, replace(task, wanted_gap=WANTED)))
     assert with_more_clearance(motion, little) is motion
+
+
+def test_a_motion_whose_smooth_path_cuts_a_corner_gets_more_keyframes() -> None:
+    """Round a ball the legs of four keyframes keep all that is wanted, but their spline touches; then that keeps it."""
+    arm = snake(8)
+    turns = np.zeros((4, 16))
+    turns[:, :2] = [[-0.5, 0.0], [-0.5, -0.4], [0.5, -0.4], [0.5, 0.0]]
+    touched = np.zeros(16)
+    touched[1] = -0.3
+    ball = balls(0.8 * arm.joint_positions_at(touched)[-1:], 0.04)
+    goal = GoalPose(arm.joint_positions_at(turns[-1])[-1], None)
+    task = replace(task_of(arm, ball, goal, goal_pose=turns[-1], start=turns[0]), wanted_gap=0.005)
+    curve, _ = CurveMap.through(arm, turns[0])
+    curve, _ = curve.blended_to(turns[-1])
+    unknowns = np.stack([curve.fitted(q) for q in turns])
+    round_it = SpaceMotion(curve, unknowns, turns, "round the ball")
+    assert len(task.failures(curve, unknowns)) == 0
+
+    def gap(motion: SpaceMotion) -> float:
+        """Least gap of the spline along a motion, densely sampled [m]."""
+        return task.least_gap(curve.configurations(clamped_spline(motion.unknowns)(np.linspace(0.0, 1.0, 1000))))
+
+    assert gap(round_it) < 0.0
+    assert gap(with_more_clearance(round_it, task)) >= 0.9 * task.wanted_gap
 
 
 # ---------------------------------------------------------------- another end

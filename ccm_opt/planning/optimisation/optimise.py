@@ -21,7 +21,7 @@ from ccm_opt.planning.optimisation.program import KeyframeProgram
 from ccm_opt.planning.optimisation.sequential_convex import FIRST_DAMPING, MotionProgram, priced, sequential_convex
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import ConvexSettings
-from ccm_opt.planning.spline_path import DEGREE, at_least_four, clamped_spline, places_along
+from ccm_opt.planning.spline_path import DEGREE, at_least_four, clamped_spline, halved, places_along
 from ccm_opt.problem import Weights
 from ccm_opt.problem.solution import ClearanceLimit
 
@@ -57,6 +57,8 @@ _FINER_WORTH = 5e-3
 
 Measured: a keyhole keeps 5.0 instead of 4.0 mm of 5.0, with three more steps, than with four times as much.
 """
+_DIVISIONS = 2
+"""Maximum number of times that intervals in which a motion lacks clearance are halved. Heuristic."""
 _MANY = 1.5
 """Number of intervals above which a motion has many keyframes, as a multiple of the desired number. Heuristic."""
 _FINER = 2.2
@@ -67,7 +69,8 @@ this factor.
 """
 
 _IMPROVABLE = 0.3
-"""Fraction of the missing clearance that one more step has to gain for a motion to count as improvable. Heuristic."""
+"""Fraction of the missing clearance that one more step, or one more division of intervals, has to gain for a motion to
+count as improvable. Heuristic."""
 
 _MOVED_ROUNDS = 24
 """Maximum number of steps for motions under user limits, onto which keyframes have to be moved. Heuristic."""
@@ -287,8 +290,8 @@ def with_more_clearance(
 ) -> CurveMotion[Any]:
     """Return a motion with more clearance if an optimised motion falls short of the preferred gap.
 
-    It is optimised again with more keyframes and a higher price of missing clearance; the one of the two motions that
-    lacks less clearance is returned.
+    It is optimised again with more keyframes and a higher price of missing clearance, then with still more where it
+    lacks clearance; the motion that lacks least is returned.
 
     Args:
         motion: optimised, certified motion.
@@ -304,8 +307,7 @@ def with_more_clearance(
         or task.program(motion).local_step_reduction
     ):
         return motion
-    shortfall = _worst_shortfall(motion, task)
-    if shortfall <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
+    if _worst_shortfall(motion, task) <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
         return motion
     settings = task.settings.optimisation
     finer = replace(settings, intervals=settings.finer_intervals, steps=_dearer(settings.steps))
@@ -313,7 +315,35 @@ def with_more_clearance(
     for start in (motion.through(motion.unknowns), *(() if begun is None else (begun,))):
         other = optimise(start, finer_task, margin)
         if _lacks_less(other, motion, task):
-            return other
+            return _divided_where_lacking(other, finer_task, margin)
+    return motion
+
+
+def _divided_where_lacking(motion: CurveMotion[Any], task: SearchTask, margin: float | None) -> CurveMotion[Any]:
+    """Return a motion optimised again with more keyframes where its smooth path lacks clearance.
+
+    Args:
+        motion: optimised, certified motion.
+        task: task of the motion, with the settings of the optimisation.
+        margin: gap beyond contact that constraint rows demand, as a fraction of the arm's length; the default if None.
+
+    Returns:
+        The certified motion; the given one if no other lacks less.
+    """
+    for _ in range(_DIVISIONS):
+        shortfalls = _shortfalls(motion, task)
+        legs = np.flatnonzero(shortfalls > _FINER_LACK * task.wanted_gap)
+        if len(legs) == 0 or task.deadline.passed():
+            break
+        divided = motion.through(halved(at_least_four(motion.unknowns), legs))
+        settings = replace(task.settings.optimisation, intervals=len(divided.unknowns) - 1)
+        other = optimise(divided, replace(task, settings=replace(task.settings, optimisation=settings)), margin)
+        if not _lacks_less(other, motion, task):
+            break
+        gained = np.max(shortfalls) - _worst_shortfall(other, task)
+        motion = other
+        if gained < _IMPROVABLE * np.max(shortfalls):
+            break
     return motion
 
 
@@ -344,11 +374,13 @@ def _lacks_less(other: CurveMotion[Any], motion: CurveMotion[Any], task: SearchT
     """Return whether a motion lacks less of the preferred gap than another one on their smooth paths.
 
     Where the path with the keyframes of either as control points would touch something, both motions are compared by
-    themselves, since the smooth path has to be refined towards the motion.
+    themselves first, since the smooth path has to be refined towards the motion.
     """
     ours, others = _worst_shortfall(motion, task), _worst_shortfall(other, task)
     if max(ours, others) > task.wanted_gap:
-        ours, others = _worst_shortfall(motion, task, degree=1), _worst_shortfall(other, task, degree=1)
+        ours_alone, others_alone = _worst_shortfall(motion, task, degree=1), _worst_shortfall(other, task, degree=1)
+        if others_alone != ours_alone:
+            return others_alone < ours_alone
     return others < ours
 
 
@@ -362,9 +394,28 @@ def _worst_shortfall(motion: CurveMotion[Any], task: SearchTask, degree: int = D
         task: task with the preferred gap.
         degree: degree of the path, that of the smooth path or 1 for the motion itself.
     """
+    return float(np.max(_shortfalls(motion, task, degree)))
+
+
+def _shortfalls(motion: CurveMotion[Any], task: SearchTask, degree: int = DEGREE) -> FloatArray:
+    """Return the shortfall from the preferred gap along each leg of a path, shape (K,) [m].
+
+    The path has a motion's K + 1 keyframes as control points, at least four. From the shortfall, that at the start or
+    goal, whichever is larger, is subtracted.
+
+    Args:
+        motion: the motion.
+        task: task with the preferred gap.
+        degree: degree of the path, that of the smooth path or 1 for the motion itself.
+    """
     control = at_least_four(motion.unknowns)
     places = places_along(len(control), _CLEARANCE_SAMPLES)
-    path = (
-        clamped_spline(control) if degree > 1 else make_interp_spline(np.linspace(0.0, 1.0, len(control)), control, 1)
-    )
-    return task.shortfall_on_the_way(motion.curve.configurations(path(places)))
+    if degree > 1:
+        path = clamped_spline(control)
+    else:
+        path = make_interp_spline(np.linspace(0.0, 1.0, len(control)), control, 1)
+    lacking = task.clearance_shortfall(motion.curve.configurations(path(places)))
+    lacking -= np.max(lacking[[0, -1]])
+    # Neighbouring legs share the sample between them.
+    of_leg = np.lib.stride_tricks.sliding_window_view(lacking, _CLEARANCE_SAMPLES + 1)[::_CLEARANCE_SAMPLES]
+    return np.asarray(np.max(of_leg, axis=1))
