@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.robustness import tolerance_of
     from ccm_opt.driver.settings import Settings
+    from ccm_opt.driver.sizing import size, size_front
     from ccm_opt.ik.quantities import Quantities
     from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
     from ccm_opt.io.problem_parts import make_problem
@@ -93,6 +94,8 @@ __all__ = [
     "reach_map",
     "retarget",
     "save",
+    "size",
+    "size_front",
     "solve",
     "tolerance_of",
 ]
@@ -107,6 +110,7 @@ _NAMES = {
     "ccm_opt.driver.retargeting": ("retarget",),
     "ccm_opt.driver.settings": ("Settings",),
     "ccm_opt.driver.robustness": ("tolerance_of",),
+    "ccm_opt.driver.sizing": ("size", "size_front"),
     "ccm_opt.core.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.io.reading": ("load_problem",),
     "ccm_opt.io.problem_parts": ("make_problem",),
@@ -128,7 +132,7 @@ _MODULES = {"errors": "ccm_opt.core.errors", "plotting": "ccm_opt.viz"}
 """Public modules, by their public name."""
 
 
-_MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "solve"))
+_MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "size", "size_front", "solve"))
 """Public names through which a caller can obtain a ``Solution``."""
 
 

@@ -25,6 +25,7 @@ from ccm_opt.cli.output import (
     FigureName,
     MethodChoice,
     Output,
+    SizeChoice,
     printing,
 )
 from ccm_opt.cli.surroundings import no_search_for_cycles
@@ -310,6 +311,65 @@ def reach_command(
         changes or (),
         step=step,
         headings=headings,
+        workers=workers,
+        dask=dask,
+        pictures=not no_pictures,
+    )
+
+
+@command(
+    "size",
+    (
+        "ccm-opt size problems/jobs/wing-box.toml",
+        "ccm-opt size problems/jobs/wing-box.toml --find radius",
+        "ccm-opt size problems/jobs/wing-box.toml --base-line 800,-450 1000,-450",
+        "ccm-opt size problems/jobs/wing-box.toml --pareto --workers 2",
+    ),
+)
+def size_command(
+    files: ProblemFiles,
+    *,
+    out: Annotated[Path, typer.Option(help="Parent folder of the output folders.")] = Path("runs/sizes"),
+    changes: Changes = None,
+    find: Annotated[
+        SizeChoice | None,
+        typer.Option(help="Find the least length, the fewest links, or the greatest radius.", show_default="length"),
+    ] = None,
+    base_line: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="X,Y X,Y", help="Find the best place of the base on a line, too; in the file's unit."),
+    ] = None,
+    base_rectangle: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="X,Y X,Y", help="Likewise, over a rectangle with these corners, along the axes."),
+    ] = None,
+    places: Annotated[
+        int | None, typer.Option(min=2, help="Number of places on the line, or a side.", show_default="5")
+    ] = None,
+    pareto: Annotated[bool, typer.Option("--pareto", help="Find the least length for five radii.")] = False,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="CPU time limit of one plan, in s.", show_default="the file's planner.time_limit"),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Number of worker processes on this machine.")] = 1,
+    dask: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
+    ] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")] = False,
+) -> int:
+    """Find the arm that is needed, and prove what is too small; write OUT/<name>/ for each problem."""
+    from ccm_opt.cli.sizing import size_problems  # noqa: PLC0415 - loads numpy
+
+    return size_problems(
+        files,
+        out,
+        changes or (),
+        find=find,
+        line=base_line,
+        rectangle=base_rectangle,
+        places=places,
+        front=pareto,
+        time_limit=time_limit,
         workers=workers,
         dask=dask,
         pictures=not no_pictures,

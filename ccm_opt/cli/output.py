@@ -104,6 +104,8 @@ MethodChoice: TypeAlias = Literal["nlp", "hill-climbing"]
 """Choices of ``solve --method``: the values of ``planner.method``."""
 ControllerChoice: TypeAlias = Literal["computed-torque", "pd"]
 """Choices of ``simulate --controller``: the values of ``simulation.controller``."""
+SizeChoice: TypeAlias = Literal["length", "links", "radius"]
+"""Choices of ``size --find``."""
 ExportFormat: TypeAlias = Literal["urdf", "mjcf", "yaml", "csv", "npz", "glb"]
 """Choices of ``export --format``."""
 FigureKind: TypeAlias = Literal["png", "svg", "pdf"]

@@ -114,7 +114,7 @@ class Trials:
         limit = min(_TRY_SHARE * self.until.left, longest)
         if limit < _LEAST_TIME:
             return False
-        limited = _with_short_limit(problem, limit)
+        limited = with_short_limit(problem, limit)
         self.tell(words, self.spent, settings.longest_search)
         try:
             plan = self.solve(limited, dropped) if dropped else self.solve(limited)
@@ -133,8 +133,10 @@ class Trials:
         return True
 
 
-def _with_short_limit(problem: Problem, limit: float) -> Problem:
+def with_short_limit(problem: Problem, limit: float) -> Problem:
     """Return a problem with a time limit [s] and without options that only improve motions."""
+    if problem.planner.method != "nlp":
+        return replace(problem, planner=replace(problem.planner, time_limit=limit))
     # An arm that is barely strong enough may need the optimised motion.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))

@@ -222,10 +222,17 @@ REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
 PARETO_RECORD = "pareto.json"
 PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
 """Entries that a set of Pareto-optimal plans adds to its recommended plan; the last is a folder with every plan."""
+SIZE_RECORD = "size.json"
+SIZE_FILES = (SIZE_RECORD, "size.csv", "size.png", "sizes")
+"""Entries that the search for the size of an arm adds to the plan that it found; the last is a folder with the plan of
+every radius, of the trade-off of length and radius."""
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
 """Files that the command ``ccm-opt tolerance`` adds to the folder of a plan; a new plan removes them."""
 WRITTEN_FILES = frozenset(
-    (*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES, URDF_MESHES, KEPT_MESHES)
+    (
+        *(*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *SIZE_FILES, *TOLERANCE_FILES),
+        *(URDF_MESHES, KEPT_MESHES),
+    )
 )
 """Names of all files and folders that a run may write; any other entry of an old folder is the user's and is kept."""
 

@@ -12,6 +12,7 @@ from ccm_opt.problem.solution.records import (
     ToleratedError,
     TryRecord,
 )
+from ccm_opt.problem.solution.sizes import ArmSize, SizeFront, SizeName, SizeTrial, TrialOutcome
 from ccm_opt.problem.solution.solution import (
     BindingSide,
     GoalErrors,
@@ -26,6 +27,7 @@ from ccm_opt.problem.solution.solution import (
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 
 __all__ = [
+    "ArmSize",
     "BindingSide",
     "Check",
     "ClearanceLimit",
@@ -45,9 +47,13 @@ __all__ = [
     "SimulatedMotion",
     "SimulationOutcome",
     "SimulationVerdict",
+    "SizeFront",
+    "SizeName",
+    "SizeTrial",
     "Solution",
     "StaticPose",
     "ToleratedError",
+    "TrialOutcome",
     "TryRecord",
     "goal_errors",
 ]
