@@ -117,7 +117,7 @@ def nested(uses: int, levels: int) -> bytes:
         ("part.3mf", OVERFLOWING, "vertices are not finite"),
         ("part.3mf", nested(1, 40), "nested more than 20 deep"),
         ("part.3mf", nested(2, 20), "consists of more than 10000 parts"),
-        ("part.step", b"ISO-10303-21;", "not a mesh of a known format; expected a name that ends in one of .stl, .obj"),
+        ("part.iges", b"ISO-10303-21;", "not a mesh of a known format; expected a name that ends in one of .stl, .obj"),
     ],
     ids=range(26),
 )

@@ -224,7 +224,7 @@ def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> Ob
     gaps = near.gap.copy()
     places = near.point.copy()
     # Spheres and bars consist of degenerate triangles with a radius; distances from them already include depths.
-    if body.closed and body.rounding == 0.0:
+    if body.closed and body.has_inside:
         for k, segment in enumerate(segments):
             along = segment[0] + _SAMPLES[:, None] * (segment[1] - segment[0])
             depths = [depth_inside(body, place) for place in along]

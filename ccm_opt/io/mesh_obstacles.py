@@ -15,10 +15,11 @@ from ccm_opt.io.build import build_placement
 from ccm_opt.io.drawing import read_drawing, resolve_file
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
-from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
+from ccm_opt.io.raw_mesh import MESHES, STEP_SUFFIXES, MeshSettings, RawMesh, counted
 from ccm_opt.io.scans import Scan, read_scan
 from ccm_opt.io.schema import ObstacleTable, SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
+from ccm_opt.io.step import chosen_parts
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf
 from ccm_opt.scene.bodies import MeshBody
@@ -28,6 +29,8 @@ from ccm_opt.scene.workspace import PlaneShape
 
 _SAME = 1e-9
 """Maximum relative difference between two scale factors that count as equal."""
+_CURVE_TOLERANCE = 2.5e-4
+"""Default distance between the surfaces of a STEP file and their triangles [m]: that of curves in drawings."""
 EXPECTED = "a mesh, for example 'casing.stl'"
 _MOST_DISCS = 100_000
 """Greatest number of discs of a scan in the plane: the length of a list in a problem file."""
@@ -63,7 +66,12 @@ def mesh_bodies(
         if not place:
             continue
         try:
-            body = _mesh(table, *read(place), metres) if table.mesh else _scan(table, scanned(place), metres)
+            if table.points:
+                body = _scan(table, scanned(place), metres)
+            elif Path(file).suffix.lower() in STEP_SUFFIXES:
+                body = _solids(table, place)
+            else:
+                body = _mesh(table, *read(place), metres)
         except ProblemError as error:
             issues.add(path, str(error))
             continue
@@ -166,9 +174,30 @@ def _mesh(table: SpaceObstacleTable, raw: RawMesh, mended: RawMesh, metres: floa
         up=table.up or "z",
         content=raw.content,
         triangles_read=len(raw.faces),
+        margin=table.error or 0.0,
         mended=mended.mended,
         notes=notes,
     )
+
+
+def _solids(table: SpaceObstacleTable, place: Path) -> MeshBody:
+    """Return the chosen solids of a STEP file, in world coordinates.
+
+    The triangles are kept rather than the file, so that a plan is checked with those that it was made with.
+    """
+    content = read_drawing(place, STEP_SUFFIXES, "mesh", MESHES.most_bytes)
+    tolerance = table.curve_tolerance or _CURVE_TOLERANCE
+    try:
+        raw = chosen_parts(content, table.parts, tolerance)
+        _refuse_unusable(raw, MESHES)
+        body = _mesh(table, raw, repaired_mesh(raw), 1.0)
+    except ProblemError as error:
+        raise ProblemError(f"{place.name}: {error}") from error
+    return replace(body, content=b"", margin=body.margin + tolerance, notes=(*body.notes, _within(tolerance)))
+
+
+def _within(tolerance: float) -> str:
+    return f"its surfaces are within {file_length(tolerance)} of the triangles, which are kept as far away in addition"
 
 
 def _scan(table: SpaceObstacleTable, scan: Scan, metres: float) -> MeshBody:

@@ -341,6 +341,7 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
     if body.kind == "mesh":
         # A mesh made in Python is written in metres, in world coordinates.
         entries = {"mesh": file, "scale": 1.0 / METRES[unit], "solid": None if body.solid else False}
+        entries["error"] = body.margin or None
         if body.balls is not None:
             entries = {"points": file, "point_radius": body.balls.point, "error": body.balls.error or None}
         if body.content:

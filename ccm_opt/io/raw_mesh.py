@@ -37,6 +37,8 @@ class MeshSettings:
 
 MESHES = MeshSettings()
 """Default limits on mesh files."""
+STEP_SUFFIXES = (".step", ".stp")
+"""Suffixes of files of solids, which become meshes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from pydantic import (
     field_validator,
 )
 
+from ccm_opt.io.raw_mesh import STEP_SUFFIXES
 from ccm_opt.io.schema_tables import (
     ArmTable,
     Box,
@@ -323,9 +324,10 @@ class SpaceObstacleTable(Table):
         exactly_one=("mesh", "points", "box", "sphere", "cylinder", "capsule"),
         needs={
             **dict.fromkeys(("scale", "up", "sha256"), ("mesh", "points")),
-            **dict.fromkeys(("point_radius", "error"), ("points",)),
+            "error": ("mesh", "points"),
+            "point_radius": ("points",),
             "points": ("point_radius",),
-            "solid": ("mesh",),
+            **dict.fromkeys(("solid", "parts", "curve_tolerance"), ("mesh",)),
         },
     )
 
@@ -338,7 +340,7 @@ class SpaceObstacleTable(Table):
     mesh: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
         description=(
-            "Triangle mesh: STL, OBJ, PLY, GLB or 3MF ([below](#meshes)). The path is relative to the "
+            "Triangle mesh, STL, OBJ, PLY, GLB or 3MF, or solids, STEP ([below](#meshes)). The path is relative to the "
             "problem file and must stay within its folder, unless `--allow-outside` is given (in Python "
             "`allow_outside=True`)."
         ),
@@ -354,13 +356,23 @@ class SpaceObstacleTable(Table):
         default=None, description="Points only, and required: radius of the ball about each point."
     )
     error: NonNegativeLength | None = Field(
-        default=None, description="Points only: greatest error of the scan, further radius. Default: 0."
+        default=None,
+        description="Mesh or points: greatest error of its file, by which its surfaces grow. Default: 0.",
+    )
+    parts: Annotated[list[str], Field(min_length=1)] | None = Field(
+        default=None, description="STEP only: names of the parts that are read. Default: all."
+    )
+    curve_tolerance: PositiveLength | None = Field(
+        default=None,
+        description=(
+            "STEP only: greatest distance of the triangles from their surfaces, by which they grow. Default: 0.25 mm."
+        ),
     )
     scale: Positive | None = Field(
         default=None,
         description=(
             "Mesh or points: length of one unit of its file, in the problem file's unit. Default: 1; for 3MF, the unit "
-            "that the file names."
+            "that the file names. STEP names its unit, and is not scaled."
         ),
     )
     up: Literal["y", "z"] | None = Field(
@@ -397,6 +409,14 @@ class SpaceObstacleTable(Table):
             "of an obstacle of any kind. Default: its coordinates as they are."
         ),
     )
+
+    @field_validator("parts", "curve_tolerance", "scale")
+    @classmethod
+    def _fits_the_format(cls, value: Any, info: ValidationInfo) -> Any:
+        is_step = str(info.data.get("mesh")).lower().endswith(STEP_SUFFIXES)
+        if value is not None and info.data.get("mesh") and is_step == (info.field_name == "scale"):
+            raise ValueError("not with STEP, whose unit is known" if is_step else "only allowed with a STEP file")
+        return value
 
 
 class SpaceWorkspaceTable(Table):

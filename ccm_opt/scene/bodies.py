@@ -212,6 +212,11 @@ class _Solid:
         return True
 
     @property
+    def has_inside(self) -> bool:
+        """Whether the triangles enclose a volume; those of balls and capsules are points and segments."""
+        return True
+
+    @property
     def has_edges(self) -> bool:
         """Whether sharp edges of the surface are those of the body, and worth drawing."""
         return True
@@ -293,6 +298,11 @@ class SphereBody(_Solid):
         """Radius of the ball [m], by which the ball extends beyond its centre."""
         return self.radius
 
+    @property
+    def has_inside(self) -> bool:
+        """Whether the triangles enclose a volume: they do not."""
+        return False
+
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
         """Return vertices (v, 3) [m] and faces (m, 3) of the ball with a number of sides per turn.
 
@@ -331,6 +341,11 @@ class CapsuleBody(_Solid):
     def rounding(self) -> float:
         """Radius of the capsule [m], by which the capsule extends beyond its axis."""
         return self.radius
+
+    @property
+    def has_inside(self) -> bool:
+        """Whether the triangles enclose a volume: they do not."""
+        return False
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
         """Return vertices (v, 3) [m] and faces (m, 3) of the capsule with a number of sides per turn.
@@ -424,6 +439,7 @@ class MeshBody(_Solid):
         triangles_read: number of triangles in the file.
         balls: radii of the balls about the points of a scan, which are vertices and degenerate triangles; None for
             surfaces.
+        margin: greatest distance of the true surface from the triangles [m]; that of a scan is in ``balls``.
         mended: descriptions of repairs of the mesh.
         notes: remarks for the user on the file's unit, axes and other content.
     """
@@ -439,6 +455,7 @@ class MeshBody(_Solid):
     content: bytes = field(default=b"", repr=False)
     triangles_read: int = 0
     balls: BallRadii | None = None
+    margin: float = 0.0
     mended: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     kind: ClassVar[Literal["mesh"]] = "mesh"
@@ -510,8 +527,13 @@ class MeshBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Distance by which the body extends beyond its triangles [m], the radius of the balls of a scan, or 0."""
-        return 0.0 if self.balls is None else self.balls.whole
+        """Distance by which the body may extend beyond its triangles [m]: margin, or radius of the balls of a scan."""
+        return self.margin if self.balls is None else self.balls.whole
+
+    @property
+    def has_inside(self) -> bool:
+        """Whether the triangles enclose a volume; not those of a scan."""
+        return self.balls is None
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
         """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the mesh, or of octahedra in balls."""

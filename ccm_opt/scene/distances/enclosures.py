@@ -103,14 +103,14 @@ def open_edge_words(body: MeshBody) -> str:
 
 
 def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math.inf) -> Iterator[Enclosure]:
-    rounded = [obstacle for obstacle in workspace.obstacles if obstacle.body.rounding and obstacle.body.kind != "mesh"]
+    rounded = [obstacle for obstacle in workspace.obstacles if obstacle.body.kind in {"sphere", "capsule"}]
     if rounded:
         depths = depths_in_rounded([obstacle.body for obstacle in rounded], places)
         for number, k in np.argwhere(depths > 0.0):
             yield Enclosure(rounded[k].name, int(number), places[number], float(depths[number, k]))
     for obstacle in workspace.obstacles:
         body = obstacle.body
-        if body.rounding or not body.solid:
+        if not (body.has_inside and body.solid):
             continue
         low, high = box_about(body.triangles)
         within = (places >= low) & (places <= high)

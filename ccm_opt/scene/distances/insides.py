@@ -85,10 +85,10 @@ def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) ->
     """
     if body.kind == "cylinder":
         return _depth_in_cylinder(body, point)
-    if body.rounding:
+    if body.kind in {"sphere", "capsule"}:
         return float(depths_in_rounded([body], point[None])[0, 0])
     distance = distance_from_triangles(point, body.triangles)
-    return distance if encloses(body, point, closed_only=closed_only) else -distance
+    return body.rounding + (distance if encloses(body, point, closed_only=closed_only) else -distance)
 
 
 def depths_in_rounded(bodies: Sequence[Body], places: FloatArray) -> FloatArray:
