@@ -23,6 +23,7 @@ TABLES = [table for table in CLASSES.values() if issubclass(table, Table)]
 WRITTEN_OUT = {
     *("CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "Table"),
     *("ArmTable", "PlaneBarTable", "ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable"),
+    *("_RigidTable", "PlaneRigidTable", "SpaceRigidTable"),
 }
 """Tables whose keys stand in the row of the key that holds them, and those that others are made from."""
 

@@ -4,9 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
+import pinocchio
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -14,14 +16,20 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
+from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
+from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, InverseDynamics
 from ccm_opt.io.problem_data import arm_table
+from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.io.tool_tables import box_capsules
-from ccm_opt.problem import Problem
+from ccm_opt.problem import Limits, Problem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.tool import Tool, ToolBody
-from ccm_opt.scene.tool_links import colliding_at_rest, drawn_radii, points_with_tool, with_tool_links
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.link_layout import Proportions
+from ccm_opt.robot.tool import RigidBody, Tool, ToolBody
+from ccm_opt.scene.tool_links import colliding_at_rest, drawn_radii, own_joints, points_with_tool, with_tool_links
 from ccm_opt.verification.chain_motion import chain_points
-from ccm_opt.verification.tool_chain import arm_with_tool, motion_of
+from ccm_opt.verification.newton_euler import drive_efforts
+from ccm_opt.verification.tool_chain import arm_with_bodies, motion_of
 
 PLANE = Arm.snake(length=1.0, links=10, radius=0.02)
 SPACE = replace(PLANE, base=np.zeros(3), direction=np.eye(3)[0], up=np.eye(3)[2])
@@ -54,13 +62,26 @@ heading_deg = 120.0
 """
 
 
-def _tool(rng: np.random.Generator, dimension: int) -> Tool:
-    direction: FloatArray = rng.normal(size=dimension)
-    bodies = []
+def _capsules(rng: np.random.Generator, dimension: int) -> tuple[ToolBody, ...]:
+    found = []
     for _ in range(rng.integers(0, 4)):
         start, step = 0.1 * rng.normal(size=(2, dimension))
-        bodies.append(ToolBody(start, start + step * rng.integers(0, 2), float(rng.uniform(0.005, 0.03))))
-    return Tool(0.1 * rng.normal(size=dimension), direction / np.linalg.norm(direction), tuple(bodies))
+        found.append(ToolBody(start, start + step * rng.integers(0, 2), float(rng.uniform(0.005, 0.03))))
+    return tuple(found)
+
+
+def _equipped(seed: int, dimension: int) -> Arm:
+    """An arm of unequal links with bodies on some of them, and mostly with a tool."""
+    rng = np.random.default_rng(seed)
+    arm = PLANE if dimension == 2 else SPACE
+    links = rng.choice(arm.links, rng.integers(0, 4))
+    bodies = tuple(RigidBody(_capsules(rng, dimension), link=int(link)) for link in links)
+    direction: FloatArray = rng.normal(size=dimension)
+    direction /= np.linalg.norm(direction)
+    tool = Tool(_capsules(rng, dimension), tip=0.1 * rng.normal(size=dimension), direction=direction)
+    lengths = rng.uniform(0.5, 1.5, arm.links)
+    shares = Proportions(lengths / lengths.mean(), np.ones(arm.links), np.ones(arm.links * arm.bends_a_joint))
+    return replace(arm, proportions=shares, bodies=bodies, tool=tool if rng.random() < 0.8 else None)
 
 
 def _distance_from_axis(place: FloatArray, start: FloatArray, end: FloatArray) -> float:
@@ -69,40 +90,97 @@ def _distance_from_axis(place: FloatArray, start: FloatArray, end: FloatArray) -
     return float(np.linalg.norm(place - start - share * line))
 
 
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10_000), dimension=st.sampled_from([2, 3]))
-def test_tool_links_end_at_the_tip_in_its_direction_and_run_along_every_body(seed: int, dimension: int) -> None:
-    """The last link ends at the tool's tip and points its way, and links of the bodies' radii contain their axes."""
-    rng = np.random.default_rng(seed)
-    tool = _tool(rng, dimension)
-    arm = replace(PLANE if dimension == 2 else SPACE, tool=tool)
+def test_tool_links_run_along_every_body_and_lead_to_the_tip_in_its_direction(seed: int, dimension: int) -> None:
+    """Own links stay where they are, links of the bodies' radii contain their axes, and the last ends at the tip."""
+    arm = _equipped(seed, dimension)
     whole = with_tool_links(arm)
-    q = np.zeros(len(whole.coordinates))
-    q[: len(arm.coordinates)] = 0.5 * rng.normal(size=len(arm.coordinates))
-    points, frames = whole.joint_positions_at(q), whole.link_rotations(q)
-    end, frame = points[arm.links], frames[arm.links - 1]
-    assert points[-1] == pytest.approx(end + frame @ tool.tip, abs=1e-12)
-    assert frames[-1][:, 0] == pytest.approx(frame @ tool.direction, abs=1e-9)
-    assert points == pytest.approx(points_with_tool(arm, q[: len(arm.coordinates)]), abs=1e-12)
-    parts = list(zip(points[:-1], points[1:], drawn_radii(arm), strict=True))[arm.links :]
-    for body in tool.bodies:
-        for place in (body.start, body.end):
-            at = end + frame @ place
-            assert min(_distance_from_axis(at, a, b) for a, b, radius in parts if radius == body.radius) < 1e-6
+    rng = np.random.default_rng(seed)
+    bends = 0.5 * rng.normal(size=(arm.links, arm.bends_a_joint))
+    q = np.ravel(bends)
+    own = np.ones(arm.links, dtype=bool) if whole.tool_links is None else whole.tool_links.own
+    longer = np.zeros((whole.links, arm.bends_a_joint))
+    longer[own] = bends
+    points, frames = whole.joint_positions_at(longer.ravel()), whole.link_rotations(longer.ravel())
+    assert points == pytest.approx(points_with_tool(arm, q), abs=1e-12)
+    assert points[own_joints(arm)] == pytest.approx(arm.joint_positions_at(q), abs=1e-12)
+    assert frames[own] == pytest.approx(arm.link_rotations(q), abs=1e-12)
+    ends, turns = arm.joint_positions_at(q)[1:], arm.link_rotations(q)
+    tip, along = (0.0 * ends[0], np.eye(dimension)[0]) if arm.tool is None else (arm.tool.tip, arm.tool.direction)
+    assert points[-1] == pytest.approx(ends[-1] + turns[-1] @ tip, abs=1e-12)
+    assert frames[-1][:, 0] == pytest.approx(turns[-1] @ along, abs=1e-9)
+    parts = list(zip(points[:-1], points[1:], drawn_radii(arm), strict=True))
+    for body in arm.rigid_bodies:
+        for capsule in body.bodies:
+            for place in (capsule.start, capsule.end):
+                at = ends[body.link] + turns[body.link] @ place
+                near = (_distance_from_axis(at, a, b) for a, b, radius in parts if radius == capsule.radius)
+                assert min(near) < 1e-6
 
 
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10_000), dimension=st.sampled_from([2, 3]))
 def test_the_verifiers_chain_places_bodies_as_the_planners_links_do(seed: int, dimension: int) -> None:
-    """Both models end at the same tip, and compare the same number of pairs of a link of the arm and a body."""
-    rng = np.random.default_rng(seed)
-    arm = replace(PLANE if dimension == 2 else SPACE, tool=_tool(rng, dimension))
-    q = 0.5 * rng.normal(size=(2, len(arm.coordinates)))
+    """Both models end at the same tip, and compare the same capsules with the same links and capsules."""
+    arm = _equipped(seed, dimension)
+    q = 0.5 * np.random.default_rng(seed).normal(size=(2, len(arm.coordinates)))
     motion = motion_of(arm, np.array([0.0, 1.0]), q)
     assert chain_points(motion.arm, motion.positions)[:, -1] == pytest.approx(points_with_tool(arm, q)[:, -1])
     pairs = []
-    for whole in (with_tool_links(arm), arm_with_tool(arm)):
-        assert whole.tool_links is not None
-        pairs.append(int(np.sum(whole.tool_links.distant)))
-    assert pairs[0] == pairs[1]
+    for whole in (with_tool_links(arm), arm_with_bodies(arm)):
+        links = whole.tool_links
+        solid = slice(None) if links is None else ~links.bare
+        pairs.append((whole.distant_links if links is None else links.distant)[solid][:, solid])
+    assert np.array_equal(*pairs)
+
+
+def _weighed(rng: np.random.Generator, dimension: int, link: int) -> dict[str, Any]:
+    """Mass, centre and inertia of random point masses, alike on both sides of the plane for an arm in the plane."""
+    places, masses = 0.05 * rng.normal(size=(5, 3)), rng.uniform(0.01, 0.2, 5)
+    if dimension == 2:
+        places[:, 1] = 0.0
+    mass = float(masses.sum())
+    centre = masses @ places / mass
+    out = places - centre
+    second = np.einsum("k,ki,kj->ij", masses, out, out)
+    inertia = np.trace(second) * np.eye(3) - second
+    return {"mass": mass, "centre": centre if dimension == 3 else centre[[0, 2]], "inertia": inertia, "link": link}
+
+
+def _heavy(seed: int, dimension: int) -> Arm:
+    arm, rng = _equipped(seed, dimension), np.random.default_rng(seed)
+    bodies = tuple(RigidBody(**_weighed(rng, dimension, int(link))) for link in rng.choice(arm.links, 2))
+    tool = Tool(**_weighed(rng, dimension, -1), tip=np.zeros(dimension), direction=np.eye(dimension)[0])
+    return replace(arm, bodies=bodies, tool=tool, payload=0.1, masses=rng.uniform(0.05, 0.2, arm.links))
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10_000), dimension=st.sampled_from([2, 3]))
+def test_bodies_weigh_as_pinocchio_and_mujoco_say_and_accelerate_as_they_are_driven(seed: int, dimension: int) -> None:
+    """Torques agree with two other libraries and the verifier's point masses, and forward dynamics inverts them."""
+    arm, rng = _heavy(seed, dimension), np.random.default_rng(seed)
+    gravity = np.array([0.3, 0.0, -9.0]) if dimension == 2 else rng.normal(size=3)
+    q, qd, qdd = (revolute_angles(arm, 0.5 * rng.normal(size=(1, len(arm.coordinates)))) for _ in range(3))
+    torques = InverseDynamics(arm, gravity)(q, qd, qdd)[0]
+    limits = Limits(velocity=np.ones(3 * arm.links), acceleration=np.ones(3 * arm.links))
+    model = pinocchio.buildModelFromXML(urdf_text(arm, "arm", limits))
+    model.gravity.linear = gravity
+    assert pinocchio.rnea(model, model.createData(), q[0], qd[0], qdd[0]) == pytest.approx(torques, abs=1e-8)
+    other = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", gravity))
+    other.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # limits and contacts
+    data = mujoco.MjData(other)
+    data.qpos, data.qvel, data.qacc = q[0], qd[0], qdd[0]
+    mujoco.mj_inverse(other, data)
+    assert data.qfrc_inverse - data.qfrc_passive == pytest.approx(torques, abs=1e-8)
+    back = [-bends for bends in (q, qd, qdd)] if dimension == 2 else [q, qd, qdd]
+    own = [each[:, arm.coordinates.drive_numbers] for each in back]
+    needed, _ = drive_efforts(arm, gravity, *own)
+    assert needed[0] == pytest.approx(torques, abs=1e-10)
+    kinds = (arm_model(arm, gravity), in_plane_alone(arm_model(arm, gravity)))
+    for each in kinds[: 4 - dimension]:
+        driven = DynamicsFunction("forward_dynamics", each).of_joints(q[0], qd[0], torques)
+        assert driven == pytest.approx(qdd[0], abs=1e-8)
 
 
 @given(seed=st.integers(0, 10_000), dimension=st.sampled_from([2, 3]))
@@ -120,9 +198,9 @@ def test_a_tool_that_reaches_back_to_the_arm_collides_at_rest() -> None:
     """A body beside a link far from the tip is found with the link; one in front of the arm is not."""
     back = ToolBody(np.array([-0.45, 0.0]), np.array([-0.42, 0.0]), 0.01)
     ahead = ToolBody(np.zeros(2), np.array([0.1, 0.0]), 0.02)
-    tool = Tool(np.zeros(2), np.array([1.0, 0.0]), (ahead, back))
-    assert colliding_at_rest(PLANE, tool) == (5, 1)
-    assert colliding_at_rest(PLANE, replace(tool, bodies=(ahead,))) is None
+    tool = Tool(tip=np.zeros(2), direction=np.array([1.0, 0.0]), bodies=(ahead, back))
+    assert colliding_at_rest(replace(PLANE, tool=tool)) == (0, 1, "link 6")
+    assert colliding_at_rest(replace(PLANE, tool=replace(tool, bodies=(ahead,)))) is None
 
 
 def _problem(text: str, folder: Path) -> Problem:

@@ -105,9 +105,9 @@ def clearance_over_time(
         The clearance, without the upper bound for any motion and without the price of the preferred clearance.
     """
     verification = verification.for_problem(problem)
-    if problem.arm.tool is not None:
+    if problem.arm.rigid_bodies:
         whole = problem_with_tool_links(problem)
-        trajectory = motion_with_tool_links(trajectory, problem.arm, whole.arm)
+        trajectory = motion_with_tool_links(trajectory, whole.arm)
         problem = whole
     if checks is None:
         motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
@@ -212,19 +212,21 @@ class _Room:
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted
             if place.second_link:
-                wanted = _wanted_pair_gap(self.problem.arm, place.link - 1, place.second_link - 1, wanted)
+                wanted = _wanted_pair_gap(self.problem.arm, place.link, place.second_link, wanted)
             known.append(replace(place, wanted=wanted))
         return min(known, key=lambda place: place.gap)
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
         """Return bodies, clearance and time of the nearest pair at one recorded sample."""
+        number = self.problem.arm.link_number
+        first, second = int(gaps.link[sample]), int(gaps.second_link[sample])
         return NearPlace(
             float(gaps.gap[sample]),
             float(gaps.wanted[sample]),
             float(self.trajectory.time[self._samples[sample]]),
-            int(gaps.link[sample]),
+            number(first - 1) if first else 0,
             str(gaps.obstacle[sample]),
-            int(gaps.second_link[sample]),
+            number(second - 1) if second else 0,
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
@@ -295,4 +297,6 @@ def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
 
 
 def _wanted_pair_gap(arm: Arm, first: int, second: int, wanted: float) -> float:
-    return float(arm.link_margins(np.array([first]), np.array([second]), wanted)[0])
+    """Return the preferred gap between two of the arm's own links, given by their numbers from 1 [m]."""
+    own = np.arange(arm.links) if arm.tool_links is None else np.flatnonzero(arm.tool_links.own)
+    return float(arm.link_margins(own[[first - 1]], own[[second - 1]], wanted)[0])

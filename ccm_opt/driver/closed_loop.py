@@ -14,7 +14,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
-from ccm_opt.scene.tool_links import points_with_tool
+from ccm_opt.scene.tool_links import own_joints, points_with_tool
 
 _FIRST_LOOKS = 40
 """Number of samples at which clearances of the simulated arm are measured first, to determine the search distance for
@@ -288,10 +288,12 @@ def seen(
         return None
     else:
         points = arm.joint_positions_at(np.hstack((bends_from_revolutes(arm, angles), simulated.base_positions)))
-    if arm.tool is not None:
-        # The roll, which hardly differs from zero, counts for the links, but not for the tool.
+    if arm.rigid_bodies:
+        # The roll, which hardly differs from zero, counts for the links, but not for bodies on them.
         q = np.hstack((bends_from_revolutes(arm, angles), simulated.base_positions))
-        points = np.concatenate((points, points_with_tool(arm, q)[:, arm.links + 1 :]), axis=1)
+        whole = points_with_tool(arm, q)
+        whole[:, own_joints(arm)] = points
+        points = whole
         problem = problem_with_tool_links(problem)
     gaps = _as_far_as_needed(problem, points)
     walls = gaps.walls
@@ -303,7 +305,9 @@ def seen(
     if len(touching):
         first = int(touching[0])
         near = walls if walls.gap[first] < deep else itself
-        touch = Touch(int(near.link[first]), gaps.other(near, first), float(trajectory.time[first]))
+        touch = Touch(
+            problem.arm.link_number(int(near.link[first]) - 1), gaps.other(near, first), float(trajectory.time[first])
+        )
     own = _least(itself) if problem.arm.self_collision else None
     return Seen(touch, _least(walls), own)
 

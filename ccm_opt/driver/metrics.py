@@ -15,7 +15,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import drive_torques
 from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.verification.interpolated_message import interpolation_deviation
-from ccm_opt.verification.tool_chain import arm_reaching_tool
+from ccm_opt.verification.tool_chain import arm_reaching_bodies
 
 _POSES = 400
 """Maximum number of poses of a motion that are evaluated, including the first and the last. Heuristic."""
@@ -132,7 +132,7 @@ def motion_figures(
 def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
     """Return a planar motion's goal errors, and the deviation of the arm due to a controller's linear interpolation."""
     arm = problem.arm
-    figures = {"interpolation_deviation_m": interpolation_deviation(arm_reaching_tool(arm), trajectory)}
+    figures = {"interpolation_deviation_m": interpolation_deviation(arm_reaching_bodies(arm), trajectory)}
     if problem.goal.whole(arm) is None:
         tip = points_with_tool(arm, trajectory.positions[-1])[-1]
         figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.tip(arm))))

@@ -333,7 +333,7 @@ def solve(
         figures: dict[str, float] = {}
         try:
             with stages("necessary checks"):
-                refuse_impossible(problem_with_tool_links(problem))
+                refuse_impossible(problem_with_tool_links(problem, weighed=True))
             if terms is None or not terms.all_costs:
                 plan = planned(problem, terms)
             else:

@@ -106,9 +106,9 @@ class PlanningRun:
         self.stages.tell(known=failure.diagnosis)
         if self.problem.arm.carrier:
             return failure  # the checks and changes are those of arms that no axes carry, or a feed axis alone
-        if self.problem.arm.tool is not None:
+        if self.problem.arm.rigid_bodies:
             # Changes are not tried for arms with tools.
-            return add_proof(problem_with_tool_links(self.problem), failure)
+            return add_proof(problem_with_tool_links(self.problem, weighed=True), failure)
         if not changes:
             return add_proof(self.problem, failure)
         requested = self.settings.diagnosis

@@ -100,10 +100,10 @@ def tolerance_at_once(
 ) -> tuple[ToleratedError, ...]:
     """Return the joint error that a motion tolerates, as the only entry; empty if it is not certified.
 
-    That is for motions that are too long, for arms on other base axes than a feed axis, for arms with a tool,
-    and for sections that bend evenly, whose joints do not err by themselves.
+    That is for motions that are too long, for arms on other base axes than a feed axis, for arms with bodies, and for
+    sections that bend evenly, whose joints do not err by themselves.
     """
-    uncertified = bool(problem.arm.carrier) or problem.arm.sections is not None or problem.arm.tool is not None
+    uncertified = bool(problem.arm.carrier) or problem.arm.sections is not None or bool(problem.arm.rigid_bodies)
     if uncertified or len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)

@@ -24,7 +24,7 @@ from ccm_opt.io.schema import (
     WorkspaceTable,
 )
 from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable
-from ccm_opt.io.tool_tables import build_tool
+from ccm_opt.io.tool_tables import build_bodies, build_tool
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -299,6 +299,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         "feed": feed,
         "rotor_inertia": _of_drives(table.rotor_inertia, table.links, driven),
         "friction": _of_drives(table.friction, table.links, driven),
+        "bodies": build_bodies(getattr(table, "bodies", ())),
         "tool": None if (tool := getattr(table, "tool", None)) is None else build_tool(tool),
     }
     if isinstance(table, ArmTable):

@@ -26,7 +26,7 @@ from ccm_opt.robot.points import MovingPoint, point_at_arc_length
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.tool_chain import arm_reaching_tool, motion_of
+from ccm_opt.verification.tool_chain import arm_reaching_bodies, motion_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
 
@@ -136,7 +136,7 @@ def message_checks(
     stops = np.searchsorted(samples, plan.stops).tolist()
     limits = check_message_limits(problem, message, stops, settings)
     gaps = partial(_check_link_gaps, problem, plan)
-    return limits, check_message_deviation(arm_reaching_tool(problem.arm), plan, message, factor, spare, gaps)
+    return limits, check_message_deviation(arm_reaching_bodies(problem.arm), plan, message, factor, spare, gaps)
 
 
 def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:

@@ -20,11 +20,12 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.issues import collected_warnings
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
-from ccm_opt.io.robot_models import in_link, visual_radius
+from ccm_opt.io.robot_models import named_bodies, visual_radius
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.tool import in_link
 from ccm_opt.scene.bodies import capsule_surface, rotation_to_axis
 
 _FILM_RATE = 30.0
@@ -181,18 +182,20 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
     q = trajectory.positions[samples]
     colours = {name: writer.add_material(name, colour) for name, colour in (("arm", ARM), ("last link", TIP))}
     meshes: dict[tuple[float, float, str], int] = {}
-    for k, motion in enumerate(_motions(arm, q)):
+    motions = tuple(_motions(arm, q))
+    for k, motion in enumerate(motions):
         kind = (float(arm.lengths[k]), visual_radius(arm, k), "last link" if k == arm.links - 1 else "arm")
         if kind not in meshes:
             meshes[kind] = writer.add_mesh(*capsule_surface(kind[0], kind[1], _ROUND_SIDES), colours[kind[2]])
         nodes.append(MovingNode(f"link{k + 1:02d}", meshes[kind], *motion))
-    for k, body in enumerate(() if arm.tool is None else arm.tool.bodies):
-        start, end = in_link(body.start), in_link(body.end)
-        places, faces = capsule_surface(float(np.linalg.norm(end - start)), body.radius, _ROUND_SIDES)
-        # From the end of the link, whose node is at its joint.
-        places = places @ rotation_to_axis(end - start).T + start + np.array([arm.lengths[-1], 0.0, 0.0])
-        mesh = writer.add_mesh(places, faces, colours["last link"])
-        nodes.append(MovingNode(f"tool{k + 1:02d}", mesh, *motion))
+    for name, body in (*named_bodies(arm), *(() if arm.tool is None else (("tool", arm.tool),))):
+        for number, capsule in enumerate(body.bodies, start=1):
+            start, end = in_link(capsule.start), in_link(capsule.end)
+            places, faces = capsule_surface(float(np.linalg.norm(end - start)), capsule.radius, _ROUND_SIDES)
+            # From the end of the link, whose node is at its joint.
+            places = places @ rotation_to_axis(end - start).T + start + np.array([arm.lengths[body.link], 0.0, 0.0])
+            mesh = writer.add_mesh(places, faces, colours["last link"])
+            nodes.append(MovingNode(f"{name}{number:02d}", mesh, *motions[body.link]))
     return writer.written(nodes, times)
 
 

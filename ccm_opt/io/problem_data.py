@@ -43,11 +43,19 @@ from ccm_opt.io.schema_tables import (
     VerificationTable,
 )
 from ccm_opt.io.shape_tables import BarTable
-from ccm_opt.io.tool_tables import PlaneBarTable, PlaneToolBodyTable, PlaneToolTable, SpaceToolBodyTable, SpaceToolTable
+from ccm_opt.io.tool_tables import (
+    PlaneBarTable,
+    PlaneLinkBodyTable,
+    PlaneToolBodyTable,
+    PlaneToolTable,
+    SpaceLinkBodyTable,
+    SpaceToolBodyTable,
+    SpaceToolTable,
+)
 from ccm_opt.problem import Goal, Limits, Problem, SimulationOptions, Tolerances
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.tool import Tool
+from ccm_opt.robot.tool import RigidBody, Tool
 from ccm_opt.scene.bodies import Body, MeshBody
 from ccm_opt.scene.workspace import Workspace
 
@@ -179,6 +187,7 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
         "feed": None if arm.feed is None else FeedTable.from_object(arm.feed, range=[arm.feed.low, arm.feed.high]),
     }
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
+    entries["bodies"] = [_link_body(body, arm) for body in arm.bodies] or None
     if arm.proportions is not None:
         entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
         if arm.sections is not None:
@@ -194,13 +203,26 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
 
 def _tool(tool: Tool) -> PlaneToolTable | SpaceToolTable:
     """Return a tool as the table ``[arm.tool]`` of a problem file, its bodies as capsules."""
-    bar, body, table = (
-        (PlaneBarTable, PlaneToolBodyTable, PlaneToolTable)
-        if len(tool.tip) == 2
-        else (BarTable, SpaceToolBodyTable, SpaceToolTable)
-    )
-    bodies = [body.from_object(None, capsule=bar.from_object(each)) for each in tool.bodies]
-    return table.from_object(tool, bodies=bodies)
+    table = PlaneToolTable if len(tool.tip) == 2 else SpaceToolTable
+    return table.from_object(tool, **_rigid(tool, len(tool.tip)))
+
+
+def _link_body(body: RigidBody, arm: Arm) -> PlaneLinkBodyTable | SpaceLinkBodyTable:
+    """Return a rigid body on a link as a table ``[[arm.bodies]]`` of a problem file, its bodies as capsules."""
+    table = PlaneLinkBodyTable if arm.dimension == 2 else SpaceLinkBodyTable
+    return table.from_object(body, link=body.link % arm.links + 1, **_rigid(body, arm.dimension))
+
+
+def _rigid(body: RigidBody, dimension: int) -> dict[str, object]:
+    """Return the keys of mass and bodies of the table of a rigid body on a link."""
+    bar, row = (PlaneBarTable, PlaneToolBodyTable) if dimension == 2 else (BarTable, SpaceToolBodyTable)
+    keys: dict[str, object] = {
+        "bodies": [row.from_object(None, capsule=bar.from_object(each)) for each in body.bodies] or None
+    }
+    if body.mass == 0.0:
+        return keys | dict.fromkeys(("mass", "centre", "inertia"))
+    centre = np.zeros(dimension) if body.centre is None else body.centre
+    return keys | {"centre": centre, "inertia": float(body.moments[1]) if dimension == 2 else body.moments}
 
 
 def _base_table(arm: Arm, limits: Limits | None) -> BaseTable:

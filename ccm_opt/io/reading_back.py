@@ -468,8 +468,9 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         )
         if not same:
             raise ProblemError(f"{path}: {name} is missing, or differs from those of the joints; the file was changed")
-    points = points_with_tool(arm, trajectory.positions)
-    places = {"joint_positions": points[:, : arm.links + 1], **({} if arm.tool is None else {TOOL_TIP: points[:, -1]})}
+    places = {"joint_positions": arm.joint_positions_at(trajectory.positions)}
+    if arm.tool is not None:
+        places[TOOL_TIP] = points_with_tool(arm, trajectory.positions)[:, -1]
     for name, expected in places.items():
         error = float(np.abs(numbers[name] - expected).max())
         if not error <= POSITION_TOLERANCE * arm.length:

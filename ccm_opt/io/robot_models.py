@@ -17,7 +17,7 @@ from ccm_opt.io.scene_solids import SolidObstacle, SolidScene
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.robot.tool import Tool
+from ccm_opt.robot.tool import RigidBody, Tool, in_link
 from ccm_opt.scene.bodies import Body, CapsuleBody, RigidPlacement, rotation_to_axis
 
 FEED = "feed"
@@ -165,18 +165,15 @@ def _capsule(arm: Arm, k: int, begin: float) -> _Shape:
     return _Shape("capsule", size, np.array([0.5 * (begin + length), 0.0, 0.0]), _Z_ALONG_X)
 
 
-def in_link(vector: FloatArray) -> FloatArray:
-    """Return a vector in the frame of a link in the world, shape (3,), from one of the plane or of space, shape (d,).
-
-    The plane is world x-z.
-    """
-    return vector if len(vector) == 3 else np.array([vector[0], 0.0, vector[1]])
+def named_bodies(arm: Arm) -> list[tuple[str, RigidBody]]:
+    """Return the bodies on links of an arm but its tool, with the name of each in models for other programs."""
+    return [(f"body{number:02d}", body) for number, body in enumerate(arm.bodies, start=1)]
 
 
-def _tool_shapes(tool: Tool) -> list[_Shape]:
-    """Return the bodies of a tool as capsules, or spheres, in the frame of the tool."""
+def _rigid_shapes(rigid: RigidBody) -> list[_Shape]:
+    """Return the capsules of a rigid body as capsules, or spheres, in its frame."""
     shapes = []
-    for body in tool.bodies:
+    for body in rigid.bodies:
         start, end = in_link(body.start), in_link(body.end)
         if np.array_equal(start, end):
             shapes.append(_Shape("sphere", (body.radius,), start, np.eye(3)))
@@ -310,14 +307,16 @@ def urdf_text(
         if revolute.friction:
             ET.SubElement(joint, "dynamics", damping=number(revolute.friction))
         parent = child
+    for called, body in named_bodies(arm):
+        _add_rigid_link(robot, body, called)
+        link = body.link % arm.links
+        end = (float(arm.lengths[link]), 0.0, 0.0)
+        _add_joint(robot, f"{called}_mount", "fixed", f"link{link + 1:02d}", called, end)
     tip = (float(arm.lengths[-1]), 0.0, 0.0)
     angles = (0.0, 0.0, 0.0)
     if arm.tool is not None:
-        link = ET.SubElement(robot, "link", name="tool")
+        _add_rigid_link(robot, arm.tool, "tool")
         _add_joint(robot, "tool_mount", "fixed", parent, "tool", tip)
-        for shape in _tool_shapes(arm.tool):
-            for purpose in ("visual", "collision"):
-                _add_urdf_shapes(link, purpose, shape)
         parent, tip, angles = "tool", tuple(in_link(arm.tool.tip)), roll_pitch_yaw(_pointing(arm.tool))
     if arm.payload:
         _add_inertia(ET.SubElement(robot, "link", name="payload"), 0.0, arm.payload, FRAME_INERTIA, FRAME_INERTIA)
@@ -422,6 +421,20 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
         _add_urdf_shapes(link, "collision", _capsule(arm, k, begin))
 
 
+def _add_rigid_link(robot: ET.Element, rigid: RigidBody, name: str) -> None:
+    """Add a link for a rigid body to a URDF model, with its frame at the end of the link that carries it."""
+    link = ET.SubElement(robot, "link", name=name)
+    if rigid.mass:
+        inertial = ET.SubElement(link, "inertial")
+        _add_origin(inertial, rigid.centre_in_space)
+        ET.SubElement(inertial, "mass", value=number(rigid.mass))
+        moments = zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), rigid.moments, strict=True)
+        ET.SubElement(inertial, "inertia", {name: number(value) for name, value in moments})
+    for shape in _rigid_shapes(rigid):
+        for purpose in ("visual", "collision"):
+            _add_urdf_shapes(link, purpose, shape)
+
+
 def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, across: float) -> None:
     """Add the mass and inertia of a body that is rotationally symmetric about x to a URDF link.
 
@@ -505,6 +518,7 @@ def mjcf_text(
             ET.SubElement(actuators, "motor", name=f"{revolute.name}_motor", joint=revolute.name)
         _add_body(parent, arm, ball - 1)
         place, turn = np.array([arm.lengths[ball - 1], 0.0, 0.0]), np.eye(3)
+        _add_rigid_bodies(parent, arm, ball - 1)
     _add_tip(parent, arm, place)
     if arm.payload:
         payload = ET.SubElement(parent, "body", name="payload", pos=numbers(place))
@@ -551,13 +565,33 @@ def _add_tip(body: ET.Element, arm: Arm, place: FloatArray) -> None:
     if arm.tool is None:
         ET.SubElement(body, "site", name="tip", pos=numbers(place))
         return
-    tool = ET.SubElement(body, "body", name="tool", pos=numbers(place))
-    small = {"mass": number(FRAME_MASS), "diaginertia": numbers([FRAME_INERTIA] * 3)}
-    ET.SubElement(tool, "inertial", small, pos="0 0 0")
-    for shape in _tool_shapes(arm.tool):
-        _add_geom(tool, shape, contype="1", conaffinity="0", mass="0")
+    tool = _add_rigid_body(body, arm.tool, "tool", place)
     turn = _quaternion(_pointing(arm.tool))
     ET.SubElement(tool, "site", name="tip", pos=numbers(in_link(arm.tool.tip)), quat=turn)
+
+
+def _add_rigid_bodies(body: ET.Element, arm: Arm, k: int) -> None:
+    """Add the bodies on link ``k`` (from 0), but for a tool, to the MJCF body of the link."""
+    for name, rigid in named_bodies(arm):
+        if rigid.link % arm.links == k:
+            _add_rigid_body(body, rigid, name, np.array([arm.lengths[k], 0.0, 0.0]))
+
+
+def _add_rigid_body(body: ET.Element, rigid: RigidBody, name: str, place: FloatArray) -> ET.Element:
+    """Add a rigid body on a link to the MJCF body of that link, whose end is at a place, shape (3,); return it."""
+    child = ET.SubElement(body, "body", name=name, pos=numbers(place))
+    if rigid.mass:
+        moments, axes = np.linalg.eigh(np.zeros((3, 3)) if rigid.inertia is None else rigid.inertia)
+        moments = np.minimum(moments, [np.inf, np.inf, moments[0] + moments[1]])  # MuJoCo checks to the last bit
+        axes[:, 0] *= np.linalg.det(axes)
+        given = {"pos": numbers(rigid.centre_in_space), "quat": _quaternion(axes), "mass": number(rigid.mass)}
+        ET.SubElement(child, "inertial", given, diaginertia=numbers(moments))
+    else:
+        small = {"mass": number(FRAME_MASS), "diaginertia": numbers([FRAME_INERTIA] * 3)}
+        ET.SubElement(child, "inertial", small, pos="0 0 0")
+    for shape in _rigid_shapes(rigid):
+        _add_geom(child, shape, contype="1", conaffinity="0", mass="0")
+    return child
 
 
 def _quaternion(turn: FloatArray) -> str:

@@ -1,7 +1,7 @@
 """Checks of the rules between keys of a problem file, and of the positions of the base, the drawing and the meshes."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -20,7 +20,14 @@ from ccm_opt.io.schema_tables import (
     Table,
     VerificationTable,
 )
-from ccm_opt.io.tool_tables import PlaneToolBodyTable, PlaneToolTable, SpaceToolBodyTable, SpaceToolTable
+from ccm_opt.io.tool_tables import (
+    PlaneLinkBodyTable,
+    PlaneToolBodyTable,
+    PlaneToolTable,
+    SpaceLinkBodyTable,
+    SpaceToolBodyTable,
+    SpaceToolTable,
+)
 from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.definition import LOCKED_ON_FEED
 from ccm_opt.problem.field_types import odd_times
@@ -62,9 +69,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
         places += [(path, tables["workspace.obstacles"]), ((*path, "pose"), PlacementTable)]
     _refuse_equal_names(listed, issues)
     places += [(("start",), tables["start"]), *((path, tables["goal"]) for path in goal_paths(data))]
-    if isinstance(bodies := lookup(data, ("arm", "tool", "bodies")), list):
-        body_table = PlaneToolBodyTable if tables["arm"] is PlaneArmTable else SpaceToolBodyTable
-        places += [(("arm", "tool", "bodies", k), body_table) for k in range(len(bodies))]
+    places += _body_tables(data, plane=tables["arm"] is PlaneArmTable)
     for path, table in [*places, (("arm",), tables["arm"])]:
         if table.rules.exactly_one:
             _exactly_one(data, path, table, issues)
@@ -77,6 +82,22 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
     _check_feed_keys(data, issues)
     _check_base_axes(data, issues)
     _check_sections(data, issues)
+
+
+def _body_tables(data: Mapping[str, object], *, plane: bool) -> Iterator[tuple[KeyPath, type[Table]]]:
+    """Yield the key paths and schemas of the tool, of other rigid bodies on links, and of all their bodies."""
+    rigid: list[tuple[KeyPath, type[Table]]] = []
+    if isinstance(lookup(data, ("arm", "tool")), dict):
+        rigid.append((("arm", "tool"), PlaneToolTable if plane else SpaceToolTable))
+    listed = lookup(data, ("arm", "bodies"))
+    table = PlaneLinkBodyTable if plane else SpaceLinkBodyTable
+    rigid += [(("arm", "bodies", k), table) for k in range(len(listed) if isinstance(listed, list) else 0)]
+    for path, each in rigid:
+        yield path, each
+        if isinstance(bodies := lookup(data, (*path, "bodies")), list):
+            yield from (
+                ((*path, "bodies", k), PlaneToolBodyTable if plane else SpaceToolBodyTable) for k in range(len(bodies))
+            )
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -360,12 +381,12 @@ def check_contact(arm: ChainTable, table: VerificationTable, issues: Issues) -> 
         issues.add(path, f"expected at most a thousandth of the arm's length; got {given}")
 
 
-def check_tool(arm: Arm, tool: PlaneToolTable | SpaceToolTable, tables: Mapping[str, Any], issues: Issues) -> None:
-    """Report a tool that collides with its own arm at rest, and keys that are not allowed together with a tool.
+def check_bodies(arm: Arm, table: PlaneArmTable | SpaceArmTable, tables: Mapping[str, Any], issues: Issues) -> None:
+    """Report bodies that collide with their own arm at rest, and keys that are not allowed together with bodies.
 
     Args:
         arm: the arm.
-        tool: its table.
+        table: its table.
         tables: validated tables by name, None for each that has defects.
         issues: receives the defects.
     """
@@ -375,12 +396,16 @@ def check_tool(arm: Arm, tool: PlaneToolTable | SpaceToolTable, tables: Mapping[
             {} if tables[name] is None else {key: getattr(tables[name], key) for key in type(tables[name]).model_fields}
         )
         keys |= {(name, key): value for key, value in values.items()}
-    # A body of the file is covered by one or more of the tool's capsules.
-    bodies: Sequence[PlaneToolBodyTable | SpaceToolBodyTable] = tool.bodies
-    covers = [k for k, body in enumerate(bodies) for _ in body.capsules()]
     for key, defect in tool_defects(arm, keys):
         last = key[-1]
-        issues.add((*key[:-1], covers[last]) if isinstance(last, int) else key, defect)
+        if key[-2:-1] != ("bodies",) or not isinstance(last, int) or len(key) == 3:
+            issues.add(key, defect)
+            continue
+        # A body of the file is covered by one or more capsules.
+        rigid = table.tool if key[1] == "tool" else table.bodies[int(key[2])]
+        rows: Sequence[PlaneToolBodyTable | SpaceToolBodyTable] = rigid.bodies if rigid is not None else ()
+        covers = [k for k, body in enumerate(rows) for _ in body.capsules()]
+        issues.add((*key[:-1], covers[last]), defect)
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:

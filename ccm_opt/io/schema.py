@@ -62,7 +62,7 @@ from ccm_opt.io.shape_tables import (
     SphereTable,
     Turns,
 )
-from ccm_opt.io.tool_tables import PlaneToolTable, SpaceToolTable
+from ccm_opt.io.tool_tables import PlaneLinkBodyTable, PlaneToolTable, SpaceLinkBodyTable, SpaceToolTable
 from ccm_opt.problem import LengthUnit, Tolerances
 from ccm_opt.robot.base_axes import MOST_AXES
 
@@ -527,9 +527,13 @@ class BaseTable(Table):
     )
 
 
-class PlaneArmTable(ArmTable):
-    """Table of a planar arm, with its tool."""
+_BODIES = "`[[arm.bodies]]`: rigid bodies on links ([what they are](problem-file.md#tools))."
 
+
+class PlaneArmTable(ArmTable):
+    """Table of a planar arm, with its tool and other bodies."""
+
+    bodies: list[PlaneLinkBodyTable] = Field(default=[], description=_BODIES)
     tool: PlaneToolTable | None = Field(
         default=None,
         description=(
@@ -544,6 +548,7 @@ class SpaceArmTable(ChainTable):
 
     base: BaseTable = Field(description="`{ position = [x, y, z], direction = [x, y, z], up = [x, y, z] }`.")
     axes: Literal["zyx"] = Field(default="zyx", description="Order of a ball joint's revolutes; the third stays at 0.")
+    bodies: list[SpaceLinkBodyTable] = Field(default=[], description=_BODIES)
     tool: SpaceToolTable | None = Field(
         default=None,
         description=(

@@ -27,13 +27,13 @@ from ccm_opt.io.rules import (
     check_alternatives,
     check_arm,
     check_base,
+    check_bodies,
     check_contact,
     check_drawing,
     check_limit_lists,
     check_limited_points,
     check_meshes,
     check_pose,
-    check_tool,
     check_unequal_links,
     goal_paths,
     odd_mesh_size,
@@ -219,8 +219,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
         check_unequal_links(build_arm(table), table.sections, issues)
     if found["verification"] is not None:
         check_contact(table, found["verification"], issues)
-    if arm_is_whole and isinstance(table, PlaneArmTable | SpaceArmTable) and table.tool is not None:
-        check_tool(build_arm(table), table.tool, found, issues)
+    if arm_is_whole and isinstance(table, PlaneArmTable | SpaceArmTable):
+        check_bodies(build_arm(table), table, found, issues)
     if found["limits"] is not None:
         check_limit_lists(table, found["limits"], issues)
         check_limited_points(table, found["limits"], issues)

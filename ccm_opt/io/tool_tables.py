@@ -1,16 +1,17 @@
-"""Tables of a tool in a problem file, and the capsules that contain its bodies."""
+"""Tables of rigid bodies on links, tools among them, in a problem file, and the capsules that contain their bodies."""
 
 import math
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.schema_tables import Box, Point, PositiveLength, Rules, Table, exactly
+from ccm_opt.io.schema_tables import Box, NonNegative, Point, PositiveLength, Rules, Table, exactly
 from ccm_opt.io.shape_tables import BarTable, CircleTable, Corners, Direction, SpacePoint, SphereTable, unit_length
-from ccm_opt.robot.tool import Tool, ToolBody
+from ccm_opt.robot.link_bodies import SolidMoments
+from ccm_opt.robot.tool import INERTIA_ROUNDING, RigidBody, Tool, ToolBody, in_link, second_moments
 
 _MOST_STRIPS = 8
 """Maximum number of capsules side by side that cover a box. Heuristic."""
@@ -34,6 +35,16 @@ class PlaneToolBodyTable(Table):
     )
     circle: CircleTable | None = Field(default=None, description="`{ center = [x, y], radius = r }`.")
     box: Box | None = Field(default=None, description="`[xmin, ymin, xmax, ymax]`, covered by a capsule.")
+
+    @property
+    def moments(self) -> SolidMoments:
+        """Moments of the body as a solid: a disc is a ball, and a box as deep as its shorter side is long."""
+        if self.box is not None:
+            low, high = np.array(self.box[:2]), np.array(self.box[2:])
+            deep = 0.5 * float(np.min(high - low))
+            return SolidMoments.of_box(np.array([low[0], -deep, low[1]]), np.array([high[0], deep, high[1]]))
+        (body,) = self.capsules()
+        return SolidMoments.of_round_bar(in_link(body.start), in_link(body.end), body.radius, round_ends=True)
 
     def capsules(self) -> Iterator[ToolBody]:
         """Yield the capsules that contain the body."""
@@ -62,6 +73,14 @@ class SpaceToolBodyTable(Table):
         description="`[[xmin, ymin, zmin], [xmax, ymax, zmax]]`, covered by capsules along its longest side.",
     )
 
+    @property
+    def moments(self) -> SolidMoments:
+        """Moments of the body as a solid."""
+        if self.box is not None:
+            return SolidMoments.of_box(*np.array(self.box))
+        (body,) = self.capsules()
+        return SolidMoments.of_round_bar(body.start, body.end, body.radius, round_ends=self.cylinder is None)
+
     def capsules(self) -> Iterator[ToolBody]:
         """Yield the capsules that contain the body."""
         bar = self.capsule or self.cylinder
@@ -73,24 +92,107 @@ class SpaceToolBodyTable(Table):
             yield from box_capsules(*np.array(self.box))
 
 
-class PlaneToolTable(Table):
+def _moments(values: list[float]) -> list[float]:
+    """Return moments of inertia as (xx, yy, zz, xy, xz, yz).
+
+    Raises:
+        ValueError: no body has these moments.
+    """
+    if len(values) not in {3, 6}:
+        raise ValueError(f"expected [xx, yy, zz] or [xx, yy, zz, xy, xz, yz], got {len(values)} numbers")
+    given = values if len(values) == 6 else [*values, 0.0, 0.0, 0.0]
+    least = float(np.linalg.eigvalsh(second_moments(_tensor(given)))[0])
+    if least < -INERTIA_ROUNDING * max(map(abs, values)):
+        raise ValueError("no body has these moments of inertia: each is at most the sum of the other two")
+    return given
+
+
+def _tensor(values: list[float]) -> FloatArray:
+    """Return moments of inertia (xx, yy, zz, xy, xz, yz) as a matrix, shape (3, 3)."""
+    xx, yy, zz, xy, xz, yz = values
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+class _RigidTable(Table):
+    """Keys of the mass of a rigid body on a link."""
+
+    rules = Rules(needs={"centre": ("mass",), "inertia": ("mass",), "mass": ("bodies", "centre")})
+
+    mass: NonNegative = Field(default=0.0, description="Its mass [kg].")
+
+
+class PlaneRigidTable(_RigidTable):
+    """Table of a rigid body on a link of a planar arm, in the frame of that link: x along it, from its end."""
+
+    bodies: list[PlaneToolBodyTable] = Field(default=[], description="Its bodies, which collide.")
+    centre: Point | None = Field(default=None, description="Its centre of mass. Default: that of solid `bodies`.")
+    inertia: Annotated[float, Field(ge=0.0)] | None = Field(
+        default=None,
+        description="Its moment of inertia about an axis across the plane through `centre` [kg m²]. Default: as solid.",
+    )
+
+    def tensor(self, whole: SolidMoments | None) -> FloatArray:
+        """Return the moments of inertia as those of a flat body, shape (3, 3) [kg m²].
+
+        Args:
+            whole: moments of the bodies as a solid; None if there are none.
+        """
+        solid = 0.0 if whole is None else self.mass / whole.volume * whole.inertia[1, 1]
+        about = float(solid) if self.inertia is None else self.inertia
+        return np.diag([0.5 * about, about, 0.5 * about])
+
+
+class SpaceRigidTable(_RigidTable):
+    """Table of a rigid body on a link of an arm in space, in the frame of that link: x along it, from its end."""
+
+    bodies: list[SpaceToolBodyTable] = Field(default=[], description="Its bodies, which collide.")
+    centre: SpacePoint | None = Field(default=None, description="Its centre of mass. Default: that of solid `bodies`.")
+    inertia: Annotated[list[float], AfterValidator(_moments)] | None = Field(
+        default=None,
+        description=(
+            "Its moments of inertia about `centre` [kg m²], `[xx, yy, zz]` or `[xx, yy, zz, xy, xz, yz]` with signs as "
+            "in URDF. Default: as solid."
+        ),
+    )
+
+    def tensor(self, whole: SolidMoments | None) -> FloatArray:
+        """Return the moments of inertia, shape (3, 3) [kg m²]; arguments as in the plane."""
+        if self.inertia is not None:
+            return _tensor(self.inertia)
+        return np.zeros((3, 3)) if whole is None else self.mass / whole.volume * whole.inertia
+
+
+class PlaneToolTable(PlaneRigidTable):
     """Table of a rigid tool on the last link of a planar arm, in the frame of that link: x along it, from its end."""
 
     tip: Point = Field(default=[0.0, 0.0], description="Point that goals are for.")
     direction: Annotated[list[float], Field(description="`[x, y]`"), exactly(2), AfterValidator(unit_length)] = Field(
         default=[1.0, 0.0], description="Direction in which the tool points, that goals are for."
     )
-    bodies: list[PlaneToolBodyTable] = Field(default=[], description="Bodies of the tool, which collide.")
 
 
-class SpaceToolTable(Table):
+class SpaceToolTable(SpaceRigidTable):
     """Table of a rigid tool on the last link of an arm in space, in the frame of that link: x along it from its end."""
 
     tip: SpacePoint = Field(default=[0.0, 0.0, 0.0], description="Point that goals are for.")
     direction: Direction = Field(
         default=[1.0, 0.0, 0.0], description="Direction in which the tool points, that goals are for; its roll follows."
     )
-    bodies: list[SpaceToolBodyTable] = Field(default=[], description="Bodies of the tool, which collide.")
+
+
+_LINK = Field(ge=1, description="Number of the link that carries it, from 1.")
+
+
+class PlaneLinkBodyTable(PlaneRigidTable):
+    """Table of a rigid body on a link of a planar arm, in the frame of that link: x along it, from its end."""
+
+    link: int = _LINK
+
+
+class SpaceLinkBodyTable(SpaceRigidTable):
+    """Table of a rigid body on a link of an arm in space, in the frame of that link: x along it, from its end."""
+
+    link: int = _LINK
 
 
 def box_capsules(low: FloatArray, high: FloatArray) -> Iterator[ToolBody]:
@@ -112,7 +214,24 @@ def box_capsules(low: FloatArray, high: FloatArray) -> Iterator[ToolBody]:
         yield ToolBody(middle - reach, middle + reach, math.hypot(half[wide] / strips, thin))
 
 
+def _rigid(table: PlaneRigidTable | SpaceRigidTable) -> dict[str, Any]:
+    """Return the fields of the ``RigidBody`` that a table describes, without its link; solid unless it says else."""
+    rows: Sequence[PlaneToolBodyTable | SpaceToolBodyTable] = table.bodies
+    parts: dict[str, Any] = {"bodies": tuple(body for each in rows for body in each.capsules()), "mass": table.mass}
+    if table.mass == 0.0:
+        return parts
+    whole = SolidMoments.of_all([each.moments for each in rows]) if rows else None
+    centre: FloatArray | None = None if table.centre is None else np.array(table.centre)
+    if centre is None and whole is not None:
+        centre = whole.centre if isinstance(table, SpaceRigidTable) else whole.centre[[0, 2]]
+    return parts | {"centre": centre, "inertia": table.tensor(whole)}
+
+
 def build_tool(table: PlaneToolTable | SpaceToolTable) -> Tool:
     """Return the tool that a table describes."""
-    bodies = tuple(body for each in table.bodies for body in each.capsules())
-    return Tool(np.array(table.tip), np.array(table.direction), bodies)
+    return Tool(**_rigid(table), tip=np.array(table.tip), direction=np.array(table.direction))
+
+
+def build_bodies(tables: Sequence[PlaneLinkBodyTable | SpaceLinkBodyTable]) -> tuple[RigidBody, ...]:
+    """Return the rigid bodies on links that tables describe."""
+    return tuple(RigidBody(**_rigid(table), link=table.link - 1) for table in tables)

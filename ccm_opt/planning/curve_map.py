@@ -466,7 +466,7 @@ class CurveMap(CurveUnknowns):
         NativeCall(
             "curve_shapes",
             joints=len(flat), links=self.arm.links, knots=self.knots, spacing=self.spacing, places=flat,
-            lengths=self.arm.lengths, shapes=shapes,
+            lengths=self.arm.spine_lengths, shapes=shapes,
         )()  # fmt: skip
         if self.arm.base_axes:
             shapes *= bend_shares(self.arm, flat)[:, None]

@@ -327,7 +327,7 @@ class ArcsAtLimits:
         bends = np.minimum(bounds, _MOST_TURN / arm.links) * self._sides()
         bends[:, 0] = 0.0
         turned = np.cumsum(bends, axis=1)
-        shares = arm.length_shares
+        shares = arm.arc_shares
         sums = ((np.cos(turned) * shares).sum(axis=1), (np.sin(turned) * shares).sum(axis=1))
         tip = arm.link_length * np.stack(sums, axis=1)
         towards = self.goal.position - arm.base

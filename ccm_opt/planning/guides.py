@@ -330,7 +330,7 @@ class TrackLed(TipLed):
         # The point of the track, near the target, that is nearest to the tip.
         near = self.arc + unit * np.linspace(-2.0, 2.0, 41)
         tip = float(near[np.argmin(np.linalg.norm(track.at(near) - pose.tip, axis=1))])
-        arcs = track.joints_behind(tip, link * self.space.arm.length_shares)
+        arcs = track.joints_behind(tip, link * self.space.arm.arc_shares)
         along = track.at(arcs + 0.5 * link) - track.at(arcs - 0.5 * link)
         along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
         beside: FloatArray = np.eye(d) - along[:, :, None] * along[:, None, :]

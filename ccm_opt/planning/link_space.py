@@ -334,7 +334,10 @@ def mean_heading_matrix(arm: Arm) -> FloatArray:
     else:
         places = arm.place_shares / arm.place_shares[-1]
         primitive = _turned().antiderivative()(places)
-        matrix = np.column_stack((np.ones(arm.links), np.diff(primitive, axis=0) / np.diff(places)[:, None]))
+        leads_on = arm.arc_shares > 0.0
+        means = np.diff(primitive, axis=0)[leads_on] / np.diff(places)[leads_on, None]
+        # What is fixed to a link beside the arm has its heading.
+        matrix = np.column_stack((np.ones(arm.links), means[np.cumsum(leads_on) - 1]))
     # Curvature is per metre: on a curve of length L it turns the curve L times as far as on one of length 1.
     matrix[:, 1:] *= arm.length
     return matrix

@@ -201,9 +201,9 @@ class MotionPlanner:
         """
         if problem.arm.carrier and problem.goal.path is None:
             raise ProblemError("this planner does not move arm.base.axes; use PositioningPlanner")
-        if problem.arm.tool is not None:
-            whole = problem_with_tool_links(problem)
-            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm.links)
+        if problem.arm.rigid_bodies:
+            whole = problem_with_tool_links(problem, weighed=True)
+            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm)
         if self.sampled and problem.arm.base_axes:
             raise ProblemError(
                 "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
@@ -511,6 +511,8 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     arm = problem.arm
     first, share = arm.mount_end
     count = max(1, int(np.ceil(first + share - _STRAIGHT)))
+    if arm.tool_links is not None and not np.all(arm.tool_links.own[:count]):
+        return 0  # bodies on these links must not touch walls
     ends = [q for pose in (problem.start, problem.goal) if (q := pose.whole(arm)) is not None]
     bent = np.any(np.abs(np.stack(ends)[:, : 2 * count]) >= _STRAIGHT)
     if arm.base_axes or share >= 1.0 - _STRAIGHT or count >= arm.links or bent:

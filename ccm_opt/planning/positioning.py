@@ -88,9 +88,9 @@ class PositioningPlanner:
             raise ProblemError("in the plane, no motions of arms on arm.base.axes are planned; use a feed axis")
         if problem.goal.path is not None:
             return self.planner.plan(problem)
-        if problem.arm.tool is not None:
-            whole = problem_with_tool_links(problem)
-            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm.links)
+        if problem.arm.rigid_bodies:
+            whole = problem_with_tool_links(problem, weighed=True)
+            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm)
         deadline = Deadline.after(problem.planner.time_limit)
         with self.stages("free space"):
             axes = CarrierMotions(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup))

@@ -172,9 +172,9 @@ class SampledCheck:
         parts = int(np.ceil(float(np.max(arm.lengths)) / max(_POINT_SPACING * gap, least)))
         places = _places(arm, parts)
         # A place at arc length s takes the whole of every link before it and part of its own.
-        link = np.clip(np.searchsorted(arm.joint_places, places, side="left") - 1, 0, arm.links - 1)
+        link = np.clip(np.searchsorted(_chain_places(arm), places, side="left") - 1, 0, arm.links - 1)
         places = places[arm.radii[link] >= 0.0]
-        before = arm.joint_places[:-1, None]
+        before = _chain_places(arm)[:-1, None]
         reach = np.clip(places - before, 0.0, arm.lengths[:, None]).astype(np.float32)
         spacing = max(POSE_SPACING * gap, least)
         return cls(arm, raster, reach, spacing, parts)
@@ -265,10 +265,16 @@ class SampledCheck:
         return refuted
 
 
+def _chain_places(arm: Arm) -> FloatArray:
+    """Return the lengths of chain up to the joints and the tip, shape (links + 1,) [m]."""
+    return arm.link_length * np.concatenate(([0.0], np.cumsum(arm.length_shares)))
+
+
 def _places(arm: Arm, parts: int) -> FloatArray:
     """Return the arc lengths of the checked points from the mount's end on, ``parts`` per link, shape (points,) [m]."""
-    steps = np.interp(np.arange(arm.links * parts + 1), parts * np.arange(arm.links + 1), parts * arm.place_shares)
+    chain = _chain_places(arm) / arm.link_length
+    steps = np.interp(np.arange(arm.links * parts + 1), parts * np.arange(arm.links + 1), parts * chain)
     along = arm.link_length / parts * steps
     link, share = arm.mount_end
-    mount = (arm.place_shares[link] + share * arm.length_shares[link]) * arm.link_length
+    mount = (chain[link] + share * arm.length_shares[link]) * arm.link_length
     return np.append(mount, along[along > mount])

@@ -1,10 +1,10 @@
-"""Problems whose arm has its tool as links, and paths of the arm alone that follow from paths for them."""
+"""Problems whose arm has its bodies as links, and paths of the arm alone that follow from paths for them."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Goal, JointPose, Limits, Problem, VerificationOptions
 from ccm_opt.problem.solution import JointPath, JointTrajectory
@@ -15,41 +15,49 @@ _STRONG = 1e3
 """Torque limit of the locked joints of tool links, in the greatest limits of the arm's. Heuristic: it never binds."""
 
 
-def problem_with_tool_links(problem: Problem) -> Problem:
-    """Return the problem of an arm whose last links are its tool, or the problem itself for an arm without a tool.
+def problem_with_tool_links(problem: Problem, *, weighed: bool = False) -> Problem:
+    """Return the problem of an arm some of whose links are its tool and other bodies, or the problem itself without.
 
-    Goals, clearances and tolerances stay as they are; the tool's mass acts at its first link.
+    Goals, clearances and tolerances stay as they are.
+
+    Args:
+        problem: the problem.
+        weighed: whether tool links carry the masses of bodies if torques are limited.
     """
-    tool = problem.arm.tool
-    arm = with_tool_links(problem.arm)
-    if tool is None:
+    if not problem.arm.rigid_bodies:
         return problem
-    count = arm.links - problem.arm.links
-    if count and tool.mass:
-        masses = arm.masses.copy()
-        masses[problem.arm.links] = tool.mass
-        arm = replace(arm, masses=masses)
+    arm = with_tool_links(problem.arm, weighed=weighed and problem.limits.torque is not None)
+    own = _own_links(arm)
     return replace(
         problem,
         arm=arm,
-        limits=_limits(problem.limits, count),
-        start=_pose(problem.start, count),
-        goal=_goal(problem.goal, count),
-        stops=tuple(replace(stop, goal=_goal(stop.goal, count)) for stop in problem.stops),
+        limits=_limits(problem.limits, own),
+        start=_pose(problem.start, own),
+        goal=_goal(problem.goal, own),
+        stops=tuple(replace(stop, goal=_goal(stop.goal, own)) for stop in problem.stops),
         planner=replace(problem.planner, wanted_gap=problem.wanted_gap),
         verification=VerificationOptions(problem.contact_tolerance),
     )
 
 
-def _limits(limits: Limits, count: int) -> Limits:
-    """Return limits with values for the locked joints of ``count`` tool links."""
+def _own_links(arm: Arm) -> BoolArray:
+    """Return a mask of the links of an arm that stand for no bodies, shape (links,)."""
+    return np.ones(arm.links, dtype=bool) if arm.tool_links is None else arm.tool_links.own
 
-    def longer(values: FloatArray) -> FloatArray:
-        return np.append(values, np.tile(values[-3:], count))
+
+def _limits(limits: Limits, own: BoolArray) -> Limits:
+    """Return limits with values for the locked joints of tool links."""
+
+    def longer(values: FloatArray, others: float | None = None) -> FloatArray:
+        # By default those of the last joint: they never bind.
+        each = values.reshape(-1, 3)
+        found = np.tile(each[-1] if others is None else np.full(3, others), (len(own), 1))
+        found[own] = each
+        return np.ravel(found)
 
     torque, jerk = limits.torque, limits.jerk
     if torque is not None:
-        torque = np.append(torque, np.full(3 * count, _STRONG * float(np.max(torque))))
+        torque = longer(torque, _STRONG * float(np.max(torque)))
     return replace(
         limits,
         velocity=longer(limits.velocity),
@@ -59,29 +67,30 @@ def _limits(limits: Limits, count: int) -> Limits:
     )
 
 
-def _pose(pose: JointPose, count: int) -> JointPose:
-    """Return a pose with ``count`` further joints, which are straight."""
-    straight = np.zeros((count, *pose.bends.shape[1:]))
-    return replace(pose, bends=np.concatenate((pose.bends, straight)), curve=None)
+def _pose(pose: JointPose, own: BoolArray) -> JointPose:
+    """Return a pose with further joints, which are straight."""
+    bends = np.zeros((len(own), *pose.bends.shape[1:]))
+    bends[own] = pose.bends
+    return replace(pose, bends=bends, curve=None)
 
 
-def _goal(goal: Goal, count: int) -> Goal:
-    return goal if goal.for_joints is None else _pose(goal.for_joints, count)
+def _goal(goal: Goal, own: BoolArray) -> Goal:
+    return goal if goal.for_joints is None else _pose(goal.for_joints, own)
 
 
-def motion_with_tool_links(trajectory: JointTrajectory, arm: Arm, whole: Arm) -> JointTrajectory:
-    """Return the motion of an arm with its tool as links.
+def motion_with_tool_links(trajectory: JointTrajectory, whole: Arm) -> JointTrajectory:
+    """Return the motion of an arm with its tool and bodies as links.
 
     Args:
         trajectory: motion of the arm.
-        arm: the arm.
-        whole: the arm with its tool as links.
+        whole: the arm with its tool and bodies as links.
     """
-    bends = arm.coordinates.joints
-    still = np.zeros((len(trajectory.time), whole.coordinates.joints - bends))
+    kept = _own_coordinates(whole)
 
     def longer(columns: FloatArray) -> FloatArray:
-        return np.concatenate((columns[:, :bends], still, columns[:, bends:]), axis=1)
+        found = np.zeros((len(columns), len(kept)))
+        found[:, kept] = columns
+        return found
 
     return replace(
         trajectory,
@@ -92,16 +101,21 @@ def motion_with_tool_links(trajectory: JointTrajectory, arm: Arm, whole: Arm) ->
     )
 
 
-def path_without_tool_links(path: JointPath, arm: Arm, links: int) -> JointPath:
-    """Return the path of an arm that follows from that of the arm with its tool as links.
+def _own_coordinates(whole: Arm) -> BoolArray:
+    """Return a mask of the coordinates of an arm that are not those of tool links, shape (c,)."""
+    joints = np.repeat(_own_links(whole), whole.bends_a_joint)
+    return np.append(joints, np.ones(len(whole.coordinates.base_names), dtype=bool))
+
+
+def path_without_tool_links(path: JointPath, arm: Arm, whole: Arm) -> JointPath:
+    """Return the path of an arm that follows from that of the arm with its tool and bodies as links.
 
     Args:
-        path: path of the arm whose last links are its tool.
-        arm: the arm, with its tool.
-        links: number of links of the arm with its tool as links.
+        path: path of the arm some of whose links are its tool and bodies.
+        arm: the arm, with its bodies.
+        whole: the arm with its bodies as links.
     """
-    kept = np.ones(links * arm.bends_a_joint + len(arm.coordinates.base_names), dtype=bool)
-    kept[arm.links * arm.bends_a_joint : links * arm.bends_a_joint] = False
+    kept = _own_coordinates(whole)
     spline = path.spline
     keyframes = np.ascontiguousarray(path.keyframes[:, kept])
     return replace(
@@ -110,5 +124,5 @@ def path_without_tool_links(path: JointPath, arm: Arm, links: int) -> JointPath:
         keyframes=keyframes,
         curves=nearest_curves(arm, keyframes) if path.curves else (),
         goal_pose=None,
-        parts=tuple(path_without_tool_links(part, arm, links) for part in path.parts),
+        parts=tuple(path_without_tool_links(part, arm, whole) for part in path.parts),
     )

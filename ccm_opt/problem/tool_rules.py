@@ -1,10 +1,13 @@
-"""Rules that an arm with a tool must keep, by the keys of problem files."""
+"""Rules that an arm with a tool or other bodies on links must keep, by the keys of problem files."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.tool import INERTIA_ROUNDING, RigidBody, second_moments
 from ccm_opt.scene.tool_links import colliding_at_rest
 
 Key = tuple[str | int, ...]
@@ -12,51 +15,81 @@ Key = tuple[str | int, ...]
 
 
 def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str]]:
-    """Yield the key and a message for every value that an arm's tool does not allow.
+    """Yield the key and a message for every value that an arm's tool and bodies do not allow.
 
     Args:
         arm: the arm.
         values: values of other keys of the problem; None, 0 or an empty list for those that are not given.
     """
-    tool = arm.tool
-    if tool is None:
+    if not arm.rigid_bodies:
         return
-    if arm.dimension == 2 and arm.base_axes:
-        yield ("arm", "tool"), "not supported for an arm in the plane with a feed axis"
-    if arm.sections is not None:
-        yield ("arm", "tool"), "not supported together with sections that bend evenly"
-    if arm.carrier:
-        yield ("arm", "tool"), "not supported together with arm.base.axes"
-    for key in _NOT_WITH_A_TOOL:
-        value = values.get(key)
-        if value:
-            yield key, "not supported together with arm.tool"
-    for key, only in _ONLY_WITH_A_TOOL:
-        if values.get(key, only) != only:
-            yield key, f"expected {only!r} together with arm.tool"
-    if (found := colliding_at_rest(arm, tool)) is not None:
-        link, body = found
+    bodies: list[tuple[Key, RigidBody]] = [(("arm", "bodies", k), body) for k, body in enumerate(arm.bodies)]
+    bodies += [] if arm.tool is None else [(("arm", "tool"), arm.tool)]
+    key = bodies[0][0][:2]
+    layouts = (
+        (arm.dimension == 2 and bool(arm.base_axes), "for an arm in the plane with a feed axis"),
+        (arm.sections is not None, "together with sections that bend evenly"),
+        (bool(arm.carrier), "together with arm.base.axes"),
+    )
+    yield from ((key, f"not supported {words}") for applies, words in layouts if applies)
+    for not_with in _NOT_WITH_BODIES:
+        if values.get(not_with):
+            yield not_with, f"not supported together with {'.'.join(map(str, key))}"
+    for only_with, only in _ONLY_WITH_BODIES:
+        if values.get(only_with, only) != only:
+            yield only_with, f"expected {only!r} together with {'.'.join(map(str, key))}"
+    found = [defect for at, body in bodies for defect in _body_defects(body, at, arm)]
+    yield from found
+    if not found and (touching := colliding_at_rest(arm)) is not None:
+        number, capsule, other = touching
         yield (
-            ("arm", "tool", "bodies", body),
-            f"it touches or nearly touches link {link + 1} of the straight arm; keep a twentieth of both radii clear",
+            (*bodies[number][0], "bodies", capsule),
+            f"it touches or nearly touches {other} of the straight arm; keep a twentieth of both radii clear",
         )
 
 
+def _body_defects(body: RigidBody, at: Key, arm: Arm) -> Iterator[tuple[Key, str]]:
+    """Yield the key and a message for a body on a link that there is not, in the mount, or with impossible mass."""
+    if not -arm.links <= body.link < arm.links:
+        yield (*at, "link"), f"expected a link from 1 to {arm.links}, got {body.link + 1}"
+    elif body.bodies and arm.free_shares[body.link] == 1.0:
+        yield (*at, "bodies"), "its link belongs to the mount, which may touch obstacles, and bodies may not"
+    yield from _mass_defects(body, at, arm.dimension)
+
+
+def _mass_defects(body: RigidBody, at: Key, dimension: int) -> Iterator[tuple[Key, str]]:
+    """Yield the key and a message for what makes mass and moments of inertia impossible."""
+    if not (np.isfinite(body.mass) and body.mass >= 0.0):
+        yield (*at, "mass"), f"expected a number, 0 or more, got {body.mass}"
+    elif not body.mass:
+        return
+    if body.centre is not None and np.shape(body.centre) != (dimension,):
+        yield (*at, "centre"), f"expected shape ({dimension},), got {np.shape(body.centre)}"
+    if body.inertia is None:
+        return
+    if np.shape(body.inertia) != (3, 3) or not np.all(np.isfinite(body.inertia)):
+        yield (*at, "inertia"), "expected finite moments of inertia of shape (3, 3)"
+    elif np.linalg.eigvalsh(second_moments(body.inertia))[0] < -INERTIA_ROUNDING * np.trace(body.inertia):
+        yield (*at, "inertia"), "no body has these moments of inertia: each is at most the sum of the other two"
+
+
 def refuse_tool(arm: Arm, what: str) -> None:
-    """Refuse an arm with a tool where tools are not supported.
+    """Refuse an arm with a tool or other bodies where they are not supported.
 
     Args:
         arm: the arm.
-        what: what does not support tools, as the subject of a sentence.
+        what: what does not support them, as the subject of a sentence.
 
     Raises:
-        ProblemError: the arm has a tool.
+        ProblemError: the arm has a tool or another body.
     """
+    if arm.bodies:
+        raise ProblemError(f"{what} does not support bodies on links; leave arm.bodies out")
     if arm.tool is not None:
         raise ProblemError(f"{what} does not support a tool; leave arm.tool out")
 
 
-_NOT_WITH_A_TOOL: tuple[Key, ...] = (
+_NOT_WITH_BODIES: tuple[Key, ...] = (
     ("arm", "payload"),
     ("limits", "tip_velocity"),
     ("limits", "tip_acceleration"),
@@ -64,4 +97,4 @@ _NOT_WITH_A_TOOL: tuple[Key, ...] = (
     ("tolerance", "joint_error_deg"),
     ("planner", "follow_within"),
 )
-_ONLY_WITH_A_TOOL: tuple[tuple[Key, str], ...] = ((("planner", "method"), "nlp"),)
+_ONLY_WITH_BODIES: tuple[tuple[Key, str], ...] = ((("planner", "method"), "nlp"),)

@@ -18,7 +18,7 @@ from ccm_opt.robot.base_axes import MOST_AXES, BaseAxis, BaseFrames, Feed, axis_
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_layout import LinkLayout, Proportions, fixed
-from ccm_opt.robot.tool import Tool, ToolLinks
+from ccm_opt.robot.tool import RigidBody, Tool, ToolLinks
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
@@ -70,6 +70,7 @@ class Arm(LinkLayout):
         sections: division of an arm in space into sections that bend evenly, whose joints turn by the rotation vector
             (0, b, a) and whose links are tangents of arcs; None if joints bend independently. Radii then include the
             distance of the arcs from the links.
+        bodies: rigid bodies on links, beside the tool.
         tool: rigid tool on the last link; None if there is none.
         tool_links: what is particular to an arm whose last links stand for its tool; None for all others.
     """
@@ -97,6 +98,7 @@ class Arm(LinkLayout):
     clamped_joints: int = 0
     proportions: Proportions | None = None
     sections: ArcSections | None = None
+    bodies: tuple[RigidBody, ...] = ()
     tool: Tool | None = None
     tool_links: ToolLinks | None = None
 
@@ -410,6 +412,16 @@ class Arm(LinkLayout):
             carrier=self.carrier_for_c, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
+
+    @property
+    def rigid_bodies(self) -> tuple[RigidBody, ...]:
+        """All rigid bodies on links, the tool last."""
+        return self.bodies if self.tool is None else (*self.bodies, self.tool)
+
+    @property
+    def moved_mass(self) -> float:
+        """Mass of the links, the bodies on them and the payload [kg]."""
+        return float(np.sum(self.masses)) + sum(body.mass for body in self.rigid_bodies) + self.payload
 
     @property
     def turns(self) -> FloatArray | None:

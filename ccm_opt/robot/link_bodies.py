@@ -1,4 +1,7 @@
-"""Mass and inertia of the links of an arm."""
+"""Mass and inertia of the links of an arm, and of solids that are fixed to them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,3 +34,50 @@ def cylinder_inertia(
     """
     r = np.where(np.asarray(radius) > 0.0, radius, THIN_ROD_RADIUS * link_length)
     return masses * r**2 / 2.0, masses * (3.0 * r**2 + link_length**2) / 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class SolidMoments:
+    """Volume, centre and moments of inertia of a solid of density 1.
+
+    Attributes:
+        volume: volume [m³].
+        centre: centre of volume, shape (3,) [m].
+        inertia: moments of inertia about the centre, shape (3, 3) [m⁵].
+    """
+
+    volume: float
+    centre: FloatArray
+    inertia: FloatArray
+
+    @classmethod
+    def of_round_bar(cls, start: FloatArray, end: FloatArray, radius: float, *, round_ends: bool) -> "SolidMoments":
+        """Return the moments of a cylinder, or of a capsule or ball if its ends are round, about an axis (3,), (3,)."""
+        step = end - start
+        length = float(np.linalg.norm(step))
+        cylinder = np.pi * radius**2 * length
+        ball = 4.0 / 3.0 * np.pi * radius**3 if round_ends else 0.0
+        axial = cylinder * radius**2 / 2.0 + ball * 0.4 * radius**2
+        across = cylinder * (length**2 / 12.0 + radius**2 / 4.0)
+        across += ball * (0.4 * radius**2 + length**2 / 4.0 + 0.375 * length * radius)
+        along = step / length if length > 0.0 else np.eye(3)[0]
+        inertia = across * np.eye(3) + (axial - across) * np.outer(along, along)
+        return cls(cylinder + ball, 0.5 * (start + end), inertia)
+
+    @classmethod
+    def of_box(cls, low: FloatArray, high: FloatArray) -> "SolidMoments":
+        """Return the moments of a box with sides along the axes, from its lower and upper corner, shape (3,) [m]."""
+        volume = float(np.prod(high - low))
+        squares = volume / 12.0 * (high - low) ** 2
+        return cls(volume, 0.5 * (low + high), np.diag(np.sum(squares) - squares))
+
+    @classmethod
+    def of_all(cls, parts: Sequence["SolidMoments"]) -> "SolidMoments":
+        """Return the moments of several solids together; what they have in common counts for each of them."""
+        volume = sum(part.volume for part in parts)
+        centre = sum((part.volume * part.centre for part in parts), np.zeros(3)) / volume
+        inertia = np.zeros((3, 3))
+        for part in parts:
+            away = part.centre - centre
+            inertia += part.inertia + part.volume * ((away @ away) * np.eye(3) - np.outer(away, away))
+        return cls(volume, centre, inertia)

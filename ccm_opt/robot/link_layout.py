@@ -88,12 +88,25 @@ class LinkLayout:
         """Mean length of the links, without tool links [m]."""
         if self.tool_links is None:
             return self.link_length
-        return float(np.mean(self.lengths[: self.links - self.tool_links.count]))
+        return float(np.mean(self.lengths[self.tool_links.own]))
 
     @property
-    def margin_shares(self) -> FloatArray:
-        """Places of joints and tip from which ``link_margins`` follow, as ``place_shares``, shape (links + 1,)."""
-        return self.place_shares if self.tool_links is None else self.tool_links.near_shares
+    def margin_starts(self) -> FloatArray:
+        """Places where links start, from which ``link_margins`` follow, as ``place_shares``, shape (links,)."""
+        return self.place_shares[:-1] if self.tool_links is None else self.tool_links.near_starts
+
+    @property
+    def margin_ends(self) -> FloatArray:
+        """Places where links end, from which ``link_margins`` follow, as ``place_shares``, shape (links,)."""
+        return self.place_shares[1:] if self.tool_links is None else self.tool_links.near_ends
+
+    def link_number(self, link: int) -> int:
+        """Return the number in messages, from 1, of a link given by its index, or of the link that carries it."""
+        return link + 1 if self.tool_links is None else int(self.tool_links.carriers[link]) + 1
+
+    def link_name(self, link: int) -> str:
+        """Return the name in messages of a link given by its index: its number, or the body for which it stands."""
+        return (self.tool_links is not None and self.tool_links.names[link]) or f"link {self.link_number(link)}"
 
     @cached_property
     def joint_places(self) -> FloatArray:
@@ -116,10 +129,25 @@ class LinkLayout:
         return np.ones(self.links) if self.proportions is None else self.proportions.lengths
 
     @cached_property
+    def arc_shares(self) -> FloatArray:
+        """Length by which each link makes the arm longer, over the mean length: 0 for bodies beside it, (links,)."""
+        if self.tool_links is None:
+            return self.length_shares
+        return np.where(self.tool_links.leads_on, self.length_shares, 0.0)
+
+    @property
+    def spine_lengths(self) -> FloatArray:
+        """Length of each link, or of the link to which a body is fixed that makes the arm no longer, (links,) [m]."""
+        if self.tool_links is None:
+            return self.lengths
+        own = self.lengths[self.tool_links.own][self.tool_links.carriers]
+        return np.where(self.tool_links.leads_on, self.lengths, own)
+
+    @cached_property
     def place_shares(self) -> FloatArray:
         """Arc lengths of the joints and the tip over the mean length of links, shape (links + 1,)."""
         # Sums of ones are exact, so that equal links end at multiples of their length.
-        return np.concatenate(([0.0], np.cumsum(self.length_shares)))
+        return np.concatenate(([0.0], np.cumsum(self.arc_shares)))
 
     @property
     def length(self) -> float:
@@ -223,7 +251,7 @@ class LinkLayout:
             second: indices of the links farther from the base, shape (p,).
             margin: full margin, which planning keeps from walls [m].
         """
-        between = self.link_length * (self.margin_shares[second] - self.place_shares[first + 1])
+        between = self.link_length * (self.margin_starts[second] - self.margin_ends[first])
         between = between - (self.radii[first] + self.radii[second])
         return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
 

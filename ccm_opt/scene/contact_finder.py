@@ -169,7 +169,7 @@ class WallFinder(ContactFinder):
             links=arm.links, mount_link=link, mount_at=at, mean_length=arm.link_length, lengths=arm.lengths,
             longest=float(np.max(arm.lengths)), radii=arm.radii, thickest=arm.radius,
             next_pair=arm.next_self_pairs, reach=reach, margin=margin,
-            places=arm.margin_shares, pair_share=LINK_MARGIN_SHARE,
+            starts=arm.margin_starts, ends=arm.margin_ends, pair_share=LINK_MARGIN_SHARE,
             edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
             edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,
             walls=len(walls.names), clearance=clearance, rounding=walls.rounding,

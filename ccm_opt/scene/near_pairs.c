@@ -13,7 +13,8 @@ typedef struct {
     const int32_t *next_pair; /* the first link from j on that must not touch i, (links, links + 1) */
     double mount_at, mean_length, longest, thickest, reach, margin;
     const double *lengths, *radii; /* of the links, (links,); the radii of links without a body are negative */
-    const double *places;          /* of joints and tip along the arm, in mean lengths, (links + 1,) */
+    const double *starts;          /* of links along the arm, in mean lengths, (links,) */
+    const double *ends;            /* likewise */
     double pair_share;             /* of the free length between two links that is kept, up to the margin */
 
     Tree edge_tree, vertex_tree;
@@ -211,7 +212,7 @@ static void link_with_link(Query *q, int64_t i, int64_t j)
     double distance = hypot(x, y);
     double both = q->radii[i] + q->radii[j], gap = distance - both;
     if (gap >= q->reach) return;
-    double margin = q->pair_share * (q->mean_length * (q->places[j] - q->places[i + 1]) - both);
+    double margin = q->pair_share * (q->mean_length * (q->starts[j] - q->ends[i]) - both);
     report(q, i, on_first[best], j, on_second[best], x, y, distance, gap, fmin(fmax(margin, 0.0), q->margin), q->walls);
 }
 

@@ -21,6 +21,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.verification.attached_masses import PointMasses, all_masses
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.base_motion import axis_levers, base_reach
 from ccm_opt.verification.drives import axis_limits, bend_revolutes, bends_a_ball, describe_bend_joints, largest_bends
@@ -293,9 +294,11 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
         base_derivatives[0] = q2 + 2.0 * e1 * q1
         base_derivatives[1] = q3 + 3.0 * e2 * q1 + 3.0 * e1 * q2
         base_derivatives[2] = q4 + 4.0 * e3 * q1 + 6.0 * e2 * q2 + 4.0 * e1 * q3
-    masses = np.append(arm.masses, arm.payload)
+    fixed = PointMasses.of(arm)
+    masses = all_masses(arm)
     gyration = np.sqrt(np.append(np.maximum(arm.inertia_transverse, arm.inertia_axial) / arm.masses, 0.0))
-    reach = np.append(arm.joint_places[1:], arm.length) + gyration + base_reach(arm)
+    places = np.append(arm.joint_places[1:], arm.length)
+    reach = np.concatenate((places + gyration, places[fixed.link] + fixed.reach)) + base_reach(arm)
     gravity = float(np.linalg.norm(problem.simulation.gravity))
     remainder = np.zeros(len(w))
     for mass, lever in zip(masses, reach, strict=True):

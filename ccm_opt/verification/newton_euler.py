@@ -2,7 +2,8 @@
 
 Link velocities and accelerations are accumulated from the base, forces and moments from the tip; moments are projected
 onto the axes of the revolutes (Craig, Introduction to Robotics, section 6.5). Links are rotationally symmetric: their
-moment of inertia is equal about all transverse axes. A planar arm is one whose joints turn about y only.
+moment of inertia is equal about all transverse axes. What is fixed to links counts as point masses. A planar arm is one
+whose joints turn about y only.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.arc_dynamics import arc_efforts
+from ccm_opt.verification.attached_masses import PointMasses
 from ccm_opt.verification.base_motion import BaseMotion
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs
 
@@ -69,7 +71,7 @@ def drive_efforts(
     """Return the torques of all revolutes, and the efforts of the axes that carry the base, that a motion requires.
 
     Args:
-        arm: the arm, with masses, inertia, payload, rotor inertia and friction.
+        arm: the arm, with masses, inertia, bodies, payload, rotor inertia and friction.
         gravity: gravitational acceleration, shape (3,) [m/s²].
         positions: coordinates at T samples, shape (T, c) [rad, m].
         velocities: velocities of the coordinates, shape (T, c) [rad/s, m/s].
@@ -96,11 +98,12 @@ def _efforts(
     needed = arm.masses[:, None] * (rates.middles - gravity)
     at_tip = arm.payload * (rates.ends[:, -1:] - gravity)
     # The force of all links beyond link i acts at its full length, the force of link i itself at half its length.
-    beyond = from_tip(needed) - needed + at_tip
+    fixed, fixed_moments = _of_fixed_masses(arm, gravity, frames, rates)
+    beyond = from_tip(needed + fixed) - needed + at_tip
     moments = np.cross(arm.lengths[:, None] * frames.along, beyond + 0.5 * needed) + _momentum_change(
         arm, frames, rates
     )
-    moments = from_tip(moments)
+    moments = from_tip(moments + fixed_moments)
 
     torques = np.empty((len(positions), arm.links, 3))
     last = frames.along if arm.axes == "zyx" else frames.across
@@ -109,10 +112,31 @@ def _efforts(
     drives = (np.broadcast_to(values, 3 * arm.links).reshape(-1, 3) for values in (arm.rotor_inertia, arm.friction))
     for values, of_drives in zip((accelerations, velocities), drives, strict=True):
         torques[:, :, :2] += of_drives[:, :2] * bend_pairs(arm, values)
-    force = np.sum(needed, axis=1) + at_tip[:, 0]
+    force = np.sum(needed + fixed, axis=1) + at_tip[:, 0]
     on_axes = BaseMotion.from_configurations(arm, positions).efforts(force, moments[:, 0])
     on_axes += np.array([axis.inertia for axis in arm.base_axes]) * accelerations[:, arm.coordinates.base]
     return torques.reshape(len(positions), -1), on_axes
+
+
+def _of_fixed_masses(
+    arm: Arm, gravity: FloatArray, frames: LinkFrames, rates: LinkRates
+) -> tuple[FloatArray | float, FloatArray | float]:
+    """Return the forces on each link, and the moments about its distal end, that what is fixed to it requires.
+
+    Each of shape (T, links, 3) [N, N m], or 0 where nothing is fixed.
+    """
+    masses = PointMasses.of(arm)
+    if not len(masses.mass):
+        return 0.0, 0.0
+    link = masses.link
+    out = masses.turned(frames.along, np.cross(frames.across, frames.along), frames.across)
+    rate, growth = rates.rate[:, link], rates.growth[:, link]
+    gain = rates.ends[:, link] + np.cross(growth, out) + np.cross(rate, np.cross(rate, out))
+    forces, moments = np.zeros((2, *frames.along.shape))
+    each = masses.mass[:, None] * (gain - gravity)
+    np.add.at(forces, (slice(None), link), each)
+    np.add.at(moments, (slice(None), link), np.cross(out, each))
+    return forces, moments
 
 
 def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArray:

@@ -23,6 +23,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
+from ccm_opt.verification.attached_masses import PointMasses, all_masses, mass_links
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
 from ccm_opt.verification.drives import bend_revolutes, check_worst, describe_bend_joints, sample_words
 from ccm_opt.verification.limits import allowed_share
@@ -208,8 +209,8 @@ class SampleMeans:
         arm = self.problem.arm
         forces = self._forces
         # Σ over the masses beyond joint i of lever × force, with lever r − pᵢ, as two sums from the tip.
-        own = from_tip(np.cross(hat.mean(self._bodies), forces))[:, : arm.links]
-        beyond = from_tip(forces)[:, : arm.links]
+        own = from_tip(self._by_link(np.cross(hat.mean(self._bodies), forces)))[:, : arm.links]
+        beyond = from_tip(self._by_link(forces))[:, : arm.links]
         joints = arm.embedded(self.motion.points[:, :-1])
         moments = own - np.cross(hat.mean(joints), beyond)
         if arm.dimension == 2:
@@ -222,21 +223,33 @@ class SampleMeans:
 
     @cached_property
     def _forces(self) -> FloatArray:
-        """Mean forces that accelerate the masses and support their weight, shape (T − 2, links + 1, 3) [N]."""
+        """Mean forces that accelerate the masses and support their weight, shape (T − 2, masses, 3) [N]."""
         gains = self._hat.second(self._bodies) - self.problem.simulation.gravity
         return np.asarray(self._masses[:, None] * gains)
 
+    def _by_link(self, values: FloatArray) -> FloatArray:
+        """Add up values of the masses (T, masses, 3) by link, with the payload's last, shape (T, links + 1, 3)."""
+        links = self.problem.arm.links
+        summed = values[:, : links + 1].copy()
+        np.add.at(summed, (slice(None), mass_links(self.problem.arm)[links + 1 :]), values[:, links + 1 :])
+        return summed
+
     @property
     def _masses(self) -> FloatArray:
-        """Masses of the links and the payload, shape (links + 1,) [kg]."""
-        return np.append(self.problem.arm.masses, self.problem.arm.payload)
+        """Masses of the links, the payload and what is fixed to links, shape (masses,) [kg]."""
+        return all_masses(self.problem.arm)
 
     @cached_property
     def _bodies(self) -> FloatArray:
-        """Positions of the point masses, at link midpoints and the tip, shape (T, links + 1, 3) [m]."""
+        """Positions of the point masses, at link midpoints, the tip and what is fixed to links, (T, masses, 3) [m]."""
         points = self.motion.points
         bodies = np.concatenate((0.5 * (points[:, :-1] + points[:, 1:]), points[:, -1:]), axis=1)
-        return self.problem.arm.embedded(bodies)
+        fixed = PointMasses.of(self.problem.arm)
+        frames = self._frames
+        left = np.cross(frames.across, frames.along)
+        ends = self.problem.arm.embedded(points[:, 1:])[:, fixed.link]
+        out = ends + fixed.turned(frames.along, left, frames.across)
+        return np.concatenate((self.problem.arm.embedded(bodies), out), axis=1)
 
     @cached_property
     def _frames(self) -> LinkFrames:
@@ -291,7 +304,7 @@ class SampleBounds:
         problem: the problem, with arm, gravity and acceleration limits.
         motion: the motion, with T samples.
         frames: link frames at the samples.
-        bodies: positions of the point masses at the samples, shape (T, links + 1, 3) [m].
+        bodies: positions of the point masses at the samples, shape (T, masses, 3) [m].
         sample: index of the inner sample, from 0.
     """
 
@@ -335,11 +348,12 @@ class SampleBounds:
         arm = self.problem.arm
         lever = self._levers(joint)
         bow = self._eighth * self._bounds_beyond(joint)
-        gain = self._hat.second(self.bodies[self._within, joint:])[0]
-        at_all = _body_bounds(arm.lengths * self._curving)[joint:]
+        beyond = mass_links(arm) >= joint
+        gain = self._hat.second(self.bodies[self._within][:, beyond])[0]
+        at_all = self._body_bounds(arm.lengths * self._curving)[beyond]
         at_all = at_all + (self.problem.limits.feed_acceleration or 0.0)
         return Factors(
-            np.append(arm.masses, arm.payload)[joint:],
+            all_masses(arm)[beyond],
             np.max(np.linalg.norm(lever, axis=2), axis=0) + bow,
             bow,
             np.sqrt(self._hat.variance(lever)) + bow,
@@ -370,7 +384,7 @@ class SampleBounds:
         The holding torque keeps the arm still against gravity; the allowed effort grows with it.
         """
         arm = self.problem.arm
-        masses = np.append(arm.masses, arm.payload)[joint:]
+        masses = all_masses(arm)[mass_links(arm) >= joint]
         moments = np.cross(np.einsum("m,kmd->kd", masses, self._levers(joint)), self.problem.simulation.gravity)
         weight = float(np.linalg.norm(self.problem.simulation.gravity))
         own = self._eighth * weight * float(masses @ self._bounds_beyond(joint))
@@ -391,13 +405,25 @@ class SampleBounds:
     def _levers(self, joint: int) -> FloatArray:
         """Return the vectors from a joint to the n masses beyond it at the three samples, shape (3, n, 3) [m]."""
         joints = self.motion.points[self._within, joint : joint + 1]
-        return np.asarray(self.bodies[self._within, joint:] - self.problem.arm.embedded(joints))
+        beyond = self.bodies[self._within][:, mass_links(self.problem.arm) >= joint]
+        return np.asarray(beyond - self.problem.arm.embedded(joints))
 
     def _bounds_beyond(self, joint: int) -> FloatArray:
         """Return bounds on the second derivatives of the vectors from a joint to the n masses beyond, (n,) [m/s²]."""
         arm = self.problem.arm
         beyond = np.where(np.arange(arm.links) >= joint, arm.lengths * self._curving, 0.0)
-        return _body_bounds(beyond)[joint:]
+        return self._body_bounds(beyond)[mass_links(arm) >= joint]
+
+    def _body_bounds(self, of_links: FloatArray) -> FloatArray:
+        """Sum one value per link from the base up to each of the point masses, shape (masses,).
+
+        A sum up to a midpoint includes half of that link's own value; one up to what is fixed to a link its whole
+        value, and the bound on the second derivative of the vector from there.
+        """
+        fixed = PointMasses.of(self.problem.arm)
+        whole = np.cumsum(of_links)
+        beside = whole[fixed.link] + fixed.reach * self._curving[fixed.link]
+        return np.concatenate((whole - 0.5 * of_links, [np.sum(of_links)], beside))
 
     @cached_property
     def _curving(self) -> FloatArray:
@@ -471,11 +497,3 @@ def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
         mean: means of the vectors, shape (n, 3).
     """
     return np.asarray(np.sqrt(np.maximum(at_all**2 - np.sum(mean**2, axis=1), 0.0)))
-
-
-def _body_bounds(of_links: FloatArray) -> FloatArray:
-    """Sum one value per link from the base up to the midpoint of each link, and up to the tip; shape (links + 1,).
-
-    A sum up to a midpoint includes half of that link's own value.
-    """
-    return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))

@@ -5,6 +5,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.tool import ToolLinks
 from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import UNIT, distance_rounding
@@ -101,13 +102,13 @@ def far_along_arm(arm: Arm) -> BoolArray:
 
 
 def link_number(arm: Arm, link: int) -> int:
-    """Return the number of a link, from 1; for a part of the tool that of the link that carries it."""
-    return min(link + 1, arm.links - (0 if arm.tool_links is None else arm.tool_links.count))
+    """Return the number of a link, from 1; for a part of a body that of the link that carries it."""
+    return link + 1 if arm.tool_links is None else int(arm.tool_links.carriers[link]) + 1
 
 
 def link_word(arm: Arm, link: int) -> str:
-    """Return the name of a link in messages, which for a part of the tool is "the tool"."""
-    return "the tool" if link >= link_number(arm, arm.links) else f"link {link + 1}"
+    """Return the name of a link in messages, which for a part of a body is that of the body."""
+    return (arm.tool_links is not None and arm.tool_links.names[link]) or f"link {link_number(arm, link)}"
 
 
 def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:
@@ -288,6 +289,22 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
     return pairs, gap
 
 
+def _turns_of_bodies(arm: Arm, bodies: ToolLinks) -> FloatArray:
+    """Return bounds on the constant turns from a link to each part of a body on it, and from there on to the next link.
+
+    Both are 0 for the arm's own links, between which the parts of bodies are left out of a polygon; shape (2, links).
+    """
+    turns = np.abs(bodies.turns) if arm.dimension == 2 else np.arccos(np.clip(bodies.turns[:, 0, 0], -1.0, 1.0))
+    into, on = np.zeros((2, arm.links))
+    for link in range(1, arm.links):
+        if not bodies.own[link]:
+            into[link] = into[link - 1] + turns[link]
+    for link in range(arm.links - 2, 0, -1):
+        if not bodies.own[link]:
+            on[link] = on[link + 1] + turns[link + 1]
+    return np.stack((into, on))
+
+
 def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> str:
     """Return a description of two links, near each other along the arm, that cross; empty if none do.
 
@@ -304,21 +321,23 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     """
     links = motion.arm.links
     bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)
-    bare, moving = np.zeros(links, dtype=bool), links
-    if (tool := motion.arm.tool_links) is not None:
-        # The parts of a tool do not move against each other and the link that carries them.
-        bare, moving = tool.bare, links - tool.count - 1
-        bends += np.abs(tool.turns) if motion.arm.dimension == 2 else np.arccos(np.clip(tool.turns[:, 0, 0], -1.0, 1.0))
+    bare, carrier = np.zeros(links, dtype=bool), np.arange(links)
+    fixed = np.zeros((2, links))
+    if (bodies := motion.arm.tool_links) is not None:
+        bare, carrier = bodies.bare, bodies.carriers
+        fixed = _turns_of_bodies(motion.arm, bodies)
     total = np.concatenate((np.zeros((len(bends), 1)), np.cumsum(bends, axis=1)), axis=1)
     found = [np.zeros((3, 0), dtype=np.intp)]
     far = far_along_arm(motion.arm)
     for apart in range(2, links):
         if np.diagonal(far, apart).all():
             continue
-        between = total[:, 1 + apart :] - total[:, 1:-apart]
+        between = total[:, 1 + apart :] - total[:, 1:-apart] + (fixed[0, apart:] + fixed[1, :-apart])
         # Magnitudes of bends are convex in time between samples, so their maximum is at a sample.
         interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
-        close = ~(far[link, link + apart] | bare[link] | bare[link + apart]) & (link < moving)
+        # What is fixed to one link does not move against it.
+        moves = carrier[link] != carrier[link + apart]
+        close = moves & ~(far[link, link + apart] | bare[link] | bare[link + apart])
         interval, link = interval[close], link[close]
         found.append(np.stack((interval, link, link + apart)))
     interval, first, second = np.concatenate(found, axis=1)

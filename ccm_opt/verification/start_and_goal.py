@@ -155,7 +155,7 @@ def pointing(motion: ChainMotion, sample: int) -> FloatArray:
     tool = motion.arm.tool_links
     if tool is None:
         return np.asarray(link_directions(motion.arm, q)[0, -1])
-    link = motion.arm.links - tool.count - 1
+    link = int(np.flatnonzero(tool.own)[-1])
     if motion.arm.dimension == 2:
         along = link_directions(motion.arm, q)[0, link]
         return np.asarray(tool.direction @ np.stack((along, [-along[1], along[0]])))

@@ -21,7 +21,7 @@ from ccm_opt.verification.selfcollision import check_self_collision, crossing_ne
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
-from ccm_opt.verification.tool_chain import motion_of
+from ccm_opt.verification.tool_chain import motion_of, uncompared_bodies
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls, exposed_starts
 
@@ -79,7 +79,7 @@ def verify(
     checks += check_consistency(problem, trajectory, joints, needed, settings)
     checks += check_base_axes(problem, trajectory, joints, needed, settings)
     of_links = motion
-    if problem.arm.tool is not None:
+    if problem.arm.rigid_bodies:
         of_links = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks += check_following(problem, of_links, trajectory)
     checks += check_given_paths(problem, motion, trajectory)
@@ -109,8 +109,7 @@ def left_unchecked(
     """
     arm = problem.arm
     remarks = [_mount_note(arm)]
-    if arm.tool is not None and arm.tool.bodies:
-        remarks.append(f"clearance between the tool and links {arm.links - 1} and {arm.links} was not checked")
+    remarks += uncompared_bodies(arm)
     if not arm.self_collision:
         remarks.append("clearance between links was not checked, since arm.self_collision is false")
     elif len(distant_pairs(arm)[0]) == 0:

@@ -261,8 +261,15 @@ def exposed_starts(arm: Arm) -> FloatArray:
     deliberately does not use it.
     """
     shares = arm.lengths / arm.link_length
-    starts = np.concatenate(([0.0], np.cumsum(shares)[:-1]))
+    bodies = arm.tool_links
+    starts = np.cumsum(shares) - shares
     within = np.clip((arm.mount_length / arm.link_length - starts) / shares, 0.0, 1.0)
+    if bodies is not None:
+        # Links of the arm follow on each other, whatever is fixed to them; bodies are never part of the mount.
+        own = bodies.own
+        starts = np.cumsum(shares[own]) - shares[own]
+        within[:] = 0.0
+        within[own] = np.clip((arm.mount_length / arm.link_length - starts) / shares[own], 0.0, 1.0)
     # What rounding leaves of a link whose end is that of the mount is not there.
     return np.where(within > 1.0 - 1e-9, 1.0, within)
 

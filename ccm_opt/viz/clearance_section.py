@@ -18,7 +18,6 @@ from ccm_opt.problem.solution import (
     Solution,
     ToleratedError,
 )
-from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
@@ -147,7 +146,7 @@ def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPla
         near: time and bodies of the minimum clearance.
     """
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
-    points = points_with_tool(problem.arm, np.array(at))
+    points = problem.arm.joint_positions_at(np.array(at))
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
     if near.second_link:
         second: shapely.Geometry = shapely.LineString(points[near.second_link - 1 : near.second_link + 1])

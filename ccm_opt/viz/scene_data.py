@@ -15,7 +15,7 @@ from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.surfaces import sharp_edges, within
-from ccm_opt.scene.tool_links import drawn_radii, points_with_tool, tool_line
+from ccm_opt.scene.tool_links import body_corners, drawn_radii, points_with_tool
 from ccm_opt.scene.workspace import Workspace
 
 _PLACE_STEP = 2e-5
@@ -54,7 +54,7 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
             "link": arm.link_length,
             "lengths": arm.lengths.tolist(),
             "radii": drawn_radii(arm).tolist(),
-            "tool": [] if arm.tool is None else tool_line(arm.tool, arm.link_length)[0][1:].tolist(),
+            "corners": body_corners(arm),
             "radius": arm.radius,
             "base": arm.base.tolist(),
             "direction": arm.direction.tolist(),

@@ -27,9 +27,9 @@ AXES = (
 )
 """A lift that carries a turntable."""
 TOOL = Tool(
-    np.array([0.06, 0.0, 0.02]),
-    np.array([0.8, 0.0, 0.6]),
-    (ToolBody(np.zeros(3), np.array([0.05, 0.0, 0.0]), 0.012),),
+    tip=np.array([0.06, 0.0, 0.02]),
+    direction=np.array([0.8, 0.0, 0.6]),
+    bodies=(ToolBody(np.zeros(3), np.array([0.05, 0.0, 0.0]), 0.012),),
 )
 
 

@@ -248,7 +248,11 @@ def of_axis(case: Case, name: str, share: float = 0.98) -> float:
     return share * peak(getattr(case.trajectory, name)[:, -1])
 
 
-TOOL = Tool(np.array([0.06, 0.02]), np.array([0.8, 0.6]), (ToolBody(np.zeros(2), np.array([0.05, 0.0]), 0.012),))
+TOOL = Tool(
+    tip=np.array([0.06, 0.02]),
+    direction=np.array([0.8, 0.6]),
+    bodies=(ToolBody(np.zeros(2), np.array([0.05, 0.0]), 0.012),),
+)
 
 
 def tooled(tool: Tool = TOOL, *, stop: bool = False) -> Case:

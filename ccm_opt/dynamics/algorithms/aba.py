@@ -18,18 +18,19 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from ccm_opt.dynamics.algorithms.arm_model import Structure
-from ccm_opt.dynamics.algorithms.in_plane import AT_REST, OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, centripetal, link_function
+from ccm_opt.dynamics.algorithms.in_plane import AT_REST, ATTACHED, OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
+from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, attached_parts, centripetal, link_function
 
 _PASSED = 27
 """Size of the state that one link passes on inward: the upper triangle of A (21) and P (6)."""
 
 
 class AbaSteps(NamedTuple):
-    """CasADi functions of the three sweeps of the articulated-body algorithm and of the steps between, in order."""
+    """CasADi functions of the three sweeps of the articulated-body algorithm, of the steps between and fixed bodies."""
 
     velocity: Any
     tip: Any
+    attached: Any
     inertia: Any
     base: Any
     acceleration: Any
@@ -41,6 +42,7 @@ def aba_steps(structure: Structure) -> AbaSteps:
     steps = AbaSteps(
         link_function("aba_velocity", partial(_velocity, joint), state=3),
         link_function("aba_tip", _tip),
+        link_function("aba_attached", _attached),
         link_function("aba_inertia", partial(_inertia, joint), state=_PASSED),
         link_function("aba_base", _base, state=_PASSED),
         link_function("aba_acceleration", partial(_acceleration, joint), state=6),
@@ -53,10 +55,12 @@ def _in_plane(steps: AbaSteps) -> AbaSteps:
     velocity, (_, motion) = swept_in_plane(steps.velocity, AT_REST, [TRIG, OF_BALL])
     tip, (at_tip,) = in_plane(steps.tip, [WORLD])
     columns = [TRIG, motion, OF_BALL, OF_BALL, free(4), free(6)]
+    attached, (at_end,) = in_plane(steps.attached, [motion, ATTACHED])
+    at_tip = tuple(one if one == other else None for one, other in zip(at_tip, at_end, strict=True))
     inertia, (whole_arm, solved) = swept_in_plane(steps.inertia, at_tip, columns)
     base, (at_base, _) = in_plane(steps.base, [whole_arm, free(1), WORLD])
     acceleration, _ = swept_in_plane(steps.acceleration, at_base, [TRIG, motion, solved, free(4)])
-    return AbaSteps(velocity, tip, inertia, base, acceleration)
+    return AbaSteps(velocity, tip, attached, inertia, base, acceleration)
 
 
 def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, Any]:
@@ -72,6 +76,16 @@ def _tip(world: Any) -> tuple[Any]:
     payload = ca.diagcat(ca.SX.zeros(3, 3), world[3] * ca.SX.eye(3))
     # Dense: the recursions in C expect every number, including zeros.
     return (ca.densify(ca.vertcat(_pack(payload), ca.SX.zeros(6))),)
+
+
+def _attached(motion: Any, attached: Any) -> tuple[Any]:
+    """Return the articulated body, at the end of a link, of what is fixed to it."""
+    omega = motion[:3]
+    mass, first, inertia = attached_parts(attached)
+    lever = ca.skew(first)
+    A = ca.blockcat([[inertia, lever], [lever.T, mass * ca.SX.eye(3)]])
+    P = ca.vertcat(ca.cross(omega, inertia @ omega), ca.cross(omega, ca.cross(omega, first)))
+    return (ca.densify(ca.vertcat(_pack(A), P)),)
 
 
 def _inertia(

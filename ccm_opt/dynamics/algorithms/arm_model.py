@@ -7,6 +7,10 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import coupling_of_revolutes
+from ccm_opt.robot.tool import attached_inertia
+
+LOPSIDED = [2, 5, 8]
+"""Numbers of ``attached_inertia``, by index, that are zero for bodies that are alike on both sides of the plane."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class ArmModel:
             the link from there [m], shape (links, 5).
         drives: rotor inertia [kg m²] of the three revolutes of a ball joint, then their friction [N m s/rad], shape
             (links, 6).
+        attached: mass, first and second moments of what is fixed to each link, shape (links, 10), as
+            ``attached_inertia`` gives them; None if nothing is.
         world: gravity in the base frame [m/s²], mass of the payload [kg], and 1 if the base slides, else 0, shape (5,).
         coupling: derivatives of the revolutes' angles by the values of m drives that move them together, shape
             (3 * links, m); None if every revolute has its own drive.
@@ -60,6 +66,7 @@ class ArmModel:
     world: FloatArray
     coupling: FloatArray | None = None
     armature: FloatArray | None = None
+    attached: FloatArray | None = None
 
     @property
     def coordinates(self) -> int:
@@ -68,7 +75,7 @@ class ArmModel:
 
 
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
-    """Return the dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
+    """Return the dynamic model of an arm: solid links, what is fixed to them, and a point mass at the tip.
 
     Args:
         arm: the arm.
@@ -86,15 +93,17 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
     structure = Structure(arm.links, arm.axes, arcs=sections is not None)
-    return ArmModel(structure, bodies, drives, world, coupling_of_revolutes(arm))
+    attached = attached_inertia(arm.rigid_bodies, arm.links)
+    return ArmModel(structure, bodies, drives, world, coupling_of_revolutes(arm), attached=attached)
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:
     """Return a model whose generated code handles planar motions only.
 
-    The model is returned unchanged if gravity or the order of axes leads out of the plane.
+    The model is returned unchanged if gravity, the order of axes or a body leads out of the plane.
     """
-    if model.world[1] != 0.0 or model.structure.axes != "zyx":
+    lopsided = model.attached is not None and np.any(model.attached[:, LOPSIDED])
+    if model.world[1] != 0.0 or model.structure.axes != "zyx" or lopsided:
         return model
     return replace(model, structure=replace(model.structure, planar=True))
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import casadi as ca
 
+from ccm_opt.dynamics.algorithms.arm_model import LOPSIDED
+
 Known = tuple[float | None, ...]
 """Values, 0 or 1, of the numbers in a column that are known; None for unknown numbers."""
 Value = Any
@@ -21,6 +23,8 @@ OF_BALL: Known = (0.0, None, 0.0)
 """Known rates, accelerations or torques of a ball joint in planar motion."""
 WORLD: Known = (None, 0.0, None, None, None)
 """Known numbers of the column ``ArmModel.world`` in planar motion: gravity has no component across the plane."""
+ATTACHED: Known = tuple(0.0 if k in LOPSIDED else None for k in range(10))
+"""Known numbers of a row of ``ArmModel.attached`` in planar motion: what is fixed to links is alike on both sides."""
 AT_REST: Known = (0.0, 0.0, 0.0)
 """Known angular velocity of the base: zero."""
 NEUTRAL_BEFORE = {ca.OP_ADD: 0.0, ca.OP_MUL: 1.0}

@@ -131,13 +131,20 @@ COLUMNS = {
     "solved": 21,
     "body": 4,
     "drive": 6,
+    "attached": 10,
     "world": 5,
 }
 """Sizes of the arguments of link functions, by argument name; all others are single numbers.
 
 In order: sines and then cosines of the ball joint, rates, accelerations and torques of its revolutes, (ω, β), (F, N),
-the intermediate results that the acceleration sweep needs, and body, drives and world as in ``ArmModel``.
+the intermediate results that the acceleration sweep needs, and body, drives, attached and world as in ``ArmModel``.
 """
+
+
+def attached_parts(attached: Any) -> tuple[Any, Any, Any]:
+    """Return mass, first moment (3,) and moments of inertia (3, 3) of what is fixed to a link, about its end."""
+    xx, xy, xz, yy, yz, zz = ca.vertsplit(attached[4:])
+    return attached[0], attached[1:4], _matrix((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
 
 
 def link_function(name: str, of: Callable[..., tuple[Any, ...]], **sizes: int) -> Any:

@@ -11,8 +11,9 @@ gravity:
     f  = F + R' f'                   n = N + R' n' + l x̂ × R' f'          τ = Sᵀ n + J q̈ + b q̇
 
 with J and b the rotor inertia and the friction of the drives; a prime marks the next link. A payload adds its mass
-times a_tip to f at the tip. A base that is fed along x̂ of its frame starts the recursion at a = −g + a_feed x̂; f
-there is the force that moves the whole arm.
+times a_tip to f at the tip; a body fixed to a link, with first moment h and moments of inertia I_h about the link's
+end, adds m a_tip + ω̇ × h + ω × (ω × h) to f' and I_h ω̇ + ω × I_h ω + h × a_tip to n'. A base that is fed along x̂ of
+its frame starts the recursion at a = −g + a_feed x̂; f there is the force that moves the whole arm.
 """
 
 from functools import partial
@@ -22,16 +23,24 @@ import casadi as ca
 
 from ccm_opt.dynamics.algorithms.arc_joint import ArcJoint
 from ccm_opt.dynamics.algorithms.arm_model import Structure
-from ccm_opt.dynamics.algorithms.in_plane import OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, centripetal, link_function, shared_terms
+from ccm_opt.dynamics.algorithms.in_plane import ATTACHED, OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
+from ccm_opt.dynamics.algorithms.link_algebra import (
+    BALL_JOINTS,
+    BallJoint,
+    attached_parts,
+    centripetal,
+    link_function,
+    shared_terms,
+)
 
 
 class RneaSteps(NamedTuple):
-    """CasADi functions of the Newton–Euler recursion: at the base, outward by links, at the tip, inward by links."""
+    """CasADi functions of the recursion: at the base, outward, at the tip, of what is fixed to links, and inward."""
 
     base: Any
     outward: Any
     tip: Any
+    attached: Any
     inward: Any
 
 
@@ -42,6 +51,7 @@ def rnea_steps(structure: Structure) -> RneaSteps:
             link_function("rnea_base", _base),
             shared_terms(link_function("rnea_outward", _outward_along_arc, state=9, trig=2, body=5)),
             link_function("rnea_tip", _tip, state=9),
+            link_function("rnea_attached", _attached, state=9),
             shared_terms(link_function("rnea_inward", _inward_along_arc, state=6, trig=2, body=5)),
         )
     joint = BALL_JOINTS[structure.axes]
@@ -49,6 +59,7 @@ def rnea_steps(structure: Structure) -> RneaSteps:
         link_function("rnea_base", _base),
         link_function("rnea_outward", partial(_outward, joint), state=9),
         link_function("rnea_tip", _tip, state=9),
+        link_function("rnea_attached", _attached, state=9),
         link_function("rnea_inward", partial(_inward, joint), state=6),
     )
     return _in_plane(steps) if structure.planar else steps
@@ -59,9 +70,11 @@ def _in_plane(steps: RneaSteps) -> RneaSteps:
     base, (at_base,) = in_plane(steps.base, [WORLD, free(1)])
     outward_step, (state, load) = swept_in_plane(steps.outward, at_base, [TRIG, OF_BALL, OF_BALL, free(4)])
     tip, (at_tip,) = in_plane(steps.tip, [state, WORLD])
+    attached, (at_end,) = in_plane(steps.attached, [state, ATTACHED])
+    at_tip = tuple(one if one == other else None for one, other in zip(at_tip, at_end, strict=True))
     columns = [TRIG, load, OF_BALL, OF_BALL, free(4), free(6)]
     inward_step, _ = swept_in_plane(steps.inward, at_tip, columns)
-    return RneaSteps(base, outward_step, tip, inward_step)
+    return RneaSteps(base, outward_step, tip, attached, inward_step)
 
 
 def _base(world: Any, feed: Any) -> tuple[Any]:
@@ -72,6 +85,15 @@ def _base(world: Any, feed: Any) -> tuple[Any]:
 def _tip(state: Any, world: Any) -> tuple[Any]:
     """Return the force and moment (f, n) at the tip that the payload requires."""
     return (ca.vertcat(world[3] * state[6:], ca.DM.zeros(3)),)
+
+
+def _attached(state: Any, attached: Any) -> tuple[Any]:
+    """Return the force and moment (f, n) at the end of a link that the motion of what is fixed to it requires."""
+    omega, omega_dot, a = state[:3], state[3:6], state[6:]
+    mass, first, inertia = attached_parts(attached)
+    force = mass * a + ca.cross(omega_dot, first) + ca.cross(omega, ca.cross(omega, first))
+    moment = inertia @ omega_dot + ca.cross(omega, inertia @ omega) + ca.cross(first, a)
+    return (ca.vertcat(force, moment),)
 
 
 def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: Any) -> tuple[Any, Any]:

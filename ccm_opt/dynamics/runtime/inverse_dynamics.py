@@ -26,7 +26,8 @@ def arm_for_c(model: ArmModel) -> dict[str, Any]:
     """Return an arm's parameters and working memory as named fields of ``Arm`` in recursion.c."""
     links = model.structure.links
     work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
-    fields = {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
+    arrays = {"bodies": model.bodies, "drives": model.drives, "world": model.world, "attached": model.attached}
+    fields = {"links": links, **arrays, "work": work}
     if model.coupling is None:
         return fields
     coupled = model.coupling.shape[1]

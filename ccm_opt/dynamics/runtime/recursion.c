@@ -1,15 +1,17 @@
 /* Inverse and forward dynamics along an arm of any number of links, around one link's functions.
 
    The functions of one link (rnea_base, rnea_outward, rnea_tip, rnea_inward, aba_velocity, aba_tip, aba_inertia,
-   aba_base, aba_acceleration) are generated before this text, with BODY, the numbers of a link's body, and STATE and
-   SOLVED, those that aba_inertia passes on and keeps for each link. Where joints are those of arcs (ARCS) there is no
-   ABA: drives move them together, and forward dynamics solve for the accelerations of the drives. Arrays are those of
-   the Python side: one row a link or a state, contiguous. */
+   aba_base, aba_acceleration, and for what is fixed to it rnea_attached and aba_attached) are generated before this
+   text, with BODY, the numbers of a link's body, and STATE and SOLVED, those that aba_inertia passes on and keeps for
+   each link. Where joints are those of arcs (ARCS) there is no ABA: drives move them together, and forward dynamics
+   solve for the accelerations of the drives. Arrays are those of the Python side: one row a link or a state,
+   contiguous. */
 
 /* Working memory of an arm, numbers a link: sines and cosines side by side (6) and as they are computed (6); then the
-   loads (6) of the inverse dynamics, or the motion (6) and SOLVED numbers of the forward dynamics. */
+   loads (6) of the links and those of what is fixed to them (6) of the inverse dynamics, or the motion (6) and SOLVED
+   numbers of the forward dynamics. */
 #ifdef ARCS
-#define SOLVED 0
+#define SOLVED 6
 #endif
 #define WORK (18 + SOLVED)
 PUBLIC const int64_t work_per_link = WORK;
@@ -19,6 +21,7 @@ typedef struct {
     const double *bodies; /* (links, BODY) */
     const double *drives; /* (links, 6) */
     const double *world;  /* (5,) */
+    const double *attached; /* (links, 10), or missing */
     double *work;         /* (links, WORK) */
     int64_t coupled;        /* number of drives that move the revolutes together; 0 where each has its own */
     const double *coupling; /* derivatives of the revolutes by their values, (3 links, coupled) */
@@ -77,6 +80,12 @@ static ALWAYS_INLINE const double *trigonometry(const Arm *arm, const double *q)
 }
 #endif
 
+/* Add what is fixed to a link to what it passes on: a row of a number of values. */
+static inline void add(const double *extra, int64_t width, double *sum)
+{
+    for (int64_t i = 0; i < width; i++) sum[i] += extra[i];
+}
+
 /* Torques, and the thrust as result: rnea.py. A state of the base replaces a feed where it is given, and then the force
    and moment on the base are put out. What a link passes on is written over what it was given two links ago. */
 static WIDE double inverse_on(const Arm *arm, const double *q, const double *qd, const double *qdd, double feed,
@@ -84,6 +93,7 @@ static WIDE double inverse_on(const Arm *arm, const double *q, const double *qd,
 {
     int64_t links = arm->links;
     double *loads = arm->work + 12 * links;
+    double *fixed = loads + 6 * links;
     const double *trig = trigonometry(arm, q);
 
     double state[2][9];
@@ -95,11 +105,15 @@ static WIDE double inverse_on(const Arm *arm, const double *q, const double *qd,
         const double *in[] = {state[k & 1], row(trig, TRIG, k), row(qd, 3, k), row(qdd, 3, k), row(arm->bodies, BODY, k)};
         double *out[] = {state[(k + 1) & 1], row(loads, 6, k)};
         rnea_outward(in, out, 0, 0, 0);
+        if (arm->attached)
+            rnea_attached((const double *[]){state[(k + 1) & 1], row(arm->attached, 10, k)},
+                          (double *[]){row(fixed, 6, k)}, 0, 0, 0);
     }
 
     double force[2][6];
     rnea_tip((const double *[]){state[links & 1], arm->world}, (double *[]){force[links & 1]}, 0, 0, 0);
     for (int64_t k = links - 1; k >= 0; k--) {
+        if (arm->attached) add(row(fixed, 6, k), 6, force[(k + 1) & 1]);
         const double *in[] = {force[(k + 1) & 1], row(trig, TRIG, k), row(loads, 6, k), row(qd, 3, k), row(qdd, 3, k),
                               row(arm->bodies, BODY, k), row(arm->drives, 6, k)};
         double *out[] = {force[k & 1], row(tau, 3, k)};
@@ -189,6 +203,11 @@ static WIDE double forward_of_joints(const Arm *arm, const double *q, const doub
     double body[2][STATE];
     aba_tip((const double *[]){arm->world}, (double *[]){body[links & 1]}, 0, 0, 0);
     for (int64_t k = links - 1; k >= 0; k--) {
+        if (arm->attached) {
+            double fixed[STATE];
+            aba_attached((const double *[]){row(motion, 6, k), row(arm->attached, 10, k)}, (double *[]){fixed}, 0, 0, 0);
+            add(fixed, STATE, body[(k + 1) & 1]);
+        }
         const double *in[] = {body[(k + 1) & 1], row(trig, TRIG, k), row(motion, 6, k), row(tau, 3, k), row(qd, 3, k),
                               row(arm->bodies, BODY, k), row(arm->drives, 6, k)};
         double *out[] = {body[k & 1], row(solved, SOLVED, k)};

@@ -35,7 +35,8 @@ static double clamped(double value, double limit)
 static double moved_mass(const Arm *arm)
 {
     double mass = arm->world[3];
-    for (int64_t k = 0; k < arm->links; k++) mass += arm->bodies[BODY * k];
+    for (int64_t k = 0; k < arm->links; k++)
+        mass += arm->bodies[BODY * k] + (arm->attached ? arm->attached[10 * k] : 0.0);
     return mass;
 }
 

@@ -47,6 +47,7 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix, arm_for_c
 from ccm_opt.problem import Disturbances, Limits, SimulationOptions
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.tool import RigidBody
 
 
 def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
@@ -149,7 +150,7 @@ def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
     For computed torque they act on accelerations [1/s², 1/s], for PD, multiplied by the mass, on the force [N/m, N
     s/m].
     """
-    mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
+    mass = 1.0 if options.controller == "computed-torque" else arm.moved_mass
     return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
 
 
@@ -175,14 +176,23 @@ def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[s
 
 
 def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
-    """Return the arm with the masses, payload and friction of the simulated arm, which differ by disturbances."""
+    """Return the arm with the masses, payload and friction of the simulated arm, which differ by disturbances.
+
+    The payload is at the tip: that of the tool, if there is one.
+    """
     heavier = 1.0 + disturbances.mass_error
+    bodies = tuple(body.scaled(heavier) for body in arm.bodies)
+    payload = arm.payload + disturbances.payload
+    if arm.tool is not None:
+        bodies, payload = (*bodies, RigidBody(mass=payload, centre=arm.tool.tip)), 0.0
     return replace(
         arm,
+        bodies=bodies,
+        tool=None if arm.tool is None else arm.tool.scaled(heavier),
         masses=heavier * arm.masses,
         inertia_axial=heavier * arm.inertia_axial,
         inertia_transverse=heavier * arm.inertia_transverse,
-        payload=arm.payload + disturbances.payload,
+        payload=payload,
         friction=np.asarray(arm.friction) + disturbances.friction,
     )
 

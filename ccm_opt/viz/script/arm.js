@@ -38,10 +38,10 @@ function armPoints(arm, bends, feed) {
     z = plus(scaled(z, Math.cos(b)), turned, Math.sin(b));
     point = plus(point, x, arm.lengths[k / (dimension - 1)]);
     points.push(point.slice(0, dimension));
-  }
-  // Corners of the tool, in the frame of the last link.
-  for (const [along, left, up] of arm.tool) {
-    points.push(plus(plus(plus(point, x, along), y, left), z, up ?? 0).slice(0, dimension));
+    // Corners of the bodies on the link, in its frame.
+    for (const [along, left, up] of arm.corners[k / (dimension - 1)] ?? []) {
+      points.push(plus(plus(plus(point, x, along), y, left), z, up ?? 0).slice(0, dimension));
+    }
   }
   return points;
 }
