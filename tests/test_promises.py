@@ -136,7 +136,7 @@ def test_every_array_has_a_row() -> None:
 def test_every_key_of_the_record_has_a_row(written: Folder, written_in_space: Folder) -> None:
     """So has every key of ``solution.json``, in the plane and in space, and every file of text."""
     listed = set(rows("Record and files"))
-    sometimes = {"tries", "tolerance", "goal_pose", "diagnosis", "room"}
+    sometimes = {"tries", "tolerance", "goal_pose", "diagnosis", "room", "tour"}
     assert set(written.record) | set(written_in_space.record) | sometimes | set(NAMES) == listed
 
 

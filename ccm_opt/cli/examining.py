@@ -80,7 +80,7 @@ def _data(problem: Problem) -> dict[str, object]:
 
 
 def arm_lines(problem: Problem) -> list[str]:
-    """Return a few lines of text about the arm of a problem: links, base, masses, gravity, feed axis."""
+    """Return a few lines of text about a problem: links, base, masses, gravity, base axes, and several goals."""
     arm = problem.arm
     gravity = problem.simulation.gravity
     unit = problem.length_unit
@@ -108,6 +108,10 @@ def arm_lines(problem: Problem) -> list[str]:
         f"{axis.unit}, direction {_components(axis.direction)}"
         for axis_name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=bool(arm.carrier))
     ]
+    if problem.stops:
+        planner = problem.planner
+        ends = {"free": "", "last": ", the last one at the end", "start": ", and back to the start"}[planner.end]
+        lines.append(f"{len(problem.goals)} goals in {planner.order} order{ends}")
     return lines
 
 

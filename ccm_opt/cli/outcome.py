@@ -9,10 +9,12 @@
 4     a verified plan, written as usual, that the simulated arm did not
       follow: it reached a limit, collided, lost control, or could not be
       simulated; the reason is printed
+5     a verified plan, written as usual, that leaves out goals in free
+      order, which were not reached; each is named with the reason
 130   cancelled by Ctrl-C, see ``cancelling``
 ====  =====================================================================
 
-All of several files are tried; the exit code is that of the worst outcome, in the order 1, 130, 3, 2, 4, 0.
+All of several files are tried; the exit code is that of the worst outcome, in the order 1, 130, 3, 2, 5, 4, 0.
 """
 
 import errno
@@ -41,7 +43,7 @@ from ccm_opt.core.errors import (
     VerificationError,
 )
 from ccm_opt.core.files import strict_text
-from ccm_opt.problem.solution import SimulationVerdict
+from ccm_opt.problem.solution import SimulationVerdict, Tour
 
 UNBROKEN = re.compile(
     r"(?<=\d) (?=(?:mm|m|s|kg|N|rad|times)\b|%)"
@@ -82,7 +84,8 @@ BUG = 1
 BAD_INPUT = 2
 NO_PLAN = 3
 NOT_FOLLOWED = 4
-WORST_FIRST = (BUG, CANCELLED, NO_PLAN, BAD_INPUT, NOT_FOLLOWED, SOLVED)
+IN_PART = 5
+WORST_FIRST = (BUG, CANCELLED, NO_PLAN, BAD_INPUT, IN_PART, NOT_FOLLOWED, SOLVED)
 """Exit codes in order of precedence, for several files."""
 
 Item = TypeVar("Item")
@@ -152,6 +155,16 @@ def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
     advice = "".join(f"\n  try: {line}" for line in verdict.advice)
     warn(f"{name}: the simulated arm does not follow its plan ({verdict.outcome}): {verdict.reason}{advice}")
     return NOT_FOLLOWED
+
+
+def tour_exit_code(name: str, tour: Tour | None) -> int:
+    """Return the exit code for the goals that a plan visits; if it leaves some out, warn with the reasons."""
+    if tour is None or not tour.left_out:
+        return SOLVED
+    count = len(tour.order) + len(tour.left_out)
+    lines = "".join(f"\n  goal {goal.goal}: {goal.reason}" for goal in tour.left_out)
+    warn(f"{name}: {len(tour.left_out)} of {count} goals are left out:{lines}")
+    return IN_PART
 
 
 def print_result(show: Callable[[], object], code: int, data: Callable[[], Mapping[str, object]]) -> int:

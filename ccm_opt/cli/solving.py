@@ -14,7 +14,7 @@ from typing import Any
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, NamedTerms, loaded_terms
-from ccm_opt.cli.outcome import print_result, run_all, simulation_exit_code, warn
+from ccm_opt.cli.outcome import WORST_FIRST, print_result, run_all, simulation_exit_code, tour_exit_code, warn
 from ccm_opt.cli.output import FigureKind
 from ccm_opt.cli.stage_clock import StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.surroundings import MORE_MEMORY, is_out_of_memory, no_search_for_cycles
@@ -198,7 +198,8 @@ def _solve(
         write_folder(target, {**files, **picture_files})
         clock.finish()
     best = found.best if several else found
-    code = simulation_exit_code(problem.name, best.simulation.verdict)
+    codes = [simulation_exit_code(problem.name, best.simulation.verdict), tour_exit_code(problem.name, best.tour)]
+    code = min(codes, key=WORST_FIRST.index)
     return print_result(lambda: tell(found, clock, str(target)), code, lambda: _data(files, target))
 
 

@@ -12,11 +12,20 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import ClearanceRecord, NearPlace, ParetoPlan, ParetoPlans, SimulationVerdict, Solution
+from ccm_opt.problem.solution import (
+    ClearanceRecord,
+    NearPlace,
+    ParetoPlan,
+    ParetoPlans,
+    SimulationVerdict,
+    Solution,
+    Tour,
+)
 from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
 from ccm_opt.viz.clearance_section import clearance_sentences
 from ccm_opt.viz.document import PageUnits
+from ccm_opt.viz.tour_section import tour_sentences
 
 _PIPED_WIDTH = 200
 """Width of tables printed to a file or another program [characters]."""
@@ -47,7 +56,8 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     in_space = problem.dimension == 3
     words = checks_in_words(solution.checks, units, in_space=in_space)
     shown_checks = words if output().verbose else [check for check in words if not check.of_itself]
-    table = checks_table(f"{problem.name}: solved", shown_checks)
+    partly = solution.tour is not None and bool(solution.tour.left_out)
+    table = checks_table(f"{problem.name}: {'solved in part' if partly else 'solved'}", shown_checks)
     table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
     if problem.limits.torque is None:
         table.add_row("Peak torque", *peak_torque(problem, solution.joints.torques, solution.joints.names))
@@ -64,6 +74,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     console.print(table)
     print_clearance(console, solution.room, units)
     print_not_checked(console, solution.not_checked)
+    print_tour(console, solution.tour)
     of_itself = sum(check.of_itself for check in words)
     console.print(f"all {len(words)} checks passed, {of_itself} of them on the plan's consistency")
     console.print(escape(stage_line(clock)), soft_wrap=output().verbose)
@@ -86,6 +97,16 @@ def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
     """Print one line for each property of a plan that was not checked."""
     for remark in remarks:
         console.print(f"[yellow]not checked:[/yellow] {escape(remark)}", soft_wrap=True)
+
+
+def print_tour(console: Console, tour: Tour | None) -> None:
+    """Print the order in which goals in free order are visited and, goal by goal, which are left out and why."""
+    if tour is None:
+        return
+    for goal in tour.left_out:
+        console.print(f"[red]left out:[/red] {escape(f'goal {goal.goal}: {goal.reason}')}", soft_wrap=True)
+    for sentence in tour_sentences(tour):
+        console.print(escape(sentence), soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:

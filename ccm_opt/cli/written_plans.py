@@ -10,7 +10,14 @@ import numpy as np
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import ExportFormat, output
-from ccm_opt.cli.tables import checks_table, print_clearance, print_not_checked, report_console, result_units
+from ccm_opt.cli.tables import (
+    checks_table,
+    print_clearance,
+    print_not_checked,
+    print_tour,
+    report_console,
+    result_units,
+)
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.driver.clearance_over_time import clearance_over_time
@@ -22,6 +29,7 @@ from ccm_opt.io.reading_back import (
     SavedMotion,
     load_any_problem,
     load_motion,
+    load_posed,
     read_arrays,
     recorded_results,
 )
@@ -52,10 +60,11 @@ def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) ->
 
 
 def _check(folder: Path, constraints: tuple[str, ...]) -> int:
-    problem = load_any_problem(folder)
-    motion = load_motion(folder, problem.arm)
+    posed, tour = load_posed(folder)
+    motion = load_motion(folder, posed.arm)
     recorded = recorded_results(folder)
-    plan_checks = verify(problem, motion.trajectory, motion.joints)
+    plan_checks = verify(posed, motion.trajectory, motion.joints, tour=tour)
+    problem = posed if tour is None else tour.visited
     of_terms = _constraint_checks(problem, motion, constraints) if constraints else ()
     # For a malformed motion the verifier stops after these checks, and nothing else can be checked either.
     whole = len(plan_checks) > len(MALFORMED)
@@ -93,6 +102,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
             console.print(f"and {len(words) - len(shown_checks)} checks of the plan's consistency passed")
         print_clearance(console, room, result_units(problem))
         print_not_checked(console, left_out)
+        print_tour(console, tour)
 
     def data() -> dict[str, object]:
         return {

@@ -12,7 +12,7 @@ from ccm_opt.core.errors import Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
-_LEAST_TIME = 0.5
+LEAST_TIME = 0.5
 """CPU time granted to every leg even if earlier legs used up the limit, since a late leg may be easy [s]. Heuristic."""
 
 _DIRECT_SHARE = 0.5
@@ -132,7 +132,7 @@ def plan_legs(
     for number, (goal, tolerances) in enumerate(goals, start=1):
         options = problem.planner
         if legs:
-            options = replace(options, time_limit=max(deadline.left, _LEAST_TIME))
+            options = replace(options, time_limit=max(deadline.left, LEAST_TIME))
         leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
         path = (way_back(legs, goal) if retrace else None) or recorded_path(known, leg)
         if path is None:
@@ -165,7 +165,7 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
         return planner.plan(leg)
 
     def within(problem: Problem, share: float) -> Problem:
-        limit = max(share * deadline.left, _LEAST_TIME)
+        limit = max(share * deadline.left, LEAST_TIME)
         return replace(problem, planner=replace(problem.planner, time_limit=limit))
 
     try:

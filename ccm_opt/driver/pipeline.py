@@ -17,6 +17,7 @@ from ccm_opt.core.errors import (
     Diagnosis,
     MotionNotFound,
     NoPlanFound,
+    ProblemError,
     UnreachableGoal,
     VerificationError,
 )
@@ -321,6 +322,10 @@ def solve(
         with stages("dynamics model"):
             check_options(problem.arm, problem.simulation)
             terms = compiled_terms(problem.arm, constraints, costs)
+            if terms is not None and problem.planner.order == "free":
+                raise ProblemError(
+                    'constraints and costs are not supported with planner.order = "free"; leave them out'
+                )
         with stages("necessary checks"):
             refuse_contradictions(problem, terms)
         run = PlanningRun(problem, planner, retimer, constraints, costs, terms, stages, numbers, deadline)
@@ -333,7 +338,8 @@ def solve(
         figures: dict[str, float] = {}
         try:
             with stages("necessary checks"):
-                refuse_impossible(problem_with_tool_links(problem, weighed=True))
+                if problem.planner.order == "given":  # else each goal by itself
+                    refuse_impossible(problem_with_tool_links(problem, weighed=True))
             if terms is None or not terms.all_costs:
                 plan = planned(problem, terms)
             else:

@@ -16,7 +16,7 @@ from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_terms
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified
+from ccm_opt.driver.verified_plan import VerifiedPlan, leg_timer, timed_and_verified
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.planner import MotionPlanner
@@ -87,9 +87,27 @@ class PlanningRun:
         """
         self.recorded.clear()
         planner = self.planner or default_planner(problem, self.stages, terms, self.settings)
+        if problem.planner.order == "free":
+            return self._planned_tour(problem, planner)
         legs = plan_legs(problem, planner, self.recorded, retrace=self.terms is None)
         requested = replace(self.problem, joint_error=problem.joint_error)
         return timed_and_verified(requested, legs, self.stages, self.retimer, self.terms, self.settings)
+
+    def _planned_tour(self, problem: Problem, planner: Planner) -> VerifiedPlan:
+        """Return a verified plan of a problem whose goals may be visited in any order; see ``planned``."""
+        from ccm_opt.driver.tours import TourPlanner  # noqa: PLC0415 - most problems have one goal
+
+        tours = TourPlanner(
+            problem,
+            planner,
+            leg_timer(problem, self.retimer, self.settings),
+            lambda single: refuse_impossible(problem_with_tool_links(single, weighed=True)),
+            self.stages,
+            share=problem.planner.effort_share if self.retimer is None else 1.0,
+        )
+        legs, tour = tours.plan()
+        tour = replace(tour, posed=self.problem)
+        return timed_and_verified(tour.visited, legs, self.stages, self.retimer, None, self.settings, tour)
 
     def explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         """Return an error about a failure, of the type given, with proved causes and helpful changes added.
@@ -104,8 +122,9 @@ class PlanningRun:
     def _explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         begun = time.process_time()
         self.stages.tell(known=failure.diagnosis)
-        if self.problem.arm.carrier:
-            return failure  # the checks and changes are those of arms that no axes carry, or a feed axis alone
+        if self.problem.arm.carrier or self.problem.planner.order == "free":
+            # The checks and changes are those of an arm that no axes carry, or a feed axis alone, and of one order.
+            return failure
         if self.problem.arm.rigid_bodies:
             # Changes are not tried for arms with tools.
             return add_proof(problem_with_tool_links(self.problem, weighed=True), failure)

@@ -161,6 +161,8 @@ def draft_solution(
         room: clearance of the motion over time; None if it was not measured.
         tolerance: errors that the motion tolerates.
     """
+    if plan.tour is not None:
+        problem = plan.tour.visited
     if simulated is None:
         simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "skipped")
     plan_metrics = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
@@ -178,6 +180,7 @@ def draft_solution(
         tolerance=tolerance,
         tries=plan.tries,
         not_checked=left_unchecked(problem, plan.trajectory),
+        tour=plan.tour,
     )
 
 
@@ -200,6 +203,8 @@ def described(
     Raises:
         CancelledWithPlan: Ctrl-C was pressed; the error holds the solution as far as known.
     """
+    if plan.tour is not None:
+        problem = plan.tour.visited
     room: ClearanceRecord | None = None
     tolerance: tuple[ToleratedError, ...] = ()
     simulated: SimulatedMotion | None = None

@@ -1,6 +1,6 @@
 """Timing of the paths of all legs of a motion, and verification of the whole motion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.planning.leader import feed_limits
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
+from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, Tour, TryRecord
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import verify
@@ -49,6 +49,7 @@ class VerifiedPlan:
         checks: checks of the verifier.
         of_terms: checks of the user's constraints and values of the costs.
         tries: results of all planning attempts, if several were requested.
+        tour: order in which goals in free order are visited, with the problem as posed; None for goals in given order.
     """
 
     path: JointPath
@@ -57,6 +58,7 @@ class VerifiedPlan:
     checks: tuple[Check, ...]
     of_terms: TermResults
     tries: tuple[TryRecord, ...] = ()
+    tour: Tour | None = None
 
 
 def evaluate_terms(
@@ -105,6 +107,7 @@ def verified(
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
+    tour: Tour | None = None,
 ) -> tuple[Check, ...]:
     """Return the checks of a motion, all of which passed.
 
@@ -113,11 +116,12 @@ def verified(
         trajectory: the motion.
         joints: states of all revolute joints over the motion.
         settings: tolerances of the verifier.
+        tour: order of the goals, with the problem as posed, which is then verified; None for goals in given order.
 
     Raises:
         VerificationError: a check failed; the message lists all failed checks.
     """
-    checks = verify(problem, trajectory, joints, settings)
+    checks = verify(problem if tour is None else tour.posed, trajectory, joints, settings, tour)
     if failures := failed_checks(checks):
         raise VerificationError(failures)
     return checks
@@ -130,6 +134,7 @@ def timed_and_verified(
     retimer: Retimer | None = None,
     terms: "UserTerms | None" = None,
     settings: Settings = DEFAULT_SETTINGS,
+    tour: Tour | None = None,
 ) -> VerifiedPlan:
     """Return a verified plan made by timing the paths of all legs and verifying them as one motion.
 
@@ -140,6 +145,7 @@ def timed_and_verified(
         retimer: method of timing a leg; None for the method that the problem names.
         terms: the user's constraints and costs, which apply to every leg separately; None for none.
         settings: settings of all stages of planning.
+        tour: order of the goals, of which ``problem`` has those that are visited; None for goals in given order.
 
     Raises:
         NoPlanFound: a path cannot be timed within the limits, or the motion violates a constraint.
@@ -153,13 +159,27 @@ def timed_and_verified(
         trajectory = retiming.joined(timed, [stop.pause for stop in problem.stops]) if len(timed) > 1 else timed[0]
         joints = joint_states(problem.arm, trajectory, dynamics)
     with stages("verification"):
-        checks = verified(problem, trajectory, joints, settings.verification)
+        checks = verified(problem, trajectory, joints, settings.verification, tour)
         # Constraints apply to each leg by itself, because its path parameter runs from 0 to 1.
         found = [evaluate_terms(terms, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)]
         of_terms = worst_leg_checks(found) if len(found) > 1 else found[0]
         if broken := failed_checks(of_terms.checks):
             raise MotionNotFound(_broken_constraint(broken))
-    return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
+    return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms, tour=tour)
+
+
+def leg_timer(
+    problem: Problem, retimer: Retimer | None, settings: Settings = DEFAULT_SETTINGS
+) -> Callable[[Leg], float]:
+    """Return a function that returns the duration of a leg of a problem's motion [s].
+
+    Args:
+        problem: the problem, for its arm and gravity.
+        retimer: method of timing a leg; None for the method that the problem names.
+        settings: settings of all stages of planning.
+    """
+    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    return lambda leg: _leg_in_time(leg, dynamics, retimer, None, settings).duration
 
 
 def _leg_in_time(

@@ -168,6 +168,7 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
         goal=last[0],
         tolerances=last[1],
         stops=tuple(Stop(*stop) for stop in stops),
+        pause=last[2],
         planner=build_options(tables["planner"]),
         simulation=SimulationOptions(
             gravity=np.array(simulation.gravity),

@@ -123,6 +123,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     written = partial(written, arm_axes=problem.arm.coordinates.base_units)
     stops = [written(stop.goal, tolerances=stop.tolerances) | {"pause": float(stop.pause)} for stop in problem.stops]
     goal = written(problem.goal, tolerances=problem.tolerances)
+    goal |= {"pause": float(problem.pause)} if problem.pause else {}
     return {
         **head,
         "name": problem.name,

@@ -18,9 +18,9 @@ from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import read_plain
 from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.io.records import AXIS_NAMES, SCHEMA, drive_arrays
+from ccm_opt.io.records import AXIS_NAMES, PARTIAL, SCHEMA, drive_arrays
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError, Tour, UnvisitedGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
@@ -370,7 +370,7 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
             "with the version of ccm-opt that wrote it"
         )
     status = record.get("status")
-    if status != "solved":
+    if status not in {"solved", PARTIAL}:
         diagnosis = record.get("diagnosis")
         reason = f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
         raise VerificationError([f"there is no plan to check in {folder}: its status is {status!r}{reason}"])
@@ -383,6 +383,8 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
 def load_any_problem(folder: Path) -> Problem:
     """Return the problem solved by the plan in an output folder, with meshes read from copies in that folder.
 
+    Of goals in free order, it has those that the plan visits, in the order of the visits.
+
     Args:
         folder: an output folder.
 
@@ -390,7 +392,41 @@ def load_any_problem(folder: Path) -> Problem:
         ProblemError: the record is missing or unreadable, or its problem has defects.
         VerificationError: the record is that of a run without a plan.
     """
-    return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
+    problem, tour = load_posed(folder)
+    return problem if tour is None else tour.visited
+
+
+def load_posed(folder: Path) -> tuple[Problem, Tour | None]:
+    """Return the problem of an output folder as posed, and the order in which its plan visits goals in free order.
+
+    Args:
+        folder: an output folder.
+
+    Raises:
+        ProblemError: the record is missing or unreadable, its problem has defects, or its tour is not one of the goals.
+        VerificationError: the record is that of a run without a plan.
+    """
+    problem = problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
+    record: Mapping[str, Any] = read_record(folder / RECORD)
+    data = record.get("tour")
+    if (problem.planner.order == "free") != (data is not None):
+        raise ProblemError(f'{folder / RECORD}: "tour" goes together with goals in free order')
+    if data is None:
+        return problem, None
+    goals = range(1, len(problem.goals) + 1)
+    try:
+        left_out = tuple(
+            UnvisitedGoal(each["goal"], str(each["status"]), str(each["reason"])) for each in data["left_out"]
+        )
+        order = tuple(data["order"])
+        times = [_number(data[name]) or 0.0 for name in ("duration", "bound", "as_given")]
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ProblemError(f"{folder / RECORD}: the tour in it is not readable: {error}") from error
+    if not order or any(type(k) is not int or k not in goals for k in [*order, *(goal.goal for goal in left_out)]):
+        raise ProblemError(f"{folder / RECORD}: the tour has something other than numbers of the {len(goals)} goals")
+    if (record["status"] == PARTIAL) != bool(left_out):
+        raise ProblemError(f"{folder / RECORD}: the status is {record['status']!r} with {len(left_out)} goals left out")
+    return problem, Tour(problem, order, left_out, *times)
 
 
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:

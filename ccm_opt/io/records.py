@@ -24,6 +24,7 @@ from ccm_opt.problem.solution import (
     Solution,
     StaticPose,
     ToleratedError,
+    Tour,
 )
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
@@ -34,6 +35,8 @@ from ccm_opt.scene.tool_links import points_with_tool
 
 SCHEMA = 1
 """Version of the layout of all JSON records."""
+PARTIAL = "solved in part"
+"""Status of a verified plan that leaves out goals in free order."""
 
 
 def pose_json(found: StaticPose) -> str:
@@ -160,7 +163,10 @@ def tolerance_json(name: str, errors: Iterable[ToleratedError]) -> str:
 
 def solution_json(solution: Solution) -> str:
     """Return the record of a verified plan as JSON text, with null for numbers that are not finite."""
-    record = _record(solution.problem, "solved", solution.versions)
+    tour = solution.tour
+    complete = tour is None or not tour.left_out
+    posed = solution.problem if tour is None else tour.posed
+    record = _record(posed, "solved" if complete else PARTIAL, solution.versions)
     record |= {
         "metrics": dict(solution.metrics),
         "timings": dict(solution.timings),
@@ -176,11 +182,24 @@ def solution_json(solution: Solution) -> str:
         record["room"] = clearance_data(solution.room)
     if solution.tolerance:
         record["tolerance"] = tolerance_data(solution.tolerance)
+    if tour is not None:
+        record["tour"] = tour_data(tour)
     if solution.tries:
         record["tries"] = [asdict(each) for each in solution.tries]
     if solution.path.goal_pose is not None:
         record["goal_pose"] = goal_pose_data(solution.path.goal_pose)
     return strict_text(record)
+
+
+def tour_data(tour: Tour) -> dict[str, object]:
+    """Return the record of the order in which goals were visited, and of those left out; times [s]."""
+    return {
+        "order": list(tour.order),
+        "left_out": [asdict(goal) for goal in tour.left_out],
+        "duration": tour.duration,
+        "bound": tour.bound,
+        "as_given": tour.as_given,
+    }
 
 
 def goal_data(errors: GoalErrors) -> dict[str, object]:

@@ -36,9 +36,11 @@ from ccm_opt.problem import (
     Disturbances,
     MethodName,
     OptimiserName,
+    OrderName,
     PlannerOptions,
     RetimingName,
     SimulationOptions,
+    TourEnd,
     VerificationOptions,
     Weights,
 )
@@ -876,6 +878,20 @@ class PlannerTable(Table):
         description=(
             "Most that an arm on a feed axis may leave [the path of its tip](arms.md#how-well-the-arm-follows): a hard "
             "limit on every plan, which the verifier checks. Only together with `arm.feed`. Default: no bound."
+        ),
+    )
+    order: OrderName = Field(
+        default=PlannerOptions.order,
+        description=(
+            'Order of several goals: `"given"`, or `"free"`, the one that takes least time '
+            "([how](#goals-in-free-order)); goals that are not reached are then left out."
+        ),
+    )
+    end: TourEnd = Field(
+        default=PlannerOptions.end,
+        description=(
+            'Where a motion to goals in free order ends: at any goal (`"free"`), at the last one of the file '
+            '(`"last"`), or back at the start (`"start"`).'
         ),
     )
     weights: WeightsTable = Field(

@@ -85,7 +85,7 @@ def motion_with_tool_links(trajectory: JointTrajectory, whole: Arm) -> JointTraj
         trajectory: motion of the arm.
         whole: the arm with its tool and bodies as links.
     """
-    kept = _own_coordinates(whole)
+    kept = own_coordinates(whole)
 
     def longer(columns: FloatArray) -> FloatArray:
         found = np.zeros((len(columns), len(kept)))
@@ -101,7 +101,7 @@ def motion_with_tool_links(trajectory: JointTrajectory, whole: Arm) -> JointTraj
     )
 
 
-def _own_coordinates(whole: Arm) -> BoolArray:
+def own_coordinates(whole: Arm) -> BoolArray:
     """Return a mask of the coordinates of an arm that are not those of tool links, shape (c,)."""
     joints = np.repeat(_own_links(whole), whole.bends_a_joint)
     return np.append(joints, np.ones(len(whole.coordinates.base_names), dtype=bool))
@@ -115,7 +115,7 @@ def path_without_tool_links(path: JointPath, arm: Arm, whole: Arm) -> JointPath:
         arm: the arm, with its bodies.
         whole: the arm with its bodies as links.
     """
-    kept = _own_coordinates(whole)
+    kept = own_coordinates(whole)
     spline = path.spline
     keyframes = np.ascontiguousarray(path.keyframes[:, kept])
     return replace(

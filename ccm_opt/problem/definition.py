@@ -17,9 +17,11 @@ from ccm_opt.problem.options import (
     ControllerName,
     MethodName,
     OptimiserName,
+    OrderName,
     PlannerOptions,
     RetimingName,
     SimulationOptions,
+    TourEnd,
     VerificationOptions,
 )
 from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
@@ -71,6 +73,30 @@ def defects(problem: "Problem") -> Iterator[str]:
     yield from (f"{'.'.join(map(str, key))}: {defect}" for key, defect in tool_defects(problem.arm, given))
     if problem.arm.sections is not None:
         yield from section_defects(problem, problem.arm.sections)
+    yield from _tour_defects(problem)
+
+
+def _tour_defects(problem: "Problem") -> Iterator[str]:
+    """Yield a sentence for everything that goals in free order, or in the given one, do not support."""
+    planner = problem.planner
+    if not problem.pause >= 0.0:
+        yield f"goal.pause must not be negative, got {problem.pause}"
+    if planner.order != "free":
+        if planner.end != "free":
+            yield f'planner.end = "{planner.end}" needs planner.order = "free"; a motion in given order ends as given'
+        return
+    goals = [stop.goal for stop in problem.goals]
+    yield from _broken(
+        (all(goal.path is None for goal in goals), 'goal.path is not supported with planner.order = "free"'),
+        (not any(goal.via for goal in goals), 'goal.via is not supported with planner.order = "free"'),
+        (planner.follow_within is None, 'planner.follow_within is not supported with planner.order = "free"'),
+        (planner.method == "nlp", f'planner.order = "free" needs planner.method = "nlp", got "{planner.method}"'),
+        (
+            planner.retiming == "toppra",
+            f'planner.order = "free" needs planner.retiming = "toppra", got "{planner.retiming}"',
+        ),
+        (problem.joint_error == 0.0, 'tolerance.joint_error is not supported with planner.order = "free"'),
+    )
 
 
 _MOST_CONTACT_WORDS = "a thousandth of the arm's length"
@@ -258,6 +284,8 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
         ("planner.method", planner.method, get_args(MethodName)),
         ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
         ("planner.retiming", planner.retiming, get_args(RetimingName)),
+        ("planner.order", planner.order, get_args(OrderName)),
+        ("planner.end", planner.end, get_args(TourEnd)),
         ("simulation.controller", simulation.controller, get_args(ControllerName)),
     ):
         yield from _name_defects(key, name, names)
@@ -431,6 +459,7 @@ class Problem:
         goal: goal at which the motion ends.
         tolerances: maximum deviation from the goal at the end of the motion.
         stops: intermediate goals, in order.
+        pause: time for which the arm rests at ``goal`` if others follow it, which takes a free order [s].
         planner: planner options.
         simulation: simulation options.
         joint_error: deviation of any joint, at any time, under which the motion must remain collision-free [rad]; 0 for
@@ -463,6 +492,7 @@ class Problem:
     length_unit: LengthUnit = "m"
     drawing: ImportedDrawing | None = None
     imported_arm: ImportedArm | None = None
+    pause: float = 0.0
 
     @property
     def dimension(self) -> int:
@@ -512,6 +542,11 @@ class Problem:
     def goals(self) -> Sequence[Stop]:
         """All goals in order, the intermediate ones first; the final goal has no pause."""
         return (*self.stops, Stop(self.goal, self.tolerances))
+
+    @property
+    def numbered_goals(self) -> Sequence[Stop]:
+        """All goals in the order of the problem, each with its pause."""
+        return (*self.stops, Stop(self.goal, self.tolerances, self.pause))
 
     @staticmethod
     def expected(value: object) -> None:

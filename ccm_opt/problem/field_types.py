@@ -35,7 +35,7 @@ _PARTS: Mapping[str, tuple[type, ...]] = {
 }
 """Allowed types of a problem's attributes, by dotted name."""
 _NUMBERS = (
-    *("joint_error", "workspace.clearance"),
+    *("joint_error", "pause", "workspace.clearance"),
     *(f"arm.{name}" for name in ("links", "link_length", "radius", "joint_limit", "base_limit")),
     *("arm.mount_length", "arm.payload", "arm.base_heading", "tolerances.position", "tolerances.heading"),
     *("planner.time_limit", "planner.effort_share", "simulation.step", "simulation.bandwidth"),

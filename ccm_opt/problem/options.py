@@ -19,6 +19,8 @@ MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "none"]
 RetimingName = Literal["toppra", "paul"]
 ControllerName = Literal["computed-torque", "pd"]
+OrderName = Literal["given", "free"]
+TourEnd = Literal["free", "last", "start"]
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,9 @@ class PlannerOptions:
             fraction.
         follow_within: maximum deviation of an arm on a feed axis from the tip path [m], kept by every plan; None for no
             limit.
+        order: order in which several goals are visited: "given", or "free", the one that takes least time.
+        end: where a motion to goals in free order ends: at any goal ("free"), at the last goal of the problem
+            ("last"), or back at the start ("start").
     """
 
     method: MethodName = "nlp"
@@ -80,6 +85,8 @@ class PlannerOptions:
     wanted_gap: float | None = None
     effort_share: float = 0.9
     follow_within: float | None = None
+    order: OrderName = "given"
+    end: TourEnd = "free"
 
 
 _OF_THE_PAPER = "is the paper's method, for the plane only; leave it out in space"

@@ -6,7 +6,7 @@ mistake in the planners' code must not go unnoticed because the verifier shares 
 
 from ccm_opt.core.arguments import expect
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, Tour
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
@@ -22,6 +22,7 @@ from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from ccm_opt.verification.tool_chain import motion_of, uncompared_bodies
+from ccm_opt.verification.tour import check_order, in_order
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls, exposed_starts
 
@@ -31,6 +32,7 @@ def verify(
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
+    tour: Tour | None = None,
 ) -> tuple[Check, ...]:
     """Check a timed motion against all requirements of its problem.
 
@@ -43,10 +45,12 @@ def verify(
         trajectory: sampled motion in the arm's coordinates.
         joints: angles, rates and efforts of the drives at the same samples, as the plan reports them.
         settings: tolerances and limits on the work spent on proofs.
+        tour: order in which the motion visits goals in free order, and those that it leaves out; None for goals in
+            given order.
 
     Returns:
         One check per requirement, each with its worst value and where that value occurs. If the arrays are malformed,
-        only the checks of their form.
+        only the checks of their form; if the tour is not one of the problem's goals, only that check.
 
     Raises:
         ProblemError: an argument has the wrong type.
@@ -58,6 +62,10 @@ def verify(
     expect(joints, JointStates, "ccm_opt.problem.solution.JointStates", "solutions and loaded plans have them")
     expect(settings, VerificationSettings, "VerificationSettings for settings=")
     settings = settings.for_problem(problem)
+    of_order = check_order(problem, tour)
+    if of_order and not of_order[0].passed:
+        return tuple(of_order)
+    problem = in_order(problem, tour)
     form = check_form(problem, trajectory, joints, settings)
     names = check_names(problem, joints)
     # Malformed data would make every later check fail without explaining anything.
@@ -65,7 +73,7 @@ def verify(
         return form, names
 
     motion = motion_of(problem.arm, trajectory.time, trajectory.positions)
-    checks = [form, names]
+    checks = [form, names, *of_order]
     # The wall check only sees surfaces, so which side of them the arm is on needs a check of its own.
     checks.append(check_free_side(motion, problem.workspace))
     checks.append(check_walls(motion, problem.workspace, settings))

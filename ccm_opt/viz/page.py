@@ -37,6 +37,7 @@ from ccm_opt.viz.page_sections import (
 )
 from ccm_opt.viz.scene_data import route_layers, scene_data
 from ccm_opt.viz.time_series import phase_data, series_data
+from ccm_opt.viz.tour_section import tour_section
 
 _PLACES_PER_SEGMENT = 24
 """Number of points at which each segment of the goal pose's backbone curve is sampled for drawing."""
@@ -336,6 +337,7 @@ def report_html(
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
         plans_section(plans, units),
+        tour_section(solution),
         clearance_section(solution.room, units),
         timing_section(),
         joints_section(keys, curvature=not in_space),

@@ -9,7 +9,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
-from ccm_opt.problem.solution import JointStates, JointTrajectory
+from ccm_opt.problem.solution import JointStates, JointTrajectory, Tour
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
@@ -32,6 +32,7 @@ class Case:
     problem: Problem
     trajectory: JointTrajectory
     joints: JointStates | None = None
+    tour: Tour | None = None
 
     def asked(self, **changes: Any) -> "Case":
         """Return the case with given fields of the problem replaced."""
@@ -72,7 +73,7 @@ class Case:
     @property
     def failing(self) -> set[str]:
         """Names of the checks of the verifier that fail."""
-        checks = verify(self.problem, self.trajectory, self.states)
+        checks = verify(self.problem, self.trajectory, self.states, tour=self.tour)
         return {check.name for check in checks if not check.passed}
 
 

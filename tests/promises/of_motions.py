@@ -7,7 +7,8 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.metrics import leader_deviation
-from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
+from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances, TourEnd
+from ccm_opt.problem.solution import Tour
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.configuration import Configuration
@@ -169,6 +170,15 @@ def stopping(goal: JointPose, rest: float = 0.1, pause: float = 0.1) -> Case:
 
 
 AT_STOP = JointPose(np.full(LINKS, 0.2))
+
+
+def touring(*order: int, end: TourEnd = "free") -> Case:
+    """Return a case with two goals in free order, the first visited last, and the order that is said to be theirs."""
+    case = pausing()
+    goals = case.problem.goal, Stop(AT_STOP, Tolerances())
+    planner = replace(FULL, order="free", end=end)
+    case = case.asked(stops=(Stop(goals[0], Tolerances()),), goal=goals[1].goal, planner=planner)
+    return replace(case, tour=Tour(case.problem, order))
 
 
 def stopping_bowed(wanted: float) -> Case:
@@ -345,6 +355,7 @@ MUTATIONS: dict[str, Mutation] = {
     "stop N on the curve": lambda: stopping_bowed(-1.0),
     "stop N tip": lambda: stopping_bowed(1.1),
     "stop N pause": lambda: stopping(AT_STOP, rest=0.06),
+    "order of goals": lambda: touring(2, 1, 2),
     "survived joint error": lambda: fixed().asked(
         joint_error=0.4, workspace=Workspace(ROOM, (Obstacle("wall", PlaneShape(shapely.box(0.8, -1.0, 0.9, 1.0))),))
     ),
@@ -356,6 +367,7 @@ UNHARMED = (
     lambda: tooled(stop=True),
     fed,
     lambda: stopping(AT_STOP),
+    lambda: touring(2, 1),
     lambda: shared(fixed()),
     lambda: fixed().asked(planner=FULL),
 )

@@ -25,6 +25,7 @@ from ccm_opt.problem.solution.solution import (
     goal_errors,
 )
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.problem.solution.tour import Tour, UnvisitedGoal
 
 __all__ = [
     "ArmSize",
@@ -53,7 +54,9 @@ __all__ = [
     "Solution",
     "StaticPose",
     "ToleratedError",
+    "Tour",
     "TrialOutcome",
     "TryRecord",
+    "UnvisitedGoal",
     "goal_errors",
 ]

@@ -14,6 +14,7 @@ from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution.records import ClearanceRecord, GoalPoseRecord, ToleratedError, TryRecord
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.problem.solution.tour import Tour
 from ccm_opt.robot.configuration import Curve
 
 
@@ -88,6 +89,8 @@ class Solution:
         room: clearance of the motion over time; None if not requested.
         tolerance: errors that the motion tolerates; empty if not requested.
         tries: outcome of every planning attempt, if several were requested; else empty.
+        tour: order in which goals in free order are visited, those that are left out, and the problem as posed, of
+            which ``problem`` then has the goals that are visited; None for goals in given order.
         not_checked: properties that a reader might expect to be checked but that were not, in words; usually empty.
     """
 
@@ -104,6 +107,7 @@ class Solution:
     tolerance: tuple[ToleratedError, ...] = ()
     tries: tuple[TryRecord, ...] = ()
     not_checked: tuple[str, ...] = ()
+    tour: Tour | None = None
 
     def __repr__(self) -> str:
         gap = self.metrics.get("least_wall_clearance_m", np.inf)

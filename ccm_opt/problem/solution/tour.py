@@ -1,0 +1,65 @@
+"""The order in which a motion visits goals that may be visited in any order, and the goals that it leaves out."""
+
+from dataclasses import dataclass, replace
+
+from ccm_opt.problem.definition import Problem
+from ccm_opt.problem.poses import Stop, Tolerances
+
+
+@dataclass(frozen=True)
+class UnvisitedGoal:
+    """A goal that a tour does not visit.
+
+    Attributes:
+        goal: number of the goal in the problem, from 1.
+        status: "infeasible" if it is proved that the goal cannot be reached, else "not found" or "timed-out".
+        reason: reason why no motion to the goal was found.
+    """
+
+    goal: int
+    status: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Tour:
+    """Order in which a motion visits the goals of a problem with ``planner.order = "free"``.
+
+    Attributes:
+        posed: the problem, with its goals in the given order.
+        order: numbers of the goals in the problem, from 1, in the order of the visits.
+        left_out: the other goals, with reasons.
+        duration: sum of the durations of the motions from goal to goal, without pauses [s].
+        bound: lower bound on this sum for every order of the motions that were found between the goals [s].
+        as_given: this sum for the order of the problem [s].
+    """
+
+    posed: Problem
+    order: tuple[int, ...]
+    left_out: tuple[UnvisitedGoal, ...] = ()
+    duration: float = 0.0
+    bound: float = 0.0
+    as_given: float = 0.0
+
+    @property
+    def excess(self) -> float:
+        """Largest fraction by which the duration exceeds that of the best order."""
+        return max(self.duration / self.bound - 1.0, 0.0) if self.bound > 0.0 else 0.0
+
+    @property
+    def visited(self) -> Problem:
+        """Problem of the goals that are visited, in the order of the visits, and of the way back if there is one."""
+        posed = self.posed
+        stops = [posed.numbered_goals[number - 1] for number in self.order]
+        if posed.planner.end == "start":
+            stops.append(Stop(posed.start, Tolerances()))
+        *before, last = stops
+        return replace(
+            posed,
+            stops=tuple(before),
+            goal=last.goal,
+            tolerances=last.tolerances,
+            pause=last.pause,
+            planner=replace(posed.planner, order="given", end="free"),
+            source="",
+        )

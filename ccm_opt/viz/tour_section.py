@@ -1,0 +1,48 @@
+"""The order in which a motion visits goals in free order, in words and as a section of the HTML report."""
+
+from collections.abc import Iterator
+
+from ccm_opt.problem.solution import Solution, Tour
+from ccm_opt.viz.document import Markup, element, table
+
+_NO_EXCESS = 1e-4
+"""Fraction of its duration up to which a tour counts as the shortest, as the integer program is solved to a
+precision."""
+
+
+def tour_sentences(tour: Tour) -> Iterator[str]:
+    """Yield sentences about a tour: the order of its goals, and how its duration compares with that of other orders."""
+    goals = len(tour.order) + len(tour.left_out)
+    some = f"{len(tour.order)} of {goals} goals" if tour.left_out else f"{goals} goals"
+    back = ", and back to the start" if tour.posed.planner.end == "start" else ""
+    yield f"{some} in the order {', '.join(map(str, tour.order))}{back}"
+    excess = "no order is shorter"
+    if tour.excess > _NO_EXCESS:
+        excess = f"at most {100.0 * tour.excess:.2g} % longer than any order"
+    yield (
+        f"{tour.duration:.4g} s of motion between goals, with the motions found {excess}; in the given order "
+        f"{tour.as_given:.4g} s"
+    )
+
+
+def tour_section(solution: Solution) -> Markup | None:
+    """Return the section of a report about the order of the goals and what it leaves out; None for a given order."""
+    tour = solution.tour
+    if tour is None:
+        return None
+    time = solution.trajectory.time
+    samples = [*solution.trajectory.stops, len(time) - 1]
+    visits = [
+        (str(visit), f"goal {goal}", f"{time[sample]:.2f} s")
+        for visit, (goal, sample) in enumerate(zip(tour.order, samples, strict=False), start=1)
+    ]
+    missing = [element("li", f"goal {goal.goal}: {goal.reason}") for goal in tour.left_out]
+    left_out = (element("h3", "Goals left out"), element("ul", *missing)) if missing else ()
+    sentences = (element("p", f"{sentence[0].upper()}{sentence[1:]}.") for sentence in tour_sentences(tour))
+    return element(
+        "section",
+        element("h2", "Order of the goals"),
+        *left_out,
+        *sentences,
+        table(("visit", "in the problem", "time"), visits, numbers=(0, 2)),
+    )

@@ -1,0 +1,218 @@
+"""Goals in free order: the shortest order of what is known, whatever the order of the file, and what is left out."""
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.interpolate import BSpline
+
+from ccm_opt.cli.outcome import IN_PART, NO_PLAN, SOLVED
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import Leg
+from ccm_opt.driver.tour_order import OrderSolver, tour_cost
+from ccm_opt.driver.tours import TourPlanner
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.problem import PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
+from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
+from ccm_opt.verification.tour import in_order
+
+from .command_runs import CommandLine
+from .conftest import SMALL_PROBLEM
+from .test_legs import KNOTS, Straight, in_space
+
+ENDS: tuple[TourEnd, ...] = ("free", "last", "start")
+
+
+@st.composite
+def symmetric_costs(draw: st.DrawFn) -> np.ndarray:
+    """Costs of going between the start and up to six places, equal in both directions."""
+    places = draw(st.integers(2, 7))
+    costs = np.zeros((places, places))
+    rows, columns = np.triu_indices(places, 1)
+    costs[rows, columns] = draw(st.lists(st.integers(0, 1000), min_size=len(rows), max_size=len(rows)))
+    return costs + costs.T
+
+
+@given(costs=symmetric_costs(), end=st.sampled_from(ENDS))
+@settings(max_examples=30, deadline=None)
+def test_no_order_is_cheaper_than_the_one_found(costs: np.ndarray, end: TourEnd) -> None:
+    """All orders, tried one by one, cost at least as much, and the bound is below them all."""
+    goals = range(1, len(costs))
+    found = OrderSolver(len(costs), end).solve(costs, Deadline.after(60.0))
+    orders = [order for order in itertools.permutations(goals) if end != "last" or order[-1] == goals[-1]]
+    best = min(tour_cost(costs, order, end) for order in orders)
+    assert sorted(found.places) == list(goals)
+    assert found.places in orders
+    # Half of the least difference of two orders, which have whole costs.
+    assert tour_cost(costs, found.places, end) <= best + 0.5
+    assert found.bound <= best * (1.0 + 1e-6) + 1e-6
+
+
+def held_karp(costs: np.ndarray) -> float:
+    """Least cost of visiting all places from place 0 and ending anywhere (Held and Karp, 1962)."""
+    count = len(costs) - 1
+    least = np.full((2**count, count), np.inf)
+    least[2 ** np.arange(count), np.arange(count)] = costs[0, 1:]
+    for visited in range(2**count):
+        for last in np.flatnonzero(np.isfinite(least[visited])):
+            for ahead in np.flatnonzero(~(visited >> np.arange(count)) & 1):
+                grown = least[visited, last] + costs[last + 1, ahead + 1]
+                least[visited | 1 << ahead, ahead] = min(least[visited | 1 << ahead, ahead], grown)
+    return float(least[-1].min())
+
+
+def test_the_order_of_ten_goals_is_that_of_dynamic_programming() -> None:
+    """An independent exact method finds the same cost."""
+    places = np.random.default_rng(7).random((10, 2))
+    costs = np.linalg.norm(places[:, None] - places[None], axis=2)
+    found = OrderSolver(10, "free").solve(costs, Deadline.after(60.0))
+    assert tour_cost(costs, found.places, "free") == pytest.approx(held_karp(costs), rel=1e-5)
+
+
+class Lines(Straight):
+    """A planner of straight lines in joint space, for arms in space."""
+
+    def plan(self, problem: Problem) -> JointPath:
+        """A line, unless the goal bends a joint by more than 1 rad."""
+        self.asked.append(problem)
+        ends = [problem.start.whole(problem.arm), problem.goal.whole(problem.arm)]
+        assert ends[0] is not None
+        assert ends[1] is not None
+        if np.max(np.abs(ends[1])) > 1.0:
+            raise MotionNotFound(Diagnosis("too far", "motion", ("nearer",)))
+        control = np.linspace(ends[0], ends[1], 5)
+        return JointPath(BSpline(KNOTS, control, 3), control, (), "line")
+
+
+def toured(problem: Problem) -> tuple[tuple[Leg, ...], Tour]:
+    """The tour of an arm that moves in straight lines in joint space, as fast as its joints accelerate and brake."""
+
+    def time(leg: Leg) -> float:
+        q = leg.path.spline(np.linspace(0.0, 1.0, 200))
+        return float(2.0 * np.sqrt(np.abs(np.diff(q, axis=0)).max(axis=1).sum()))
+
+    return TourPlanner(problem, Lines(), time, lambda _: None, Stages(), share=1.0).plan()
+
+
+def free_order(end: TourEnd, bends: list[int]) -> Problem:
+    """Goals in free order for an arm in empty space, which bend all joints alike, by hundredths of a radian."""
+    problem = in_space(*(0.01 * bend for bend in bends))
+    return replace(problem, planner=PlannerOptions(order="free", end=end))
+
+
+@given(
+    bends=st.lists(st.integers(-30, 30), min_size=2, max_size=5, unique=True),
+    end=st.sampled_from(("free", "start")),
+    data=st.data(),
+)
+@settings(max_examples=10, deadline=None)
+def test_the_order_of_the_file_makes_no_difference(bends: list[int], end: TourEnd, data: st.DataObject) -> None:
+    """Permuted goals are visited in as little time; never in more than in the order of the file; and all of them."""
+    mixed = data.draw(st.permutations(bends))
+    (legs, tour), (_, again) = toured(free_order(end, bends)), toured(free_order(end, mixed))
+    assert tour.duration == pytest.approx(again.duration, abs=1e-6)
+    assert tour.duration <= min(tour.as_given, again.as_given) + 1e-6
+    assert sorted(tour.order) == list(range(1, len(bends) + 1))
+    assert len(legs) == len(bends) + (end == "start")
+    at = 0.0
+    for leg, number in zip(legs, tour.order, strict=False):
+        ends = leg.path.spline([0.0, 1.0])
+        np.testing.assert_allclose(ends, [np.full(8, at), np.full(8, 0.01 * bends[number - 1])], atol=1e-9)
+        at = 0.01 * bends[number - 1]
+    # What the planner visits is what the verifier expects.
+    planned, expected = tour.visited, in_order(tour.posed, tour)
+    assert [stop.goal for stop in planned.goals] == [stop.goal for stop in expected.goals]
+
+
+def test_what_is_not_reached_is_left_out_unless_the_motion_ends_there() -> None:
+    """A goal that the planner does not reach is named with its reason; the last one, where it must be, is refused."""
+    problem = free_order("free", [10, 110, 20])
+    _, tour = toured(problem)
+    assert set(tour.order) == {1, 3}
+    assert tour.left_out == (UnvisitedGoal(2, "no plan found", "too far"),)
+    with pytest.raises(MotionNotFound, match=r"goal 3 of 3: too far, at which the motion has to end"):
+        toured(free_order("last", [10, 20, 110]))
+    with pytest.raises(MotionNotFound, match=r"goal 1 of 2: too far\n +no other goal is reached either"):
+        toured(free_order("free", [110, 120]))
+    _, ended = toured(free_order("last", [30, 10, 20]))
+    assert ended.order[-1] == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "goal", "words"),
+    [
+        ({"order": "free", "follow_within": 0.1}, {}, "planner.follow_within is not supported"),
+        ({"order": "free", "method": "hill-climbing"}, {}, 'needs planner.method = "nlp"'),
+        ({"order": "free", "retiming": "paul"}, {}, 'needs planner.retiming = "toppra"'),
+        ({"end": "start"}, {}, 'planner.end = "start" needs planner.order = "free"'),
+        ({"order": "free"}, {"via": (np.zeros(3),)}, "goal.via is not supported"),
+    ],
+)
+def test_what_a_free_order_does_not_support_is_refused(options: dict, goal: dict, words: str) -> None:
+    """No key is silently without effect."""
+    problem = in_space(0.1, 0.2)
+    with pytest.raises(ProblemError, match=words):
+        replace(problem, planner=PlannerOptions(**options), goal=TipGoal(np.array([0.5, 0.1, 0.0]), **goal))
+
+
+FREE = (
+    SMALL_PROBLEM.replace("[goal]", '[planner]\norder = "free"\nend = "start"\n\n[[goal]]')
+    + """
+[[goal]]
+position = [0.35, -0.1]
+pause = 0.1
+
+[[goal]]
+position = [0.9, 0.0]
+
+[[goal]]
+position = [0.3, -0.2]
+"""
+)
+
+
+@pytest.mark.planning
+def test_a_motion_that_leaves_out_a_goal_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code, message and record name the goal; the folder checks, but not with another order or claim."""
+    run = CommandLine(capsys)
+    (tmp_path / "tour.toml").write_text(FREE.replace('"small"', '"tour"'))
+    solved = run("solve", tmp_path / "tour.toml", "--out", tmp_path, "--no-pictures")
+    assert solved.code == IN_PART
+    assert "goal 3: goal.position: out of reach" in solved.err
+    assert "3 of 4 goals in the order" in solved.out
+    folder = tmp_path / "tour"
+    record = json.loads((folder / "solution.json").read_text())
+    assert record["status"] == "solved in part"
+    assert [goal["goal"] for goal in record["tour"]["left_out"]] == [3]
+    assert sorted(record["tour"]["order"]) == [1, 2, 4]
+    assert len(record["problem"]["goal"]) == 4
+    assert run("check", folder).code == SOLVED
+
+    def changed(**tour: object) -> int:
+        (folder / "solution.json").write_text(json.dumps(record | {"tour": record["tour"] | tour}))
+        return run("check", folder).code
+
+    assert changed(order=record["tour"]["order"][::-1]) == NO_PLAN
+    assert changed(order=[1, 2, 3]) == NO_PLAN
+    assert changed(order=[1, 2, 4, 4]) == NO_PLAN
+
+
+def test_a_pause_at_the_last_goal_of_the_file_is_kept() -> None:
+    """In free order it may be anywhere on the way."""
+    problem = parse_problem(FREE + "pause = 0.2\n")
+    assert [stop.pause for stop in Tour(problem, (4, 2, 1)).visited.stops] == [0.2, 0.1, 0.0]
+    assert Tour(problem, (4, 2, 1)).visited.goals[-1] == Stop(problem.start, Tolerances())
+
+
+def test_a_planner_of_the_user_is_asked_with_one_goal_at_a_time() -> None:
+    """The free order is none of its business."""
+    planner = Lines()
+    TourPlanner(free_order("free", [10, 20]), planner, lambda _: 1.0, lambda _: None, Stages(), share=1.0).plan()
+    assert all(asked.planner.order == "given" and not asked.stops for asked in planner.asked)
