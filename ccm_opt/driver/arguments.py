@@ -100,6 +100,20 @@ def refuse_sections(arm: Arm, what: str) -> None:
         raise ProblemError(f'{what} do not support arm.sections with drive = "section"')
 
 
+def refuse_free_order(problem: Problem, what: str) -> None:
+    """Raise an error for goals in free order.
+
+    Args:
+        problem: the problem.
+        what: what is found for goals in given order only, with its verb.
+
+    Raises:
+        ProblemError: the goals are in free order.
+    """
+    if problem.planner.order == "free":
+        raise ProblemError(f'{what} found for goals in given order only; leave planner.order = "free" out')
+
+
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
     """Return the user's constraints and costs compiled for an arm; None if there are none.
 

@@ -25,7 +25,7 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis.ranking import no_axis_path_error, rank_findings
 from ccm_opt.diagnosis.relaxation import with_short_limit
 from ccm_opt.diagnosis.sizes import SIZES, Proofs, Size, size_of
-from ccm_opt.driver.arguments import expect_arguments
+from ccm_opt.driver.arguments import expect_arguments, refuse_free_order
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.solution_assembly import described
@@ -398,6 +398,7 @@ def _sizing(
         "a CPU time above 0 [s] for time_limit=",
     )
     size_of(problem, find)
+    refuse_free_order(problem, "sizes of an arm are")
     return _Sizing(find, time_limit, workers, progress, settings or DEFAULT_SETTINGS)
 
 

@@ -46,8 +46,11 @@ class Method:
         """Return the planner for a problem returned by ``prepared``.
 
         Raises:
-            ProblemError: this method supports planar problems only.
+            ProblemError: the goals are in free order, or this method supports planar problems only.
         """
+        from ccm_opt.driver.arguments import refuse_free_order  # noqa: PLC0415 - loads casadi
+
+        refuse_free_order(prepared, "plans that are compared are")
         if self.make is not None:
             return self.make()
         from ccm_opt.driver.planning_run import default_planner  # noqa: PLC0415 - loads casadi
