@@ -44,15 +44,17 @@ def named_goals(problem: Problem) -> Iterator[NamedGoal[Goal]]:
 
 
 def tip_goal(problem: Problem) -> TipGoal | None:
-    """Return the last goal of a problem if it may be moved: a goal for the tip, to which no path is given; or None."""
-    return problem.goal.for_tip if problem.goal.path is None else None
+    """Return the last goal if it may be moved: one for the tip, with neither a path nor a place to look at; or None."""
+    goal = problem.goal
+    return goal.for_tip if goal.path is None and goal.look_at is None else None
 
 
 def named_tip_goals(problem: Problem) -> Iterator[NamedTipGoal]:
     """Yield every goal of a problem that is for the tip, with its name and key."""
     for goal in named_goals(problem):
         if goal.goal.for_tip:
-            yield NamedGoal(goal.name, f"{goal.key}.position", goal.goal.for_tip, goal.tolerances)
+            key = "position" if goal.goal.look_at is None else "look_at"
+            yield NamedGoal(goal.name, f"{goal.key}.{key}", goal.goal.for_tip, goal.tolerances)
 
 
 @dataclass(frozen=True)

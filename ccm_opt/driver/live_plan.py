@@ -142,8 +142,8 @@ class LivePlan:
         if not self.suits(problem):
             raise ProblemError(
                 f"'{problem.name}' cannot be planned live: it has several goals, a required joint error, a planner "
-                "other than nlp, sections that bend evenly, base axes, or in the plane a feed axis; solve it anew "
-                "after every change"
+                "other than nlp, a place to look at, sections that bend evenly, base axes, or in the plane a feed "
+                "axis; solve it anew after every change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
@@ -159,11 +159,11 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a problem is supported: no stops, joint error, path, planar feed axis or even sections."""
+        """Return whether a problem is supported: no stops, joint error, path, view, planar feed or even sections."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
         arm = problem.arm
         plain = not (fed or arm.sections or arm.carrier or problem.stops or problem.joint_error)
-        plain = plain and problem.goal.path is None
+        plain = plain and problem.goal.path is None and problem.goal.look_at is None
         return plain and problem.planner.method == "nlp"
 
     def move_goal(

@@ -133,7 +133,7 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
     """Return a planar motion's goal errors, and the deviation of the arm due to a controller's linear interpolation."""
     arm = problem.arm
     figures = {"interpolation_deviation_m": interpolation_deviation(arm_reaching_bodies(arm), trajectory)}
-    if problem.goal.whole(arm) is None:
+    if problem.goal.whole(arm) is None and problem.goal.look_at is None:
         tip = points_with_tool(arm, trajectory.positions[-1])[-1]
         figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.tip(arm))))
         if problem.goal.heading is not None:

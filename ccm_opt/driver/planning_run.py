@@ -17,6 +17,7 @@ from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_ter
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, leg_timer, timed_and_verified
+from ccm_opt.driver.views import ViewPlanner
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.planner import MotionPlanner
@@ -41,9 +42,9 @@ def default_planner(
             )
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
-        return HillClimbingPlanner(stages)
+        return ViewPlanner(HillClimbingPlanner(stages), stages)
     planner = MotionPlanner(stages, terms, refuse_infeasible, settings.curve, settings.space)
-    return PositioningPlanner(stages, planner) if problem.arm.carrier else planner
+    return ViewPlanner(PositioningPlanner(stages, planner) if problem.arm.carrier else planner, stages)
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class PlanningRun:
             VerificationError: the verifier rejects the plan.
         """
         self.recorded.clear()
-        planner = self.planner or default_planner(problem, self.stages, terms, self.settings)
+        planner = self._planner(problem, self.stages, terms)
         if problem.planner.order == "free":
             return self._planned_tour(problem, planner)
         legs = plan_legs(problem, planner, self.recorded, retrace=self.terms is None)
@@ -108,6 +109,12 @@ class PlanningRun:
         legs, tour = tours.plan()
         tour = replace(tour, posed=self.problem)
         return timed_and_verified(tour.visited, legs, self.stages, self.retimer, None, self.settings, tour)
+
+    def _planner(self, problem: Problem, stages: Stages, terms: UserTerms | None) -> Planner:
+        """Return the planner of one leg: the caller's, for goals for the tip or the whole arm, or the built-in one."""
+        if self.planner is not None:
+            return ViewPlanner(self.planner, stages)
+        return default_planner(problem, stages, terms, self.settings)
 
     def explain(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         """Return an error about a failure, of the type given, with proved causes and helpful changes added.
@@ -158,7 +165,7 @@ class PlanningRun:
         kept = [each for each in self.constraints if each.name != dropped]
         terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
         stages = Stages()  # trials report no progress of their own
-        planner = self.planner or default_planner(changed, stages, terms, self.settings)
+        planner = self._planner(changed, stages, terms)
         legs = plan_legs(changed, planner, self.recorded, retrace=terms is None)
         return timed_and_verified(changed, legs, stages, self.retimer, terms, self.settings)
 

@@ -75,9 +75,12 @@ def retarget(
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     _check(solution, time)
     expect(goal, (TipGoal, JointPose), "a goal", "for example ccm_opt.TipGoal.at(position)")
-    problem = replace(
-        solution.problem, goal=goal, stops=(), tolerances=tolerances or solution.problem.tolerances, source=""
-    )
+    if goal.look_at is not None:
+        tolerances = goal.look_at.tolerances
+    elif tolerances is None:
+        # Those of a goal of looking at a place only bound where the tip may be.
+        tolerances = solution.problem.tolerances if solution.problem.goal.look_at is None else Tolerances()
+    problem = replace(solution.problem, goal=goal, stops=(), tolerances=tolerances, source="")
     reached = partial(
         solve, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings
     )

@@ -30,6 +30,7 @@ from ccm_opt.problem import (
     Goal,
     JointPose,
     Limits,
+    LookAt,
     PlannerOptions,
     PointLimit,
     Problem,
@@ -480,6 +481,8 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
     if table.path is not None:
         path = np.array(table.path)
         return TipGoal(path[-1], path=path)
+    if table.look_at is not None:
+        return TipGoal.looking(_look_at(table))
     if table.position is None:
         return build_pose(table, arm, mapping)
     direction = None if table.direction is None else np.array(table.direction)
@@ -487,8 +490,19 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
     return TipGoal(np.array(table.position), direction, via, table.heading_deg)
 
 
+def _look_at(table: GoalTable | SpaceGoalTable) -> LookAt:
+    """Return what the arm looks at, from the table ``[goal]``."""
+    # The rules between keys make sure that these are given with a place to look at.
+    distance, field = table.distance or [0.0, 0.0], table.field_of_view_deg or 0.0
+    normal = None if table.normal is None else np.array(table.normal)
+    angle = {} if table.angle_deg is None else {"angle": table.angle_deg}
+    return LookAt(np.array(table.look_at), (distance[0], distance[1]), field, normal, **angle)
+
+
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
     """Return the position and angle tolerances of the table ``[goal]``."""
+    if table.look_at is not None:
+        return _look_at(table).tolerances
     return Tolerances(table.position_tolerance, table.heading_tolerance_deg or table.direction_tolerance_deg)
 
 

@@ -328,7 +328,11 @@ def goal_table(
     entries: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
     if goal.path is not None:
         entries |= {"path": list(goal.path), "position": None}
-    if tolerances:
+    if (look_at := goal.look_at) is not None:
+        entries |= {"position": None, "look_at": look_at.place, "distance": look_at.distance}
+        entries |= {"field_of_view_deg": look_at.field_of_view, "normal": look_at.normal}
+        entries["angle_deg"] = None if look_at.normal is None else look_at.angle
+    elif tolerances:
         angle = "direction" if in_space else "heading"
         entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}
     if (pose := goal.for_joints) is not None:

@@ -56,7 +56,11 @@ from ccm_opt.io.shape_tables import (
     CircleTable,
     Corners,
     Direction,
+    Distances,
+    FieldOfView,
+    PlaneDirection,
     Quaternion,
+    RightAngle,
     ScanPoints,
     SpacePoint,
     SphereTable,
@@ -120,11 +124,27 @@ class PoseTable(Table):
     )
 
 
+TOLERANCE_KEYS = ("position_tolerance", "heading_tolerance_deg", "direction_tolerance_deg")
+"""Keys of goals without effect where the tip looks at a place."""
+VIEW_NEEDS: Mapping[str, tuple[str, ...]] = {
+    "look_at": ("distance",),
+    "distance": ("field_of_view_deg",),
+    **dict.fromkeys(("field_of_view_deg", "normal"), ("look_at",)),
+    "angle_deg": ("normal",),
+}
+"""For each key about a place that is looked at, the key that it requires; the first three require each other."""
+
+
 class GoalTable(PoseTable):
     """Table of the goal of a planar motion: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
-        exactly_one=("position", "joints_deg", "shape", "segments"), needs={"heading_deg": ("position", "segments")}
+        exactly_one=("position", "look_at", "joints_deg", "shape", "segments"),
+        needs={
+            "heading_deg": ("position", "segments"),
+            **dict.fromkeys(TOLERANCE_KEYS, ("position", "joints_deg", "shape", "segments")),
+            **VIEW_NEEDS,
+        },
     )
     direction: ClassVar[None] = None
     via: ClassVar[None] = None
@@ -132,6 +152,29 @@ class GoalTable(PoseTable):
     direction_tolerance_deg: ClassVar[float] = 0.0
 
     position: Point | None = Field(default=None, description="Position of the tip.")
+    look_at: Point | None = Field(
+        default=None,
+        description=(
+            "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from "
+            "where, is left to the planner. Needs `distance` and `field_of_view_deg`."
+        ),
+    )
+    distance: Distances | None = Field(
+        default=None, description="`[least, greatest]` distance of the tip from the place that it looks at."
+    )
+    field_of_view_deg: FieldOfView | None = Field(
+        default=None,
+        description=(
+            "Full angle of the field of view about the direction of the last link, or of the tool: the place lies "
+            "within half of it."
+        ),
+    )
+    normal: PlaneDirection | None = Field(
+        default=None, description="Outward normal of the surface at the place that is looked at. Default: any."
+    )
+    angle_deg: RightAngle | None = Field(
+        default=None, description="Largest angle between `normal` and the line of sight. Default: 90."
+    )
     position_tolerance: PositiveLength = Field(
         default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
     )
@@ -588,14 +631,41 @@ class SpaceGoalTable(SpacePoseTable):
     """Table of the goal of a motion in space: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
-        exactly_one=("position", "path", "joints_deg", "shape"),
-        needs=dict.fromkeys(("direction", "via"), ("position",)),
+        exactly_one=("position", "look_at", "path", "joints_deg", "shape"),
+        needs={
+            **dict.fromkeys(("direction", "via"), ("position",)),
+            **dict.fromkeys(TOLERANCE_KEYS, ("position", "path", "joints_deg", "shape")),
+            **VIEW_NEEDS,
+        },
     )
     heading_tolerance_deg: ClassVar[float] = 0.0
 
     position: SpacePoint | None = Field(default=None, description="Position of the tip.")
     direction: Direction | None = Field(
         default=None, description="Direction of the last link, with `position`. Default: free."
+    )
+    look_at: SpacePoint | None = Field(
+        default=None,
+        description=(
+            "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from "
+            "where, is left to the planner. Needs `distance` and `field_of_view_deg`."
+        ),
+    )
+    distance: Distances | None = Field(
+        default=None, description="`[least, greatest]` distance of the tip from the place that it looks at."
+    )
+    field_of_view_deg: FieldOfView | None = Field(
+        default=None,
+        description=(
+            "Full angle of the field of view about the direction of the last link, or of the tool: the place lies "
+            "within half of it."
+        ),
+    )
+    normal: Direction | None = Field(
+        default=None, description="Outward normal of the surface at the place that is looked at. Default: any."
+    )
+    angle_deg: RightAngle | None = Field(
+        default=None, description="Largest angle between `normal` and the line of sight. Default: 90."
     )
     path: Annotated[list[SpacePoint], Field(min_length=2)] | None = Field(
         default=None,

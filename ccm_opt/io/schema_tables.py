@@ -95,8 +95,8 @@ def _degrees(value: float) -> float:
 
 _METRES = AfterValidator(to_metres)
 _UNIT = PlainSerializer(lengths)
-_RADIANS = AfterValidator(math.radians)
-_DEGREES = PlainSerializer(_degrees)
+RADIANS = AfterValidator(math.radians)
+DEGREES = PlainSerializer(_degrees)
 
 
 def _ordered_box(corners: list[float]) -> list[float]:
@@ -214,10 +214,10 @@ PositiveJerk: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s³
 Curvature: TypeAlias = Annotated[
     float, Field(description="1/length"), AfterValidator(_to_inverse_metres), PlainSerializer(_curvatures)
 ]
-Degrees: TypeAlias = Annotated[float, Field(description="degrees"), _RADIANS, _DEGREES]
-PositiveDegrees: TypeAlias = Annotated[float, Field(gt=0.0, description="degrees, above 0"), _RADIANS, _DEGREES]
+Degrees: TypeAlias = Annotated[float, Field(description="degrees"), RADIANS, DEGREES]
+PositiveDegrees: TypeAlias = Annotated[float, Field(gt=0.0, description="degrees, above 0"), RADIANS, DEGREES]
 BendLimitDegrees: TypeAlias = Annotated[
-    float, Field(gt=0.0, le=180.0, description="degrees, above 0 and at most 180"), _RADIANS, _DEGREES
+    float, Field(gt=0.0, le=180.0, description="degrees, above 0 and at most 180"), RADIANS, DEGREES
 ]
 SectionBendLimits: TypeAlias = Annotated[
     float | list[float],
@@ -731,7 +731,7 @@ class DisturbancesTable(Table):
         default=Disturbances.friction,
         description="Viscous friction of every revolute that the model lacks [N m s/rad].",
     )
-    angle_noise_deg: Annotated[float, Field(ge=0.0), _RADIANS, _DEGREES] = Field(
+    angle_noise_deg: Annotated[float, Field(ge=0.0), RADIANS, DEGREES] = Field(
         default=Disturbances.angle_noise,
         description=("Standard deviation of the measured angles [deg]; in the plane, of the bends only."),
     )
@@ -902,7 +902,7 @@ class PlannerTable(Table):
 class ToleranceTable(Table):
     """Table of the joint errors under which the motion must remain collision-free."""
 
-    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), _RADIANS, _DEGREES] = Field(
+    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), RADIANS, DEGREES] = Field(
         default=0.0,
         description=(
             "Joint error that the motion must tolerate: with every joint off by up to this angle, independently and "

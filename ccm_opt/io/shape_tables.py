@@ -6,6 +6,8 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo
 
 from ccm_opt.io.schema_tables import (
+    DEGREES,
+    RADIANS,
     Degrees,
     Length,
     Point,
@@ -66,11 +68,32 @@ ScanPoints: TypeAlias = Annotated[
     BeforeValidator(_file_or_points),
     PlainSerializer(_written_points),
 ]
+
+
+def _increasing(values: list[float]) -> list[float]:
+    least, greatest = values
+    if not least < greatest:
+        raise ValueError("expected the least value below the greatest")
+    return values
+
+
 SpacePoint: TypeAlias = Annotated[list[Length], Field(description="`[x, y, z]`"), exactly(3)]
 Corners: TypeAlias = Annotated[
     list[SpacePoint], Field(description="two corners"), exactly(2), AfterValidator(_ordered_corners)
 ]
 Direction: TypeAlias = Annotated[list[float], Field(description="`[x, y, z]`"), exactly(3), AfterValidator(unit_length)]
+PlaneDirection: TypeAlias = Annotated[
+    list[float], Field(description="`[x, y]`"), exactly(2), AfterValidator(unit_length)
+]
+Distances: TypeAlias = Annotated[
+    list[PositiveLength], Field(description="`[least, greatest]`"), exactly(2), AfterValidator(_increasing)
+]
+FieldOfView: TypeAlias = Annotated[
+    float, Field(gt=0.0, le=170.0, description="degrees, above 0 and at most 170"), RADIANS, DEGREES
+]
+RightAngle: TypeAlias = Annotated[
+    float, Field(gt=0.0, le=90.0, description="degrees, above 0 and at most 90"), RADIANS, DEGREES
+]
 Quaternion: TypeAlias = Annotated[
     list[float], Field(description="four numbers"), exactly(4), AfterValidator(unit_length)
 ]

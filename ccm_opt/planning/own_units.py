@@ -21,6 +21,7 @@ from ccm_opt.problem import (
     Goal,
     JointPose,
     Limits,
+    LookAt,
     PlannerOptions,
     Problem,
     SimulationOptions,
@@ -179,8 +180,15 @@ class OwnUnits:
 
     def _goal(self, goal: Goal, arm: Arm) -> Goal:
         if goal.for_joints is None:
-            return replace(goal.for_tip, position=self._lengths(goal.for_tip.position))
+            tip = goal.for_tip
+            return replace(tip, position=self._lengths(tip.position), look_at=self._look_at(tip.look_at))
         return self._pose(goal.for_joints, arm)
+
+    def _look_at(self, look_at: LookAt | None) -> LookAt | None:
+        if look_at is None:
+            return None
+        least, most = map(self._length, look_at.distance)
+        return replace(look_at, place=self._lengths(look_at.place), distance=(least, most))
 
     def _tolerances(self, tolerances: Tolerances) -> Tolerances:
         return replace(tolerances, position=self._length(tolerances.position))

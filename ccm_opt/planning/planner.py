@@ -201,6 +201,8 @@ class MotionPlanner:
         """
         if problem.arm.carrier and problem.goal.path is None:
             raise ProblemError("this planner does not move arm.base.axes; use PositioningPlanner")
+        if problem.goal.look_at is not None:
+            raise ProblemError("this planner takes goals for the tip; goal.look_at is taken by ccm_opt.solve")
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             return path_without_tool_links(self.plan(whole), problem.arm, whole.arm)

@@ -108,7 +108,7 @@ class ReachQuestion:
             settings: settings of the search.
         """
         goal = TipGoal(problem.start.tip(problem.arm))
-        if problem.dimension == 3 and problem.goal.whole(problem.arm) is None:
+        if problem.dimension == 3 and problem.goal.for_tip is not None and problem.goal.look_at is None:
             goal = problem.goal  # type: ignore[assignment]  # that is no pose of the whole arm
         return cls(pickle.dumps(replace(problem, goal=goal, stops=())), width, directions, settings)
 

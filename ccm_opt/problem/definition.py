@@ -24,7 +24,7 @@ from ccm_opt.problem.options import (
     TourEnd,
     VerificationOptions,
 )
-from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import Goal, JointPose, LookAt, Stop, TipGoal, Tolerances
 from ccm_opt.problem.tool_rules import Key, tool_defects
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
@@ -36,6 +36,8 @@ from ccm_opt.scene.workspace import PlaneShape, Workspace
 
 UNIT_ROUNDING = 1e-9
 """Allowed rounding error of the length of a unit vector, and of the cosine of a right angle."""
+MOST_FIELD_OF_VIEW = float(np.deg2rad(170.0))
+"""Largest field of view of a goal that looks at a place [rad]: the last link never hides what lies before it."""
 _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
 
 
@@ -236,10 +238,10 @@ def _body_defects(body: Body) -> Iterator[str]:
 
 def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
     links = problem.arm.links
-    poses = [("start", problem.start), ("goal", problem.goal)]
-    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    poses = [("start", problem.start, Tolerances()), ("goal", problem.goal, problem.tolerances)]
+    poses += [(f"stop {k}", stop.goal, stop.tolerances) for k, stop in enumerate(problem.stops, start=1)]
     placed = []
-    for name, pose in poses:
+    for name, pose, tolerances in poses:
         joints = pose.for_joints
         if joints:
             if not problem.arm.carrier:
@@ -247,6 +249,9 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
             yield from array_defects(f"{name}.bends", joints.bends, (links,) if d == 2 else (links, 2), positive=False)
             continue
         yield from array_defects(f"{name}.position", pose.tip(problem.arm), (d,), positive=False)
+        if pose.look_at is not None:
+            yield from _look_at_defects(name, pose, pose.look_at, tolerances, d)
+            continue
         if pose.direction is not None:
             yield from _unit_defects(f"{name}.direction", pose.direction, d)
         if d == 2 and pose.via:
@@ -258,6 +263,33 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
             yield from _path_defects(name, pose, pose.path, problem.arm)
     yield from feed_defects(problem.arm, problem.limits, placed)
     yield from _carrier_defects(problem)
+
+
+def _look_at_defects(name: str, goal: TipGoal, look_at: LookAt, tolerances: Tolerances, d: int) -> Iterator[str]:
+    found = tuple(array_defects(f"{name}.look_at", look_at.place, (d,), positive=False))
+    if look_at.normal is not None:
+        found += tuple(_unit_defects(f"{name}.normal", look_at.normal, d))
+    yield from found
+    if found:
+        return
+    least, most = look_at.distance
+    yield from _broken(
+        (0.0 < least < most < np.inf, f"{name}.distance must be two increasing positive numbers, got {least}, {most}"),
+        (
+            0.0 < look_at.field_of_view <= MOST_FIELD_OF_VIEW,
+            f"{name}.field_of_view must be positive and at most 2.97 rad, got {look_at.field_of_view}",
+        ),
+        (
+            0.0 < look_at.angle <= 0.5 * np.pi,
+            f"{name}.angle must be positive and at most a right angle, got {look_at.angle}",
+        ),
+        (
+            not goal.via and goal.direction is None and goal.path is None,
+            f"{name}.look_at goes together with neither via nor direction nor path",
+        ),
+        (np.array_equal(goal.position, look_at.place), f"{name}.position must be the place that is looked at"),
+        (tolerances == look_at.tolerances, f"{name}'s tolerances must be those of what it looks at"),
+    )
 
 
 def _path_defects(name: str, goal: TipGoal, path: FloatArray, arm: Arm) -> Iterator[str]:

@@ -38,6 +38,7 @@ class JointPose:
     heading: ClassVar[None] = None
     via: ClassVar[tuple[FloatArray, ...]] = ()
     path: ClassVar[None] = None
+    look_at: ClassVar[None] = None
     for_tip: ClassVar[None] = None
 
     @property
@@ -121,6 +122,41 @@ class JointPose:
 
 
 @dataclass(frozen=True)
+class Tolerances:
+    """Maximum deviations at a goal, of the tip position [m] and of the heading or direction of the last link [rad]."""
+
+    position: float = 1e-3
+    heading: float = float(np.deg2rad(1.0))
+
+
+@dataclass(frozen=True)
+class LookAt:
+    """A place that the arm looks at with its tip or tool, from any place where these conditions hold.
+
+    The direction of the last link, or of the tool, is the optical axis; roll about it is free. The line of sight, from
+    the tip to the place, must be free of obstacles and of the arm, with a thin cone about it whose apex is the place.
+
+    Attributes:
+        place: the place, usually on a surface, shape (2,) or (3,) [m].
+        distance: least and greatest distance of the tip from the place [m].
+        field_of_view: full angle of the field of view about the optical axis, in which the place must lie [rad].
+        normal: outward unit normal of the surface at the place, shape (2,) or (3,); None if it does not matter.
+        angle: greatest angle between the normal and the line of sight [rad]; without effect if there is no normal.
+    """
+
+    place: FloatArray
+    distance: tuple[float, float]
+    field_of_view: float
+    normal: FloatArray | None = None
+    angle: float = 0.5 * np.pi
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """Tolerances of a goal at the place itself that every tip from which the arm may look keeps."""
+        return Tolerances(self.distance[1], np.pi)
+
+
+@dataclass(frozen=True)
 class TipGoal:
     """A goal for position and direction of the arm's tip, which leaves all other joints free.
 
@@ -133,6 +169,7 @@ class TipGoal:
         heading: heading of the last link in the plane [rad]; None in space, and if any heading is allowed.
         path: points of a path in space that the tip follows to the goal, from where it starts, shape (m ≥ 2, 3) [m];
             None if the way is free. The path is the natural cubic spline through the points over their chord lengths.
+        look_at: what the arm looks at from this goal, see ``looking``; None if the goal is the position itself.
     """
 
     position: FloatArray
@@ -140,6 +177,7 @@ class TipGoal:
     via: tuple[FloatArray, ...] = ()
     heading: float | None = None
     path: FloatArray | None = None
+    look_at: LookAt | None = None
     for_joints: ClassVar[None] = None
 
     @property
@@ -161,6 +199,11 @@ class TipGoal:
     def tip(self, _arm: Arm) -> FloatArray:
         """Return the required position of the tip, shape (2,) or (3,) [m]."""
         return self.position
+
+    @classmethod
+    def looking(cls, look_at: LookAt) -> "TipGoal":
+        """Return the goal of looking at a place; its tolerances must be ``look_at.tolerances``."""
+        return cls(look_at.place, look_at=look_at)
 
     @classmethod
     def at(
@@ -200,14 +243,6 @@ class TipGoal:
 
 
 Goal: TypeAlias = TipGoal | JointPose
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """Maximum deviations at a goal, of the tip position [m] and of the heading or direction of the last link [rad]."""
-
-    position: float = 1e-3
-    heading: float = float(np.deg2rad(1.0))
 
 
 @dataclass(frozen=True)

@@ -160,6 +160,21 @@ def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     return np.stack((x * cosine - y * sine, y * cosine + x * sine), axis=-1)
 
 
+def pointing(motion: "ChainMotion", sample: int) -> FloatArray:
+    """Return the direction in which the last link, or the arm's tool, points in a sample, shape (d,)."""
+    q = motion.positions[sample : sample + 1]
+    tool = motion.arm.tool_links
+    if tool is None:
+        return np.asarray(link_directions(motion.arm, q)[0, -1])
+    link = int(np.flatnonzero(tool.own)[-1])
+    if motion.arm.dimension == 2:
+        along = link_directions(motion.arm, q)[0, link]
+        return np.asarray(tool.direction @ np.stack((along, [-along[1], along[0]])))
+    frames = LinkFrames.from_configurations(motion.arm, q)
+    axes = (frames.along, frames.second_axes, frames.across)
+    return np.asarray(tool.direction @ np.stack([axis[0, link] for axis in axes]))
+
+
 def _turned_in_plane(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the turns of the links of a planar arm from its direction where all base axes are at zero, (T, links)."""
     turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)

@@ -10,7 +10,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, chain_points, link_directions
+from ccm_opt.verification.chain_motion import ChainMotion, chain_points, pointing
 from ccm_opt.verification.drives import (
     axis_limits,
     bend_revolutes,
@@ -19,7 +19,9 @@ from ccm_opt.verification.drives import (
     describe_bend_joints,
     sample_words,
 )
+from ccm_opt.verification.sight import check_view
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.wall_clearance import CheckedSurfaces, is_empty
 
 _CURVE_SHAPE_FACTOR = 1.08
 """Allowed distance of a joint from the curve that gives a pose, divided by κ l² (curvature κ, link length l).
@@ -48,11 +50,16 @@ def check_ends(
     checks += _rest(problem, trajectory, settings)
     samples = (0, *trajectory.stops, len(trajectory.time) - 1)
     goals = problem.goals
+    surfaces = None
+    if any(stop.goal.look_at is not None for stop in goals) and not is_empty(problem.workspace):
+        surfaces = CheckedSurfaces.from_workspace(problem.workspace)
     for number, (stop, (before, sample)) in enumerate(zip(goals, pairwise(samples), strict=True), start=1):
         name = "goal " if number == len(goals) else f"stop {number} "
         goal = stop.goal
         tolerances = stop.tolerances
-        if goal.for_tip:
+        if goal.look_at is not None:
+            checks += check_view(name, surfaces, motion, sample, goal.look_at)
+        elif goal.for_tip:
             checks += _tip_checks(name, motion, sample, goal.for_tip, tolerances, settings)
         checks += _places(name, motion, goal.via, (before, sample), tolerances.position)
         if goal.for_joints:
@@ -147,21 +154,6 @@ def _tip_checks(
         passed = turn <= bound + _ROUNDING
         checks.append(Check(f"{name}{kind}", turn, bound, "rad", f"last link {when}", passed=passed))
     return checks
-
-
-def pointing(motion: ChainMotion, sample: int) -> FloatArray:
-    """Return the direction in which the last link, or the arm's tool, points in a sample, shape (d,)."""
-    q = motion.positions[sample : sample + 1]
-    tool = motion.arm.tool_links
-    if tool is None:
-        return np.asarray(link_directions(motion.arm, q)[0, -1])
-    link = int(np.flatnonzero(tool.own)[-1])
-    if motion.arm.dimension == 2:
-        along = link_directions(motion.arm, q)[0, link]
-        return np.asarray(tool.direction @ np.stack((along, [-along[1], along[0]])))
-    frames = LinkFrames.from_configurations(motion.arm, q)
-    axes = (frames.along, frames.second_axes, frames.across)
-    return np.asarray(tool.direction @ np.stack([axis[0, link] for axis in axes]))
 
 
 def _places(

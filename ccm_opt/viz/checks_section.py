@@ -50,7 +50,17 @@ _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
 """Pattern of the path parameter at which a constraint comes nearest to its bounds; used only if no time is given."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
 _PAUSE = re.compile(r"stop (\d+) pause")
-"""Pattern of the name of the only check whose value must be at least its limit: the pause at an intermediate goal."""
+"""Pattern of the name of the check of the pause at an intermediate goal."""
+_AT_LEAST = re.compile(r"stop \d+ pause|(goal|stop \d+) (least distance|line of sight)")
+"""Pattern of the names of the checks whose value must be at least its limit; gaps are told apart by their names."""
+_VIEW = {
+    "least distance": "Distance from what is seen at",
+    "greatest distance": "Distance from what is seen at",
+    "field of view": "Angle off the axis of sight at",
+    "normal": "Angle off the normal of what is seen at",
+    "line of sight": "Free cone of sight at",
+}
+"""Titles of the checks of a goal of looking at a place, up to the name of the goal, by the name of the check."""
 
 
 _BOUND = 1e-5
@@ -116,7 +126,7 @@ def joint_in_words(where: str, *, in_space: bool) -> str:
 
 def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     gap = check.name in {"wall clearance", "self-collision"}
-    rest = _PAUSE.fullmatch(check.name) is not None
+    rest = _AT_LEAST.fullmatch(check.name) is not None
     end = check.name.endswith(" range")
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
@@ -163,8 +173,10 @@ def check_title(name: str) -> str:
     if end := re.fullmatch(r"(?:(start|goal)|stop (\d+)) (position|heading|direction|joints|feed|axis_\d+)", name):
         what = {"position": "Tip", "joints": "Joint"}.get(end[3], end[3].capitalize().replace("_", " "))
         return f"{what} error at {f'the {end[1]}' if end[1] else f'goal {end[2]}'}"
-    if way := re.fullmatch(r"(?:goal|stop (\d+)) (path|via \d+)", name):
-        return f"Tip distance from {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
+    if way := re.fullmatch(rf"(?:goal|stop (\d+)) (path|via \d+|{'|'.join(_VIEW)})", name):
+        number = way[1]
+        view = f"{_VIEW.get(way[2])} {f'goal {number}' if number else 'the goal'}"
+        return view if way[2] in _VIEW else f"Tip distance from {way[2]}" + (f" of goal {number}" if number else "")
     for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
         if name.startswith(begin):
             return f"{words} “{name.removeprefix(begin)}”"

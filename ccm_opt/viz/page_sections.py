@@ -217,7 +217,11 @@ def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         goal, near = stop.goal, units.given(stop.tolerances.position, "m")
         turn = units.given(min(stop.tolerances.heading, np.pi), "rad")
         place = f"tip at {_place(goal.tip(problem.arm), units)} within {near}"
-        if goal.whole(problem.arm) is not None:
+        if (look_at := goal.look_at) is not None:
+            least, most = (units.given(each, "m") for each in look_at.distance)
+            field = units.given(look_at.field_of_view, "rad")
+            words = f"looks at {_place(look_at.place, units)} from {least} to {most} away, field of view {field}"
+        elif goal.whole(problem.arm) is not None:
             words = f"whole-arm pose, within {near} and {turn}"
         elif goal.heading is not None:
             words = f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"

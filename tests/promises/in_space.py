@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.metrics import leader_deviation
-from ccm_opt.problem import JointPose, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
+from ccm_opt.problem import JointPose, LookAt, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
@@ -270,6 +271,37 @@ def at_stop(off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] =
     return stopping(fixed(), tip_at_end(fixed(), off, turned, via))
 
 
+def seen(*, stop: bool = False, off: float = 0.0, ball: bool = False, **changes: Any) -> SpacePlan:
+    """Return a motion that ends, or rests before its reverse, in a view of a place 0.2 m ahead.
+
+    Args:
+        stop: whether it rests there and goes back.
+        off: angle of the place off the axis of sight [rad].
+        ball: whether a ball hides the place.
+        changes: attributes of the view that differ.
+    """
+    there = fixed()
+    pose = tip_at_end(there, turned=float(np.tan(off)))
+    assert pose.direction is not None
+    place = pose.position + 0.2 * pose.direction
+    if ball:
+        there = with_body(there, "ball", SphereBody(pose.position + 0.1 * pose.direction, 0.01))
+    look_at = replace(LookAt(place, (0.1, 0.3), 0.4, -pose.direction, 0.5), **changes)
+    goal = TipGoal.looking(look_at)
+    if not stop:
+        return there.asking(goal=goal, tolerances=look_at.tolerances)
+    both = stopping(there, pose)
+    return both.asking(stops=(Stop(goal, look_at.tolerances),))
+
+
+VIEWS: dict[str, dict[str, Any]] = {
+    "least distance": {"distance": (0.201, 0.3)},
+    "greatest distance": {"distance": (0.1, 0.199)},
+    "field of view": {"off": 0.21},
+    "normal": {"normal": np.array([0.0, 0.0, 1.0])},
+    "line of sight": {"ball": True},
+}
+"""What breaks one condition of a view, by the name of its check."""
 SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "samples": (without_two_samples,),
     "joint names": (lambda: told(fixed(), names=("yaw", *fixed().joints.names[1:])),),
@@ -343,10 +375,14 @@ SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
         ),
     ),
     "stop N pause": (lambda: stopping(fixed(), pose_at_end(fixed()), pause=0.1, rest=0.06),),
+    **{f"goal {name}": (partial(seen, **changes),) for name, changes in VIEWS.items()},
+    **{f"stop N {name}": (partial(seen, stop=True, **changes),) for name, changes in VIEWS.items()},
 }
 """Motions by the name of the check that fails; N stands for the number of a via point or an intermediate goal."""
 SPACE_UNHARMED: tuple[Mutation, ...] = (
     fixed,
+    seen,
+    partial(seen, stop=True),
     fed,
     to_tip,
     lambda: fed().asking(goal=along(fed())),

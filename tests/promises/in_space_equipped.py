@@ -11,8 +11,8 @@ from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.tool import Tool, ToolBody
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.tool_links import points_with_tool
+from ccm_opt.verification.chain_motion import pointing
 from ccm_opt.verification.drives import of_drives
-from ccm_opt.verification.start_and_goal import pointing
 from ccm_opt.verification.tool_chain import motion_of
 from tests.arc_arms import arc_arm
 from tests.space_arms import space_arm

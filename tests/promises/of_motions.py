@@ -1,13 +1,16 @@
 """Cases of planar motions, each of which fails one check of the verifier."""
 
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.driver.metrics import leader_deviation
-from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances, TourEnd
+from ccm_opt.problem import JointPose, LookAt, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import Tour
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
@@ -162,6 +165,41 @@ def missed_tip(*, heading: bool, stop: bool) -> Case:
         TipGoal(place, heading=turned + 0.018) if heading else TipGoal(place + np.array([1.1e-3, 0.0]), heading=turned)
     )
     return case.asked(stops=(Stop(goal, Tolerances()),)) if stop else case.asked(goal=goal)
+
+
+def seen(*, stop: bool = False, off: float = 0.0, ball: bool = False, **changes: Any) -> Case:
+    """Return a case that ends, or rests, in a view of a place 0.2 m ahead.
+
+    Args:
+        stop: whether it rests there and goes back.
+        off: angle of the place off the axis of sight [rad].
+        ball: whether a ball hides the place.
+        changes: attributes of the view that differ.
+    """
+    case = pausing() if stop else fixed()
+    place, turned = tip_of(case, case.trajectory.stops[0] if stop else -1)
+    ahead = unit_vector(turned + off)
+    look_at = replace(LookAt(place + 0.2 * ahead, (0.1, 0.3), 0.4, -ahead, 0.5), **changes)
+    goal = TipGoal.looking(look_at)
+    if ball:
+        post = shapely.Point(place + 0.1 * ahead).buffer(0.01)
+        workspace = case.problem.workspace
+        case = case.asked(
+            workspace=replace(workspace, obstacles=(*workspace.obstacles, Obstacle("post", PlaneShape(post))))
+        )
+    if stop:
+        return case.asked(stops=(Stop(goal, look_at.tolerances),))
+    return case.asked(goal=goal, tolerances=look_at.tolerances)
+
+
+VIEWS: dict[str, dict[str, Any]] = {
+    "least distance": {"distance": (0.201, 0.3)},
+    "greatest distance": {"distance": (0.1, 0.199)},
+    "field of view": {"off": 0.21},
+    "normal": {"normal": np.array([0.0, 1.0])},
+    "line of sight": {"ball": True},
+}
+"""What breaks one condition of a view, by the name of its check."""
 
 
 def stopping(goal: JointPose, rest: float = 0.1, pause: float = 0.1) -> Case:
@@ -348,6 +386,8 @@ MUTATIONS: dict[str, Mutation] = {
     "goal feed": lambda: fed().asked(goal=JointPose(np.full(LINKS, 0.2), 0.202)),
     "goal on the curve": lambda: ending_bowed(2.0, -2.0),
     "goal tip": lambda: ending_bowed(1.0, 1.1),
+    **{f"goal {name}": partial(seen, **changes) for name, changes in VIEWS.items()},
+    **{f"stop N {name}": partial(seen, stop=True, **changes) for name, changes in VIEWS.items()},
     "stop N position": lambda: missed_tip(heading=False, stop=True),
     "stop N heading": lambda: missed_tip(heading=True, stop=True),
     "stop N joints": lambda: stopping(JointPose(np.full(LINKS, 0.22))),
@@ -363,6 +403,8 @@ MUTATIONS: dict[str, Mutation] = {
 """Cases by the name of the check that fails; N stands for the number of an intermediate goal."""
 UNHARMED = (
     fixed,
+    seen,
+    partial(seen, stop=True),
     tooled,
     lambda: tooled(stop=True),
     fed,

@@ -169,7 +169,7 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
     turn = arm.link_rotations(last)[-1]
     roll = roll_against(arm.base_rotation, turn)
     goal = problem.goal.for_tip
-    if goal is None:
+    if goal is None or goal.look_at is not None:
         return GoalErrors(None, None, roll)
     tip, along = arm.joint_positions_at(last)[-1], turn[:, 0]
     if arm.tool is not None:

@@ -1,0 +1,413 @@
+"""Goals of looking at a place: tip poses from which it is seen, and planning to one that the arm can reach.
+
+All tip poses from which a place is seen form a set. It is sampled, and about each sample a *view* is taken: a ball of
+tip positions and a cone of directions, all combinations of which see the place. The largest such ball follows from the
+distances of the line of sight from the obstacles. Planners get a view as a goal with tolerances.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray, in_space
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, TimeLimitReached, UnreachableGoal
+from ccm_opt.core.length_words import file_length, short_length
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import Planner
+from ccm_opt.planning.tool_problem import problem_with_tool_links
+from ccm_opt.problem import LookAt, Problem, TipGoal, Tolerances
+from ccm_opt.problem.solution import JointPath
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.distances.enclosures import enclosed, segment_distances
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.tool_links import points_with_tool, with_tool_links
+
+_HALF_ANGLE = float(np.deg2rad(1.0))
+"""Half angle of the cone about the line of sight that views keep free [rad]. Derived: twice what is verified."""
+_END = 0.01
+"""Fraction of the line of sight, at the place, that does not count, since the place lies on a surface."""
+_PIECES = 48
+"""Number of pieces of the line of sight; each piece is a tenth longer than the one before it."""
+_DIRECTIONS = {2: 180, 3: 500}
+"""Number of sampled lines of sight, in the plane and in space. Heuristic: 2° and some 9° apart without a normal."""
+_DISTANCES = (0.5, 0.2, 0.8)
+"""Sampled distances, as fractions of the range of distances. Heuristic."""
+_INSIDE = 0.98
+"""Fraction of the largest angle from the normal within which lines of sight are sampled. Heuristic."""
+_OFF_AXIS = 1.0 / 3.0
+"""Greatest fraction of half the field of view by which a tip's displacement may turn the line of sight. Heuristic: the
+rest is left to the direction."""
+_LEAST_ROOM = 2e-4
+"""Least radius of the ball of tip positions of a view, as a fraction of the arm's length. Heuristic: goals are met to a
+fraction of this."""
+_USED = 0.999
+"""Fraction of the tolerances of a view that is used. Derived: far above rounding."""
+_MOST = 10
+"""Maximum number of views that are tried. Heuristic."""
+_APART = (0.1, float(np.deg2rad(30.0)))
+"""Least difference of views that are tried: distance as a fraction of the arm's length, or angle [rad]. Heuristic."""
+_FIRST_TRY = 1.0
+"""CPU time limit of planning to each view in the first round [s]; four times as much in each further one. Heuristic."""
+_EASY = 0.85
+"""Distance from the base, as a fraction of the arm's length, beyond which a tip is harder to bring there. Heuristic."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A goal for the tip from all of whose poses, within tolerances, a place is seen.
+
+    Attributes:
+        goal: position and direction of the tip.
+        tolerances: radius of the ball of positions, and half angle of the cone of directions.
+    """
+
+    goal: TipGoal
+    tolerances: Tolerances
+
+
+@dataclass(frozen=True)
+class ViewPlanner:
+    """Planner that leads goals of looking at a place back to goals for the tip; other goals are left as they are.
+
+    Attributes:
+        planner: planner of motions to goals for the tip.
+        stages: measures the durations of the stages.
+    """
+
+    planner: Planner
+    stages: Stages
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Return a certified path to the problem's goal.
+
+        Raises:
+            NoPlanFound: no path was found; the error holds a diagnosis.
+        """
+        look_at = problem.goal.look_at
+        if look_at is None:
+            return self.planner.plan(problem)
+        with self.stages("views"):
+            left = list(reachable_views(problem, look_at))
+        deadline = Deadline.after(problem.planner.time_limit)
+        tried, share = len(left), _FIRST_TRY
+        failures: list[NoPlanFound] = []
+        hidden = 0
+        while left and not deadline.passed():
+            for view in tuple(left):
+                options = replace(problem.planner, time_limit=min(share, max(deadline.left, 0.1)))
+                leg = replace(problem, goal=view.goal, tolerances=view.tolerances, planner=options)
+                try:
+                    path = self.planner.plan(leg)
+                except TimeLimitReached as failure:
+                    failures.append(failure)
+                except NoPlanFound as failure:
+                    failures.append(failure)
+                    left.remove(view)
+                else:
+                    if not hidden_by_arm(problem.arm, path.spline(1.0), look_at.place):
+                        return path
+                    hidden += 1
+                    left.remove(view)
+                if deadline.passed():
+                    break
+            share *= 4.0
+        raise _not_reached(failures, tried, hidden, passed=deadline.passed())
+
+
+def _not_reached(failures: list[NoPlanFound], tried: int, hidden: int, *, passed: bool) -> NoPlanFound:
+    """Return the error for a place that is seen from views, none of which was reached."""
+    if not failures:
+        reason = f"the arm itself hides the place that it looks at, in each of {hidden} views that it reached"
+        return MotionNotFound(Diagnosis(reason, "views", ("widen goal.distance or goal.field_of_view_deg",)))
+    found = failures[0].diagnosis
+    beside = f" ({hidden} were reached, but there the arm itself hides it)" if hidden else ""
+    words = f"of {tried} views of the place none was reached{beside}; the most promising one: {found.reason}"
+    kind = TimeLimitReached if passed else MotionNotFound
+    return kind(replace(found, reason=words))
+
+
+def hidden_by_arm(arm: Arm, q: FloatArray, place: FloatArray) -> bool:
+    """Return whether an arm hides a place from its own tip, or the tip of its tool.
+
+    Links and bodies of the tool that contain the tip carry the camera, and do not hide anything.
+
+    Args:
+        arm: the arm.
+        q: configuration, shape (c,) [rad, m].
+        place: the place that it looks at, shape (d,) [m].
+    """
+    points = points_with_tool(arm, q)
+    whole = with_tool_links(arm)
+    tip = points[-1]
+    bare = np.zeros(whole.links, dtype=bool) if whole.tool_links is None else whole.tool_links.bare
+    one, other = points[:-1][~bare], points[1:][~bare]
+    radii = whole.radii[~bare]
+    tips = np.broadcast_to(tip, one.shape)
+    ahead = segment_distances(tips, tips, one, other)[2] > radii
+    one, other, radii = one[ahead], other[ahead], radii[ahead]
+    starts, ends, shares = _pieces(place, tip[None])
+    away = float(np.linalg.norm(tip - place))
+    for start, end, share in zip(starts[0], ends[0], shares, strict=True):
+        every = np.broadcast_to(start, one.shape), np.broadcast_to(end, one.shape)
+        if np.any(segment_distances(*every, one, other)[2] < radii + share * away * np.tan(_HALF_ANGLE)):
+            return True
+    return False
+
+
+def _pieces(place: FloatArray, tips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return starts and ends of the pieces of m lines of sight, shape (m, k, d), and their ends as fractions, (k,)."""
+    shares = np.geomspace(_END, 1.0, _PIECES + 1)
+    ends = place + shares[:, None] * (tips - place)[:, None]
+    return ends[:, :-1], ends[:, 1:], shares[1:]
+
+
+def reachable_views(problem: Problem, look_at: LookAt) -> Iterator[View]:
+    """Return views of a place that are far apart, the most promising first.
+
+    Args:
+        problem: problem with the arm, its start and the obstacles.
+        look_at: the place, and how the arm has to look at it.
+
+    Raises:
+        UnreachableGoal: no view was found; the message says what prevents them.
+    """
+    found = SampledViews.of(problem, look_at)
+    found.refuse()
+    return found.chosen()
+
+
+@dataclass(frozen=True, eq=False)
+class SampledViews:
+    """Sampled tip positions from which a place might be seen.
+
+    Attributes:
+        problem: problem whose arm has its tool as links.
+        look_at: the place, and how the arm has to look at it.
+        tree: distances from the obstacles.
+        tips: tip positions, shape (m, d) [m].
+        beyond: distance by which each is too far from the base [m]; at most 0 if it is within reach, shape (m,).
+        clear: mask of the positions within reach where the tip keeps clear of the obstacles, shape (m,).
+        room: radius of the ball of positions about each from which the place is seen, shape (m,) [m]; not positive if
+            it is hidden, and for positions that are not clear.
+        limiting: index of the piece of each line of sight with the least room, shape (m,).
+    """
+
+    problem: Problem
+    look_at: LookAt
+    tree: SurfaceTree
+    tips: FloatArray
+    beyond: FloatArray
+    clear: BoolArray
+    room: FloatArray
+    limiting: IntArray
+
+    @classmethod
+    def of(cls, problem: Problem, look_at: LookAt) -> "SampledViews":
+        """Sample tip positions about a place, and measure the room about each line of sight.
+
+        Args:
+            problem: problem with the arm, its start and the obstacles.
+            look_at: the place, and how the arm has to look at it.
+        """
+        problem = problem_with_tool_links(problem)
+        tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+        tips, off = _sampled_tips(look_at)
+        away = np.linalg.norm(tips - look_at.place, axis=1)
+        beyond = _beyond_reach(problem.arm, tips)
+        clear = beyond <= 0.0
+        clear[clear] = _clear(problem, tree, tips[clear])
+        least, most = look_at.distance
+        turn = np.sin(_OFF_AXIS * 0.5 * look_at.field_of_view)
+        room = np.minimum.reduce((away - least, most - away, away * turn, away * np.sin(look_at.angle - off)))
+        lit, limiting = np.full(len(tips), -np.inf), np.zeros(len(tips), dtype=np.intp)
+        lit[clear], limiting[clear] = _sight_room(tree, look_at.place, tips[clear], float(np.max(room)))
+        return cls(problem, look_at, tree, tips, beyond, clear, np.minimum(room, lit), limiting)
+
+    @property
+    def seeing(self) -> BoolArray:
+        """Mask of the positions from which the place is seen, with room enough for a goal, shape (m,)."""
+        return np.asarray(self.room >= _LEAST_ROOM * self.problem.arm.length)
+
+    def refuse(self) -> None:
+        """Raise an error if there is no position from which the place is seen.
+
+        Raises:
+            UnreachableGoal: there is none; the message says what prevents it, with numbers.
+        """
+        if np.any(self.seeing):
+            return
+        self._refuse_inside()
+        least, most = self.look_at.distance
+        where = f"from {file_length(least)} to {file_length(most)} away"
+        near = self.beyond <= 0.0
+        count = len(self.tips)
+        advice: tuple[str, ...]
+        if not np.any(near):
+            lacking = short_length(float(np.min(self.beyond)))
+            reason = f"no place {where} from what the arm looks at is within reach: the nearest is {lacking} too far"
+            advice = (f"lengthen the arm by {lacking} at least", "widen goal.distance")
+        elif not np.any(self.clear):
+            reason = (
+                f"of {count} places {where} from what the arm looks at {int(np.sum(near))} are within reach, but the "
+                "tip is too near to an obstacle at each of them"
+            )
+            advice = ("widen goal.distance or goal.angle_deg", "lower workspace.clearance")
+        else:
+            names = self._hiding()
+            listed = " or ".join(f"'{name}' ({times})" for name, times in names.most_common(3))
+            reason = (
+                f"hidden by {listed} from everywhere within reach: of {count} places {where} the tip can be at "
+                f"{int(np.sum(self.clear))} as far as its length and the obstacles go, and none of them sees the place"
+            )
+            advice = (
+                f"move '{names.most_common(1)[0][0]}', or goal.look_at out of it",
+                "widen goal.distance or goal.angle_deg",
+            )
+        raise UnreachableGoal(Diagnosis(f"goal.look_at: {reason}", "views", advice))
+
+    def _refuse_inside(self) -> None:
+        """Raise an error if the place itself is deeper inside an obstacle than a place on its surface may be.
+
+        Raises:
+            UnreachableGoal: it is; the message says how deep.
+        """
+        place = self.look_at.place
+        if not len(enclosed(self.problem.workspace, place[None], self.problem.arm.tip_radius)):
+            return
+        far = 2.0 * float(np.linalg.norm(np.ptp(self.tips, axis=0))) + self.problem.arm.length
+        near = self.tree.nearest(np.repeat(in_space(place)[None, None], 2, axis=1), far)
+        if near.gap[0] <= _END * self.look_at.distance[0]:
+            return
+        name = self.problem.workspace.triangle_soup.names[near.owner[0]]
+        depth = short_length(float(near.gap[0]))
+        reason = f"goal.look_at: the place is {depth} inside '{name}' and is seen from nowhere"
+        raise UnreachableGoal(Diagnosis(reason, "views", ("move goal.look_at to the surface",)))
+
+    def _hiding(self) -> Counter[str]:
+        """Return how many of the lines of sight from clear positions each obstacle hides, by its name."""
+        hidden = np.flatnonzero(self.clear)
+        start, end, _ = _pieces(self.look_at.place, self.tips[hidden])
+        at = np.arange(len(hidden)), self.limiting[hidden]
+        pieces = np.stack((in_space(start[at]), in_space(end[at])), axis=1)
+        owners = self.tree.nearest(pieces, float(self.look_at.distance[1])).owner
+        names = self.problem.workspace.triangle_soup.names
+        return Counter(names[owner] if owner >= 0 else "the sight's own limits" for owner in owners)
+
+    def chosen(self) -> Iterator[View]:
+        """Yield up to ten views that differ, the most promising first."""
+        place, arm = self.look_at.place, self.problem.arm
+        seeing = np.flatnonzero(self.seeing)
+        if len(seeing) == 0:
+            return
+        ranked = seeing[np.argsort(self._costs()[seeing], kind="stable")]
+        taken: list[int] = []
+        for k in ranked:
+            if len(taken) == _MOST:
+                return
+            towards = place - self.tips[k]
+            along = towards / np.linalg.norm(towards)
+            if any(self._alike(int(k), other) for other in taken):
+                continue
+            taken.append(int(k))
+            radius = float(self.room[k])
+            turn = 0.5 * self.look_at.field_of_view - float(np.arcsin(radius / np.linalg.norm(towards)))
+            tolerances = Tolerances(_USED * min(radius, arm.length), _USED * turn)
+            yield View(TipGoal(self.tips[k], along), tolerances)
+
+    def _alike(self, one: int, other: int) -> bool:
+        lines = (self.tips[[one, other]] - self.look_at.place).T
+        turn = np.arccos(np.clip(lines[:, 0] @ lines[:, 1] / np.prod(np.linalg.norm(lines, axis=0)), -1.0, 1.0))
+        near = np.linalg.norm(self.tips[one] - self.tips[other]) < _APART[0] * self.problem.arm.length
+        return bool(near and turn < _APART[1])
+
+    def _costs(self) -> FloatArray:
+        """Return how unpromising each position is: turned away from the base, far from it, or with little room."""
+        arm = self.problem.arm
+        out = self.tips - _bases(arm, self.tips)
+        away = np.linalg.norm(out, axis=1)
+        ahead = self.look_at.place - self.tips
+        cosine = np.sum(out * ahead, axis=1) / np.maximum(away * np.linalg.norm(ahead, axis=1), 1e-300)
+        stretched = np.maximum(away / arm.length - _EASY, 0.0) / (1.0 - _EASY)
+        narrow = 1.0 - np.clip(self.room / np.max(self.room), 0.0, 1.0)
+        return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi + stretched + narrow)
+
+
+def _sampled_tips(look_at: LookAt) -> tuple[FloatArray, FloatArray]:
+    """Return sampled tip positions, shape (m, d) [m], and the angles of their lines of sight from the normal, (m,)."""
+    d = len(look_at.place)
+    count = _DIRECTIONS[d]
+    widest = np.pi if look_at.normal is None else _INSIDE * look_at.angle
+    axis = np.eye(d)[-1] if look_at.normal is None else look_at.normal
+    if d == 2:
+        off = np.linspace(-widest, widest, count, endpoint=look_at.normal is not None)
+        across = np.array([-axis[1], axis[0]])
+        lines = np.cos(off)[:, None] * axis + np.sin(off)[:, None] * across
+    else:
+        # On a golden-ratio spiral over the cap of the sphere.
+        height = 1.0 - (1.0 - np.cos(widest)) * (np.arange(count) + 0.5) / count
+        turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+        beside = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        first = np.cross(axis, beside) / np.linalg.norm(np.cross(axis, beside))
+        second = np.cross(axis, first)
+        aside = np.sqrt(np.maximum(1.0 - height**2, 0.0))
+        around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+        off = np.arccos(height)
+        lines = height[:, None] * axis + aside[:, None] * around
+    low, high = look_at.distance
+    away = low + np.array(_DISTANCES) * (high - low)
+    off = np.zeros(count) if look_at.normal is None else np.abs(off)
+    return (look_at.place + away[:, None, None] * lines).reshape(-1, d), np.tile(off, len(away))
+
+
+def _bases(arm: Arm, tips: FloatArray) -> FloatArray:
+    """Return the positions of the base on its feed axis that are nearest to tip positions (m, d), shape (m, d) [m]."""
+    low, high = arm.base_range
+    along = np.clip((tips - arm.base) @ arm.direction, low, high)
+    return np.asarray(arm.base + along[:, None] * arm.direction)
+
+
+def _beyond_reach(arm: Arm, tips: FloatArray) -> FloatArray:
+    """Return by how much tip positions (m, d) are farther from the base than the arm is long, shape (m,) [m].
+
+    Axes other than a feed axis may carry the base anywhere.
+    """
+    if arm.carrier:
+        return np.zeros(len(tips))
+    return np.asarray(np.linalg.norm(tips - _bases(arm, tips), axis=1) - arm.length)
+
+
+def _clear(problem: Problem, tree: SurfaceTree, tips: FloatArray) -> BoolArray:
+    """Return a mask of the tip positions (m, d) at which the tip keeps the required clearance, shape (m,)."""
+    kept = problem.arm.tip_radius + problem.workspace.clearance
+    clear = tree.distances(np.repeat(in_space(tips)[:, None], 2, axis=1), 2.0 * kept + 1e-9) >= kept
+    inside = np.zeros(len(tips), dtype=bool)
+    inside[enclosed(problem.workspace, tips, problem.arm.tip_radius)] = True
+    return np.asarray(clear & ~inside)
+
+
+def _sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
+    """Return the radii of balls about tip positions from all of whose points a place is seen, with the thin cone.
+
+    A tip displaced by r displaces the point at a fraction s of the line of sight, from the place, by s r.
+
+    Args:
+        tree: distances from the obstacles.
+        place: the place, shape (d,) [m].
+        tips: tip positions, shape (m, d) [m].
+        most: radius above which more does not matter [m].
+
+    Returns:
+        Radii, negative where the place is hidden, shape (m,) [m], and the piece of each line with the least, (m,).
+    """
+    if len(tips) == 0:
+        return np.zeros(0), np.zeros(0, dtype=np.intp)
+    starts, ends, shares = _pieces(place, tips)
+    cone = np.linalg.norm(tips - place, axis=1) * np.tan(_HALF_ANGLE)
+    reach = most + float(np.max(cone))
+    segments = np.stack((in_space(starts), in_space(ends)), axis=2).reshape(-1, 2, 3)
+    gaps = tree.distances(segments, reach).reshape(len(tips), -1)
+    rooms = gaps / shares - cone[:, None]
+    return np.min(rooms, axis=1), np.argmin(rooms, axis=1)

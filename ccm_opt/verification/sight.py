@@ -1,0 +1,140 @@
+"""Checks of goals from which the arm looks at a place: distance, field of view, surface normal, and line of sight.
+
+The line of sight runs from the tip to the place. It is free if a cone about it, with its apex at the place, touches
+neither obstacles nor the arm. The place usually lies on a surface, so that the last hundredth of the line, where the
+cone is thinner than the errors of meshes, does not count.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import LookAt
+from ccm_opt.problem.solution import Check
+from ccm_opt.verification.chain_motion import ChainMotion, pointing
+from ccm_opt.verification.consistency import distance_rounding
+from ccm_opt.verification.selfcollision import link_word, segment_distances
+from ccm_opt.verification.wall_clearance import CheckedSurfaces
+
+SIGHT_HALF_ANGLE = float(np.deg2rad(0.5))
+"""Required half angle of the free cone about a line of sight [rad]. Assumed: 9 mm at a metre."""
+_SEEN = 10.0
+"""Largest half angle that is measured, in multiples of the required one."""
+_END = 0.01
+"""Fraction of the line of sight, at the place, that does not count; see above."""
+_RATIO = 1.1
+"""Ratio of the distances from the place of both ends of a piece of the line. The cone about a piece is taken to be as
+wide as at its farther end, so that half angles are underestimated by up to a tenth."""
+_ROUNDING = 1e-9
+"""Angle beyond its limit that counts as rounding [rad], and distance, as a fraction of the distance."""
+
+
+def check_view(
+    name: str, surfaces: CheckedSurfaces | None, motion: ChainMotion, sample: int, look_at: LookAt
+) -> list[Check]:
+    """Check that the arm looks at a place in a sample: distance, field of view, angle to the normal, line of sight.
+
+    Args:
+        name: prefix of the names of the checks.
+        surfaces: bounding-box tree of the obstacles' surfaces; None if there are none.
+        motion: motion of the arm, with its tool.
+        sample: index of the sample.
+        look_at: the place, and the conditions.
+    """
+    tip = motion.points[sample, -1]
+    sight = look_at.place - tip
+    distance = float(np.linalg.norm(sight))
+    least, most = look_at.distance
+    when = f"tip at t = {motion.time[sample]:.4f} s"
+    slack = _ROUNDING * most
+    checks = [
+        Check(f"{name}least distance", distance, least, "m", when, passed=distance >= least - slack),
+        Check(f"{name}greatest distance", distance, most, "m", when, passed=distance <= most + slack),
+    ]
+
+    off = _angle(sight, pointing(motion, sample))
+    bound = 0.5 * look_at.field_of_view
+    checks.append(Check(f"{name}field of view", off, bound, "rad", when, passed=off <= bound + _ROUNDING))
+    if look_at.normal is not None:
+        off = _angle(-sight, look_at.normal)
+        passed = off <= look_at.angle + _ROUNDING
+        checks.append(Check(f"{name}normal", off, look_at.angle, "rad", when, passed=passed))
+
+    free, nearest = free_half_angle(surfaces, motion, sample, look_at.place)
+    passed = free >= SIGHT_HALF_ANGLE
+    checks.append(Check(f"{name}line of sight", free, SIGHT_HALF_ANGLE, "rad", f"{nearest}, {when}", passed=passed))
+    return checks
+
+
+def _angle(one: FloatArray, other: FloatArray) -> float:
+    """Return the angle between two vectors, accurate for small angles too [rad]."""
+    one, other = one / max(float(np.linalg.norm(one)), 1e-300), other / np.linalg.norm(other)
+    return 2.0 * float(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
+
+
+def free_half_angle(
+    surfaces: CheckedSurfaces | None, motion: ChainMotion, sample: int, place: FloatArray
+) -> tuple[float, str]:
+    """Return a lower bound on the half angle of the free cone about a line of sight [rad], and what limits it.
+
+    The half angle is capped at ``_SEEN`` times the required one. Links and parts of the tool that contain the tip
+    carry the camera, and do not hide anything.
+
+    Args:
+        surfaces: bounding-box tree of the obstacles' surfaces; None if there are none.
+        motion: motion of the arm, with its tool.
+        sample: index of the sample in which the arm looks.
+        place: the place that it looks at, shape (d,) [m].
+    """
+    arm, points = motion.arm, motion.points[sample]
+    tip = points[-1]
+    count = int(np.ceil(-np.log(_END) / np.log(_RATIO)))
+    shares = np.geomspace(_END, 1.0, count + 1)
+    ends = place + shares[:, None] * (tip - place)
+    start, end = ends[:-1], ends[1:]
+    far = shares[1:] * float(np.linalg.norm(tip - place))
+    reach = far * np.tan(_SEEN * SIGHT_HALF_ANGLE)
+
+    gaps, names = reach.copy(), np.full(count, "nothing near", dtype=object)
+    if surfaces is not None:
+        _to_surfaces(surfaces, start, end, gaps, names)
+    bare = np.zeros(arm.links, dtype=bool) if arm.tool_links is None else arm.tool_links.bare
+    for link in np.flatnonzero(~bare):
+        one, other = points[link], points[link + 1]
+        if float(segment_distances(tip[None], tip[None], one[None], other[None])[0]) <= arm.radii[link]:
+            continue
+        apart = segment_distances(start, end, np.tile(one, (count, 1)), np.tile(other, (count, 1))) - arm.radii[link]
+        names[apart < gaps] = link_word(arm, int(link))
+        np.minimum(gaps, apart, out=gaps)
+    slopes = (gaps - distance_rounding(float(np.max(np.abs(ends), initial=motion.size)))) / far
+    worst = int(np.argmin(slopes))
+    return float(np.arctan(max(float(slopes[worst]), 0.0))), str(names[worst])
+
+
+def _to_surfaces(
+    surfaces: CheckedSurfaces, start: FloatArray, end: FloatArray, gaps: FloatArray, names: npt.NDArray[np.object_]
+) -> None:
+    """Lower the gaps of pieces of a line, in place, to those from surfaces, and name the nearest ones.
+
+    Args:
+        surfaces: bounding-box tree of the surfaces.
+        start: starts of the pieces, shape (k, d) [m].
+        end: ends of the pieces, shape (k, d) [m].
+        gaps: gaps that are lowered, shape (k,) [m].
+        names: names of what is nearest to each piece, shape (k,).
+    """
+    piece = np.arange(len(start))
+    node = np.zeros(len(start), dtype=np.intp)
+    while len(piece):
+        low = surfaces.bounds(node, start[piece], end[piece])[0] - surfaces.rounding[node]
+        near = low < gaps[piece]
+        piece, node = piece[near], node[near]
+        single = surfaces.is_single(node)
+        if np.any(single):
+            mine, parts = piece[single], node[single]
+            apart = surfaces.separations(parts, start[mine], end[mine])[0] - surfaces.rounding[parts]
+            for k in np.argsort(-apart):
+                if apart[k] < gaps[mine[k]]:
+                    gaps[mine[k]], names[mine[k]] = apart[k], f"'{surfaces.name_of(int(parts[k]))}'"
+        parent, node = surfaces.children(node[~single])
+        piece = piece[~single][parent]
