@@ -109,7 +109,7 @@ class ReachQuestion:
         """
         goal = TipGoal(problem.start.tip(problem.arm))
         if problem.dimension == 3 and problem.goal.for_tip is not None and problem.goal.look_at is None:
-            goal = problem.goal  # type: ignore[assignment]  # that is no pose of the whole arm
+            goal = problem.goal.for_tip
         return cls(pickle.dumps(replace(problem, goal=goal, stops=())), width, directions, settings)
 
     @property

@@ -1,9 +1,10 @@
 """The picture of a plan, for planar arms in one view, for arms in space in three views and a section along the arm."""
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Wedge
+from matplotlib.patches import Circle, Polygon, Wedge
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
@@ -14,6 +15,7 @@ from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_body, draw_po
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.clearance_section import least_gap_place
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
+from ccm_opt.viz.sight import goal_sights
 from ccm_opt.viz.views import ARROW_SHARE, SceneViews, Sheet, draw_base, draw_pose, view_box
 
 ARROW_IN_LINKS = 3.0
@@ -83,6 +85,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
         if not in_space:
             draw_base(axes, points[0, 0])
         draw_goals(axes, plan, side, poses=not in_space)
+        draw_sights(axes, plan, side)
     title = f"{problem.name}: {plan.trajectory.duration:.2f} s"
     if plan.nearest is not None:
         with words_in(problem.length_unit):
@@ -130,6 +133,20 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
             number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
 
 
+def draw_sights(axes: Axes, plan: PlanDrawing, side: Side = PLANE) -> None:
+    """Draw the field of view and the line of sight at each goal of looking at a place.
+
+    Args:
+        axes: axes with their limits set.
+        plan: plan with the goals.
+        side: projection to the picture plane; ``PLANE`` for a planar arm.
+    """
+    for _, line, edge in goal_sights(plan.problem, plan.trajectory):
+        outline = shapely.get_coordinates(shapely.MultiPoint(side(np.vstack((line[:1], edge)))).convex_hull)
+        axes.add_patch(Polygon(outline, facecolor=style.GOAL_TINT, edgecolor="none", alpha=0.7, zorder=1.6))
+        axes.plot(*side(line).T, color=style.GOAL_MARK, linewidth=0.9, linestyle="--", zorder=8.4)
+
+
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
     """Return indices of samples between which all joints on average travel about the same distance, increasing.
 
@@ -175,7 +192,7 @@ def draw_goal(
         zorder=9, linestyle="none", label=label,
     )  # fmt: skip
     width = float(np.ptp(axes.get_xlim()))
-    if tolerances.position > _LEAST_DISC * width:
+    if tolerances.position > _LEAST_DISC * width and goal.look_at is None:
         look = {"facecolor": style.GOAL_TINT, "edgecolor": style.GOAL_MARK, "linewidth": 0.8, "linestyle": "--"}
         axes.add_patch(Circle(tuple(place), tolerances.position, zorder=1.5, **look))
     if goal.via:

@@ -1,6 +1,8 @@
 """The scene of a problem as data for HTML reports: workspace, obstacles, arm, goals, and the initial view."""
 
 from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -37,14 +39,17 @@ _ROUND_SIDES = 24
 """Number of sides with which spheres, cylinders and capsules are drawn in space. Heuristic."""
 
 SceneData = dict[str, object]
+NONE: Mapping[int, Sequence[FloatArray]] = MappingProxyType({})
+"""No fields of view."""
 
 
-def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
+def scene_data(problem: Problem, shown: FloatArray, sights: Mapping[int, Sequence[FloatArray]] = NONE) -> SceneData:
     """Return arm, start, goals, workspace and obstacles of a problem as data for the report's scripts.
 
     Args:
         problem: the problem.
         shown: points that the initial view must contain, shape (m, d) with d = 2 or 3 [m].
+        sights: line of sight and edge of the field of view of goals of looking at a place, by the index of the goal.
     """
     arm = problem.arm
     room = _draw_spatial_workspace if problem.dimension == 3 else _draw_planar_workspace
@@ -62,20 +67,24 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
             "feed": None if arm.feed is None else [arm.feed.low, arm.feed.high, arm.feed.hole],
         },
         "start": points_with_tool(arm, problem.start.configuration(arm)).round(7).tolist(),
-        "goals": [_goal_data(number, stop, arm) for number, stop in enumerate(problem.goals, start=1)],
+        "goals": [
+            _goal_data(number, stop, arm, sights.get(number - 1, ()))
+            for number, stop in enumerate(problem.goals, start=1)
+        ],
         **room(problem, shown.min(axis=0), shown.max(axis=0)),
     }
 
 
-def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
-    """Return position, direction, tolerances and via points of a goal as data for the report's scripts."""
+def _goal_data(number: int, stop: Stop, arm: Arm, sight: Sequence[FloatArray]) -> SceneData:
+    """Return position, direction, tolerances, via points and sight of a goal as data for the report's scripts."""
     goal = stop.goal
     return {
         "number": number,
         "place": goal.tip(arm).tolist(),
         "direction": None if goal.direction is None else goal.direction.tolist(),
         "heading": goal.heading,
-        "near": stop.tolerances.position,
+        "near": stop.tolerances.position if goal.look_at is None else 0.0,
+        "sight": [part.round(7).tolist() for part in sight],
         "turn": min(stop.tolerances.heading, float(np.pi)),
         "via": [place.tolist() for place in goal.via],
     }

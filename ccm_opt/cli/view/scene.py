@@ -20,6 +20,7 @@ from ccm_opt.scene.bodies import capsule_surface
 from ccm_opt.scene.surfaces import within
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
+from ccm_opt.viz.sight import goal_sights
 
 LAYERS = {
     "start": "/start",
@@ -177,6 +178,11 @@ class Scene:
         )
         chosen = np.linspace(0, len(self.frames.points) - 1, VIEW.frames).astype(int)
         self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 0.004)
+        for number, line, edge in goal_sights(self.frames.problem, self.frames.trajectory):
+            self._line(f"/sight {number}", self.world(line), colours.GOAL, 0.004)
+            self._line(
+                f"/field of view {number}", self.world(np.vstack((line[:1], edge, line[:1]))), colours.GOAL, 0.002
+            )
         self._draw_layers(start)
         self.pose(0.0)
 

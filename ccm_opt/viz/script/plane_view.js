@@ -273,6 +273,10 @@ function drawGoals(scene, goals) {
   for (const goal of goals) {
     const [cx, cy] = scene.local(goal.place);
     discs.append(svg("circle", { class: "goal-disc", cx, cy, r: goal.near }));
+    if (goal.sight.length) {
+      const outline = [goal.sight[0][0], ...goal.sight[1]].map(place => scene.local(place).join(" "));
+      discs.append(svg("path", { class: "sight", d: `M${outline.join("L")}Z` }));
+    }
     const node = svg("g", { class: "goal" });
     if (goal.heading !== null) node.append(...headingMarks(goal));
     node.append(svg("circle", { r: 5 }));

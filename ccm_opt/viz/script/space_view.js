@@ -123,6 +123,12 @@ function goalRods(goal, arm, reach) {
     rods.push([goal.place, neck, 0.3 * size, 0.3 * size, "good", 1], [neck, tip, 0.9 * size, 0, "good", 1]);
   }
   for (const place of goal.via) rods.push([place, place, size, size, "amber", 1]);
+  if (goal.sight.length) {
+    const [line, edge] = goal.sight;
+    rods.push([line[0], line[1], 0.15 * size, 0.15 * size, "good", 1]);
+    for (let k = 1; k < edge.length; k++) rods.push([edge[k - 1], edge[k], 0.1 * size, 0.1 * size, "good", 0.7]);
+    for (let k = 0; k + 1 < edge.length; k += 3) rods.push([line[0], edge[k], 0.1 * size, 0.1 * size, "good", 0.7]);
+  }
   return rods;
 }
 
