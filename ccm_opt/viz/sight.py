@@ -29,14 +29,15 @@ def goal_sights(problem: Problem, trajectory: JointTrajectory) -> Iterator[tuple
     samples = [*trajectory.stops, len(trajectory.time) - 1]
     for number, (stop, sample) in enumerate(zip(problem.goals, samples, strict=True)):
         if (look_at := stop.goal.look_at) is not None:
-            points = points_with_tool(problem.arm, trajectory.positions[sample])
-            yield number, np.stack((points[-1], look_at.place)), _edge(points, look_at)
+            arm, q = problem.arm, trajectory.positions[sample]
+            tip = points_with_tool(arm, q)[-1]
+            frame = arm.link_rotations(q)[-1]
+            axis = frame[:, 0] if arm.tool is None else frame @ arm.tool.direction
+            yield number, np.stack((tip, look_at.place)), _edge(tip, axis, look_at)
 
 
-def _edge(points: FloatArray, look_at: LookAt) -> FloatArray:
-    """Return points on the edge of a field of view whose axis is the last part of the arm or its tool, (m, d) [m]."""
-    tip = points[-1]
-    axis = (tip - points[-2]) / np.linalg.norm(tip - points[-2])
+def _edge(tip: FloatArray, axis: FloatArray, look_at: LookAt) -> FloatArray:
+    """Return points on the edge of a field of view from a tip (d,) about an axis (d,), shape (m, d) [m]."""
     away, half = float(np.linalg.norm(look_at.place - tip)), 0.5 * look_at.field_of_view
     if len(tip) == 2:
         turn = np.linspace(-half, half, _ARC)[:, None]
