@@ -336,6 +336,9 @@ def _divided_where_lacking(motion: CurveMotion[Any], task: SearchTask, margin: f
         if len(legs) == 0 or task.deadline.passed():
             break
         divided = motion.through(halved(at_least_four(motion.unknowns), legs))
+        # Over an interval a fed arm's configurations are not linear, so the halves of a certified one may fail.
+        if not motion.curve.affine and len(task.failures(divided.curve, divided.unknowns)) > 0:
+            break
         settings = replace(task.settings.optimisation, intervals=len(divided.unknowns) - 1)
         other = optimise(divided, replace(task, settings=replace(task.settings, optimisation=settings)), margin)
         if not _lacks_less(other, motion, task):
