@@ -166,12 +166,15 @@ def test_that_no_length_is_enough_is_a_result(tmp_path: Path) -> None:
 
 
 @pytest.mark.planning
-def test_the_least_length_is_found_written_and_proved(tmp_path: Path) -> None:
-    """The folder has a verified plan, the record the next length with its reason, the table every trial."""
+def test_the_least_length_at_the_best_place_is_found_written_and_proved(tmp_path: Path) -> None:
+    """The folder has a verified plan, the record the next length with its reason, the table every trial.
+
+    Of two places of the base, the one behind the fence is proved to be the worse.
+    """
     file = tmp_path / "fence.toml"
-    text = FENCE.format(at=0.3, top=0.05, radius=0.02, goal=0.6).replace("link_length = 0.1", "link_length = 0.055")
+    text = FENCE.format(at=0.3, top=0.05, radius=0.02, goal=0.6).replace("link_length = 0.1", "link_length = 0.045")
     file.write_text(text.replace("base = [0.0, 0.0]", "base = [0.0, 0.0]\nbase_heading_deg = 90.0"))
-    out = ["--out", str(tmp_path / "out"), "--no-pictures"]
+    out = ["--out", str(tmp_path / "out"), "--no-pictures", "--base-line", "0,-0.2", "0.2,0.3", "--places", "2"]
     printed = CliRunner().invoke(app, ["size", str(file), *out, "--json"])
     assert printed.exit_code == 0, printed.output
     (result,) = json.loads(printed.stdout)["results"]
@@ -180,6 +183,8 @@ def test_the_least_length_is_found_written_and_proved(tmp_path: Path) -> None:
         trials = list(csv.DictReader(table))
     enough = result["enough"]["length"]
     assert enough == min(float(each["length"]) for each in trials if each["outcome"] == "verified")
+    assert (result["places"], result["places_proved"]) == (2, 1)
+    assert result["enough"]["base"] == pytest.approx([0.2, 0.3])
     assert result["bound"]["outcome"] == "impossible"
     assert result["bound"]["length"] < enough < 1.1 * result["bound"]["length"]
     assert result["following"]["length"] >= result["bound"]["length"]

@@ -203,7 +203,10 @@ def size_sentence(found: ArmSize, folder: str) -> str:
     words = f"{found.enough.words(found.find)} {size.enough} (plan in {folder})"
     if found.places > 1:
         words += f", with the base at {at(found.enough.base)}, the best of {found.places} places"
-        words += f" ({found.places_proved} of them proved not to be better by 2 %, at the others none better was found)"
+        left = found.places - 1 - found.places_proved
+        others = [f"{found.places_proved} are proved not to be better by 2 %"] if found.places_proved else []
+        others += [f"at {left} none better was found"] if left else []
+        words += f" (of the others {', '.join(others)})"
     following, bound = found.following, found.bound
     if following is None:
         return f"{words}; nothing beyond was tried"

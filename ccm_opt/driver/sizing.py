@@ -1,7 +1,9 @@
 """Search for the arm that is needed: least length, fewest links, greatest radius, best place of the base."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import get_args
@@ -297,6 +299,7 @@ class _Sizing:
         workers: number of processes, or an object that opens an executor.
         progress: called with every report, or None.
         settings: settings of all stages of planning.
+        processes: executor of the processes of this machine while they are kept; else empty.
     """
 
     find: SizeName
@@ -304,6 +307,7 @@ class _Sizing:
     workers: Workers | int
     progress: Callable[[Progress], None] | None
     settings: Settings
+    processes: list[Executor] = field(default_factory=list)
 
     def search(self, problem: Problem, trials: list[SizeTrial], mount: float = 0.0) -> _Search:
         """Return a search for the size of a problem's arm, whose trials are added to a list.
@@ -318,10 +322,24 @@ class _Sizing:
         width = self.workers if isinstance(self.workers, int) else 1 if isinstance(self.workers, ThisProcess) else 4
         return _Search(problem, size, limit, self._run, self._tell, width, self.settings, trials, mount)
 
+    @contextmanager
+    def started(self) -> Iterator[None]:
+        """Keep the processes of this machine, if several are used, until the end of a ``with`` block."""
+        if not isinstance(self.workers, int) or self.workers == 1:
+            yield
+            return
+        with LocalWorkers(self.workers).open() as (executor, _):
+            self.processes.append(executor)
+            yield
+
     def _run(self, problems: Sequence[Problem]) -> list[_Attempt]:
-        several = isinstance(self.workers, int) and self.workers > 1 and len(problems) > 1
+        if self.processes:
+            try:
+                return list(self.processes[0].map(partial(attempt, self.settings), problems))
+            except BrokenExecutor:
+                self.processes.clear()  # from here on, new ones for every few trials
         crew = self.workers if not isinstance(self.workers, int) else ThisProcess()
-        if several and isinstance(self.workers, int):
+        if isinstance(self.workers, int) and self.workers > 1:
             crew = LocalWorkers(min(self.workers, len(problems)))
         results: dict[int, _Attempt] = {}
         for (number, _), found in completed(crew, partial(_numbered, self.settings), enumerate(problems)):
@@ -374,7 +392,7 @@ def size(
     """
     sizing = _sizing(problem, find, time_limit, workers, progress, settings)
     trials: list[SizeTrial] = []
-    with words_in(problem.length_unit):
+    with words_in(problem.length_unit), sizing.started():
         if places is None:
             return _sized(sizing.search(problem, trials), trials)
         return _best_placed(sizing, problem, _places(problem, places), trials)
@@ -505,7 +523,7 @@ def size_front(
     last: NoPlanFound | None = None
     # A proof for one radius holds for the thicker arms of the front, with their longer mounts.
     mount = radius.at(problem, _FRONT[-1] * problem.arm.radius).arm.mount_length
-    with words_in(problem.length_unit):
+    with words_in(problem.length_unit), sizing.started():
         for share in reversed(_FRONT):
             value = radius.rounded(problem, share * problem.arm.radius)
             search = sizing.search(radius.at(problem, value), trials, mount)
