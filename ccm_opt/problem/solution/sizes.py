@@ -112,6 +112,6 @@ class SizeFront:
 
     @property
     def best(self) -> int:
-        """Index of the radius whose plan is shown: that of the problem, or else the nearest with a plan."""
+        """Index of the radius whose plan is shown, which is the nearest to that of the problem with a plan."""
         found = [k for k, size in enumerate(self.sizes) if size is not None]
         return min(found, key=lambda k: abs(self.radii[k] - self.problem.arm.radius))
