@@ -6,9 +6,9 @@ change of the curve's mean heading from the link before the joint, of length l',
 is measured from the end of the guide tube, so that an arm that is only fed follows its own shape. Joints inside the
 tube and a little beyond its end are straight.
 
-Unknowns v: on a fixed base its two rotations, then the curvatures about the first and about the second axis, then the
-feed on a feed axis, then the weights of blends. All but the weights are scaled so that a unit of each has about the
-same effect on the bends.
+Unknowns v: without a guide tube the two rotations of the first joint, then the curvatures about the first and about the
+second axis, then the positions of the axes that carry the base, then the weights of blends. All but the weights are
+scaled so that a unit of each has about the same effect on the bends.
 """
 
 from dataclasses import dataclass, field, replace
@@ -45,8 +45,8 @@ class CurveMap(CurveUnknowns):
     Attributes:
         spacing: spacing of the knots [m].
         knots: number of knots, for each of the two axes.
-        scale: base rotations [rad], curvatures [1/m] and feed [m] per unit of the unknowns except the b blend weights,
-            shape (p − b,).
+        scale: base rotations [rad], curvatures [1/m] and positions of base axes [m, rad] per unit of the unknowns
+            except the b blend weights, shape (p − b,).
         offset: bends added to those of the curve, at the arc lengths ``offset_at``, shape (m, 2) [rad].
         offset_at: arc lengths of ``offset`` and ``blends``, increasing, shape (m,) [m].
         blends: bends that are added with the last b unknowns as weights, at the arc lengths ``offset_at``, shape
@@ -67,17 +67,16 @@ class CurveMap(CurveUnknowns):
         Args:
             arm: the arm.
             q: the configuration, shape (c,) [rad, m].
-            knots: number of knots; on a fixed base at most one less than the number of links, and at least 3.
+            knots: number of knots; without a guide tube at most one less than the number of links, and at least 3.
         """
-        if not arm.base_axes:
+        if arm.feed is None:
             knots = max(3, min(knots, arm.links - 1))
         spacing = arm.length / (knots - 1)
         plain = cls(arm, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
         shapes = plain._shapes(plain._places_at_full_feed)
         norms = np.maximum(np.linalg.norm(shapes, axis=0), 1e-9 * np.max(np.linalg.norm(shapes, axis=0)))
-        of_base = np.ones(0 if arm.base_axes else 2)
-        of_feed = np.full(len(arm.base_axes), plain.nominal_length)
-        scale = np.concatenate((of_base, 1.0 / norms, 1.0 / norms, of_feed))
+        of_base = np.ones(0 if arm.feed else 2)
+        scale = np.concatenate((of_base, 1.0 / norms, 1.0 / norms, plain.axis_scale))
         plain = replace(plain, scale=scale)
         v = plain.fitted(q)
         return _through(plain, v, q), v
@@ -145,7 +144,7 @@ class CurveMap(CurveUnknowns):
         m = len(v)
         n = self.arm.links
         k = self.knots
-        fed = bool(self.arm.base_axes)
+        fed = self.arm.feed is not None
         feeds = self._feeds(v)
         places = self._joint_arc_lengths(feeds)
         if fed:
@@ -155,17 +154,18 @@ class CurveMap(CurveUnknowns):
             v = np.tile(v, (3, 1))
         shapes = self._shapes(places)
         turns = self._turns(v, places, shapes).reshape(len(v), 2 * n)
-        slopes = np.zeros((m, 2 * n + fed, self.dimension))
+        slopes = np.zeros((m, len(self.arm.coordinates), self.dimension))
         turned = self._base_turns
         if turned:
             slopes[:, [0, 1], [0, 1]] = self._bent_by_base
         for axis in (0, 1):
             columns = slice(turned + axis * k, turned + (axis + 1) * k)
             slopes[:, axis : 2 * n : 2, columns] = shapes[:m] * self.scale[columns]
+        axes = np.arange(self.dimension)[self.axis_columns]
+        slopes[:, self.arm.coordinates.base, axes] = np.diag(self.scale[axes])
         if fed:
-            column = turned + 2 * k
-            slopes[:, : 2 * n, column] = (turns[m : 2 * m] - turns[2 * m :]) / (2.0 * step) * self.scale[column]
-            slopes[:, 2 * n, column] = self.scale[column]
+            change = (turns[m : 2 * m] - turns[2 * m :]) / (2.0 * step)
+            slopes[:, : 2 * n, axes] = change[..., None] * self.scale[axes]
         for column, blend in enumerate(self.blends, start=len(self.scale)):
             slopes[:, : 2 * n, column] = self._interpolated(blend, places[:m]).reshape(m, 2 * n)
         if self._held is not None:
@@ -175,14 +175,14 @@ class CurveMap(CurveUnknowns):
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
         """Return the unknowns, each (p,), at which an edge is divided into pieces, including both ends of the edge.
 
-        Within a piece no joint inside the guide tube bends, and bends are nearly linear. The edge of an arm on a fixed
-        base is not divided.
+        Within a piece no joint inside the guide tube bends, and bends are nearly linear. The edge of an arm without a
+        guide tube is not divided.
 
         Args:
             before: unknowns at the first end, shape (p,).
             after: unknowns at the last end, shape (p,).
         """
-        if not self.arm.base_axes:
+        if self.affine:
             return [before, after]
         scale = float(self.scale[self.feed_column])
         start = float(before[self.feed_column]) * scale
@@ -208,10 +208,8 @@ class CurveMap(CurveUnknowns):
             smoothness: weight of differences of unknowns from knot to knot, relative to errors of the bends.
         """
         n = self.arm.links
-        feeds = len(self.arm.base_axes)
         v = np.zeros(self.dimension)
-        if feeds:
-            v[len(self.scale) - 1] = q[2 * n] / self.scale[-1]
+        v[self.axis_columns] = q[2 * n :] / self.scale[self.axis_columns]
         places = self.places(float(np.sum(q[2 * n :])))
         wanted = q[: 2 * n].reshape(n, 2) - self.offsets(places, v)
         shapes = self._shapes(places)
@@ -246,12 +244,12 @@ class CurveMap(CurveUnknowns):
         left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
         places = self.places(float(np.sum(q[2 * self.arm.links :])))
         offset = self._interpolated(self.offset, places)
-        grid = np.union1d(self.offset_at, places) if self.arm.base_axes else places
+        grid = places if self.affine else np.union1d(self.offset_at, places)
         # Gated by the end's own joints: a joint of the start may lie between one that the tube holds and one that is
         # bent.
         known = replace(self, offset=left, offset_at=places, blends=np.zeros((0, len(places), 2)))
         at_grid = known.offsets(grid, v[: len(self.scale)]) * (grid <= places[-1])[:, None]
-        own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
+        own = offset if self.affine else self._interpolated(self.offset, grid)
         blends = np.stack([*(self._interpolated(blend, grid) for blend in self.blends), at_grid])
         return replace(self, offset=own, offset_at=grid, blends=blends), np.append(v, 1.0)
 
@@ -284,8 +282,8 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _base_turns(self) -> int:
-        """Number of unknowns of the base's rotation, which precede those of the curve: 2 on a fixed base, 0 if fed."""
-        return 0 if self.arm.base_axes else 2
+        """Number of unknowns of the first joint's rotation, which precede those of the curve: 2, or 0 if fed."""
+        return 0 if self.arm.feed else 2
 
     @property
     def _bent_by_base(self) -> FloatArray:
@@ -300,9 +298,19 @@ class CurveMap(CurveUnknowns):
         return straight
 
     @property
+    def axis_columns(self) -> slice:
+        """Slice of the unknowns of the k axes that carry the base."""
+        return slice(self.feed_column, len(self.scale))
+
+    @property
     def feed_column(self) -> int:
-        """Index of the unknown of the feed, for an arm on a feed axis."""
-        return 2 * self.knots
+        """Index of the unknown of the feed, or of the first axis that carries the base."""
+        return len(self.scale) - len(self.arm.base_axes)
+
+    @property
+    def axis_scale(self) -> FloatArray:
+        """Change of the position of each axis that carries the base per unit of its unknown, shape (k,) [m, rad]."""
+        return np.array([self.nominal_length if axis.unit == "m" else 1.0 for axis in self.arm.base_axes])
 
     @property
     def curvature_rows(self) -> FloatArray:
@@ -324,10 +332,16 @@ class CurveMap(CurveUnknowns):
         metric = turning.T @ turning + 0.01 * moving.T @ moving
         return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
 
+    def drawn_axes(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Return the unknowns of random positions of the k axes that carry the base, shape (count, k)."""
+        base = self.arm.coordinates.base
+        low, high = self.arm.lower_limits[base], self.arm.upper_limits[base]
+        return np.asarray(rng.uniform(low, high, (count, len(low))) / self.scale[self.axis_columns])
+
     @property
     def affine(self) -> bool:
         """Whether configurations are affine functions of the unknowns: not on a feed axis, where joints slide."""
-        return not self.arm.base_axes
+        return self.arm.feed is None
 
     @cached_property
     def drive_rows(self) -> FloatArray:
@@ -341,7 +355,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def following_rows(self) -> FloatArray:
-        """Matrix from changes of unknowns to changes of a fed arm's curve, (m, p) [1/m]; no rows on a fixed base."""
+        """Matrix from changes of unknowns to changes of a fed arm's curve, (m, p) [1/m]; no rows without a feed."""
         return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property
@@ -376,16 +390,14 @@ class CurveMap(CurveUnknowns):
         """Return the arc lengths σ of the joints, shape (links,), or (m, links) for feeds of shape (m, 1) [m]."""
         arm = self.arm
         along = arm.joint_places[:-1]
-        return np.asarray(along + feed - arm.hole if arm.base_axes else along)
+        return np.asarray(along if arm.feed is None else along + feed - arm.hole)
 
     def _feeds(self, v: FloatArray) -> FloatArray:
-        """Return the feeds of the base, shape (m, 1), or (m, 0) for a fixed base [m]."""
-        last = len(self.scale)
-        first = last - len(self.arm.base_axes)
-        return np.asarray(v[:, first:last] * self.scale[first:])
+        """Return the positions of the k axes that carry the base, shape (m, k) [m, rad]."""
+        return np.asarray(v[:, self.axis_columns] * self.scale[self.axis_columns])
 
     def _joint_arc_lengths(self, feeds: FloatArray) -> FloatArray:
-        """Return the arc lengths of the joints, shape (m, links), at feeds of shape (m, 0) or (m, 1) [m]."""
+        """Return the arc lengths of the joints, shape (m, links), at positions of the axes of shape (m, k) [m]."""
         places = self.places(np.sum(feeds, axis=1, keepdims=True))
         return np.asarray(np.broadcast_to(places, (len(feeds), self.arm.links)))
 
@@ -435,7 +447,7 @@ class CurveMap(CurveUnknowns):
             return turns
         for axis in (0, 1):
             turns[..., axis] = np.interp(places, self.offset_at, values[:, axis])
-        if self.arm.base_axes:
+        if not self.affine:
             # Between a joint in the guide tube and the first bent one outside, turns grow from where they are allowed
             # to.
             straight = self.straight_before
@@ -468,7 +480,7 @@ class CurveMap(CurveUnknowns):
             joints=len(flat), links=self.arm.links, knots=self.knots, spacing=self.spacing, places=flat,
             lengths=self.arm.spine_lengths, shapes=shapes,
         )()  # fmt: skip
-        if self.arm.base_axes:
+        if self.arm.feed is not None:
             shapes *= bend_shares(self.arm, flat)[:, None]
         locked = self.arm.locked_joints
         if locked.any():

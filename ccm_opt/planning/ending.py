@@ -269,8 +269,9 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         motion: motion to the goal.
     """
     goal = task.limited_goal
-    # The program's poses bend every joint by itself, which sections that bend evenly cannot.
-    if task.goal_pose is not None or task.arm.sections is not None or task.deadline.passed():
+    # The program's poses bend every joint by itself, which sections that bend evenly cannot, on a base that no axes
+    # but a feed axis carry.
+    if task.goal_pose is not None or task.arm.sections or task.arm.carrier or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
     asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_CLEARANCE_SHARE)

@@ -309,7 +309,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     along = float(np.clip((goal.position - arm.base) @ arm.direction, low, high))
     base = arm.base + along * arm.direction if arm.base_axes else arm.base
     distance = float(np.linalg.norm(goal.position - base))
-    if distance > arm.length:
+    if distance > arm.length and not arm.carrier:
         missing = short_length(distance - arm.length)
         reason = (
             f"the goal is out of reach: it is {long_length(distance)} from the base, and the arm is only "

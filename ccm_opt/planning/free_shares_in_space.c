@@ -36,11 +36,11 @@ typedef struct {
     const double *lengths, *radii;                 /* of the links, (links,) */
     const double *wall;                            /* that axes keep from surfaces, (links,) */
     double mount, longest, pair; /* share of the first link inside the mount, longest link, gap between links */
-    const double *place, *base;
-    const double *limit; /* of the bends, (c,) */
+    Carrier carrier;
+    const double *low, *high; /* limits of the coordinates, (c,) */
     Grid wide, fine;     /* the latter tells just what is near to the gap that is kept */
     Surfaces surfaces;
-    double *work; /* 19 numbers a link, and 6 more */
+    double *work; /* 19 numbers a link, 2 an axis, and 6 more */
 
     int64_t motions;
     const double *start, *end; /* (motions, c) */
@@ -180,8 +180,7 @@ static double link_room(const Motions *m, int64_t link, const double *joint, dou
 /* Rooms of the links of a pose, (links,); returns whether it touches nothing. */
 static int pose_room(const Motions *m, const double *q, double *points, double *room)
 {
-    Carrier fixed = {0, NULL, m->place, m->base};
-    place_links(m->links, m->lengths, m->turns, m->arcs, &fixed, q, points, points + 3 * (m->links + 1));
+    place_links(m->links, m->lengths, m->turns, m->arcs, &m->carrier, q, points, points + 3 * (m->links + 1));
     /* The tip is what meets walls first. */
     for (int64_t j = m->links - 1; j >= m->first_link; j--) {
         room[j] = link_room(m, j, points + 3 * j, j == m->first_link ? m->mount : 0.0);
@@ -204,9 +203,23 @@ static double next_step(const Motions *m, const double *q, const double *moved, 
 {
     const double *rotations = points + 3 * (m->links + 1);
     double rate[3] = {0.0, 0.0, 0.0}, velocity[3] = {0.0, 0.0, 0.0}, before = 0.0, step = 1.0, swing[3];
-    double about_a[3], about_b[3];
+    double about_a[3], about_b[3], place[3], base[9], now[6 * MOST_AXES];
+    place_base(&m->carrier, q + 2 * m->links, place, base, now);
+    for (int64_t k = 0; k < m->carrier.count; k++) {
+        const double *ahead = now + 6 * k, by = moved[2 * m->links + k];
+        if (m->carrier.axes[AXIS * k] == 0.0) {
+            along(velocity, by, ahead, velocity);
+            continue;
+        }
+        double lever[3];
+        minus(place, ahead + 3, lever);
+        cross(ahead, lever, swing);
+        along(velocity, by, swing, velocity);
+        along(rate, by, ahead, rate);
+    }
+    before = sqrt(dot(velocity, velocity));
     for (int64_t j = 0; j < m->links; j++) {
-        const double *frame = j ? rotations + 9 * (j - 1) : m->base, *after = rotations + 9 * j;
+        const double *frame = j ? rotations + 9 * (j - 1) : base, *after = rotations + 9 * j;
         joint_axes(m->arcs, frame, after, q + 2 * j, about_a, about_b);
         for (int d = 0; d < 3; d++) rate[d] += moved[2 * j] * about_a[d] + moved[2 * j + 1] * about_b[d];
         double ahead[3] = {after[0], after[3], after[6]};
@@ -224,10 +237,10 @@ static double next_step(const Motions *m, const double *q, const double *moved, 
 
 static double free_share(const Motions *m, const double *from, const double *to, int end_first)
 {
-    int64_t n = m->links, c = 2 * n;
+    int64_t n = m->links, c = 2 * n + m->carrier.count;
     double *moved = m->work, *room = moved + c, *q = room + n, *points = q + c; /* and rotations behind them */
     for (int64_t i = 0; i < c; i++) {
-        if (fabs(to[i]) > m->limit[i]) return 0.0;
+        if (to[i] < m->low[i] || to[i] > m->high[i]) return 0.0;
         moved[i] = to[i] - from[i];
     }
     if (end_first && !pose_room(m, to, points, room)) return 0.0;
@@ -245,7 +258,7 @@ static double free_share(const Motions *m, const double *from, const double *to,
 
 PUBLIC void free_shares_in_space(Motions *m)
 {
-    int64_t c = 2 * m->links;
+    int64_t c = 2 * m->links + m->carrier.count;
     for (int64_t k = 0; k < m->motions; k++) m->share[k] = free_share(m, m->start + k * c, m->end + k * c, 0);
 }
 
@@ -259,7 +272,7 @@ typedef struct {
 static double free_share_of_points(void *check, const double *from, const double *to, int end_first)
 {
     const Connection *one = check;
-    int64_t c = 2 * one->motions.links;
+    int64_t c = 2 * one->motions.links + one->motions.carrier.count;
     const double *point[2] = {from, to};
     for (int k = 0; k < 2; k++) {
         double *end = one->ends + k * c;

@@ -12,6 +12,8 @@ from ccm_opt.planning.settings import GoalSettings
 
 _POLISH_STEPS = 12
 """Maximum number of steps of Newton's method. Heuristic: the method converges in four or never."""
+_NO_CHANGE = 1e-11
+"""Change of the unknowns below which Newton's method ends, whatever error is left."""
 _INWARDS = 0.1
 """Fraction of the tolerance of position and direction by which a tip is led beyond the edge into a goal set.
 Heuristic."""
@@ -104,6 +106,10 @@ class GoalPose:
         distance, turn = self.errors(pose)
         return max(distance / pose.length, turn) <= self.settings.on_goal
 
+    def reached(self, pose: Pose) -> bool:
+        """Return whether a pose is on the goal up to rounding or, if the arm cannot be exactly on it, near enough."""
+        return (self.on_goal(pose) and self.limits_met(pose)) or self.met(pose)
+
     def limits_met(self, pose: Pose) -> bool:
         """Return whether a pose satisfies the further limits that apply at the goal."""
         return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
@@ -183,6 +189,8 @@ def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: f
         if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:
             break
         change = least_change(space, pose, rows, error)
+        if np.max(np.abs(change)) < _NO_CHANGE:
+            break  # no pose of the arm is exactly on the goal
         if np.isfinite(largest_turn):
             size = float(np.max(np.linalg.norm(pose.turning @ change, axis=1)))
             change = change * min(1.0, largest_turn / max(size, TINY))

@@ -199,14 +199,12 @@ class MotionPlanner:
             ProblemError: the start violates a limit, or RRT-Connect is the only method for an arm on a feed axis.
             NoPlanFound: no motion was found; gives the reason and advice.
         """
-        if problem.arm.carrier and problem.goal.path is None:
-            raise ProblemError("this planner does not move arm.base.axes; use PositioningPlanner")
         if problem.goal.look_at is not None:
             raise ProblemError("this planner takes goals for the tip; goal.look_at is taken by ccm_opt.solve")
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             return path_without_tool_links(self.plan(whole), problem.arm, whole.arm)
-        if self.sampled and problem.arm.base_axes:
+        if self.sampled and problem.arm.feed is not None:
             raise ProblemError(
                 "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
             )
@@ -220,7 +218,8 @@ class MotionPlanner:
             problem = with_clamped_base(problem, tree)
             task = space_task(problem, tree, deadline, self.space, self.terms)
             refuse_ends(problem, task)
-            task = replace(task, refuse=partial(self.refuse, problem))
+            # The proofs are about arms that no axes carry but a feed axis.
+            task = task if problem.arm.carrier else replace(task, refuse=partial(self.refuse, problem))
         if problem.goal.path is not None:
             return self._along_path(problem, task, problem.goal.path)
         try:

@@ -1,9 +1,13 @@
-"""Planning for arms that axes carry: the axes bring the arm to a place, from which it moves on its own.
+"""Planning for arms that axes carry: from a place to which the axes bring the arm, or with axes and joints together.
 
 The axes first move, with the joints at rest, to positions from which the goal looks near. From there the arm is planned
 for as one on a fixed base or, if the last axis is prismatic along the straight arm, as one on a feed axis. Places are
 tried in the order of how long the way is that is left to the tip, around the obstacles, once the arm is driven straight
 ahead, as far as nothing is in its way. Both parts of the path are certified, and the arm rests between them.
+
+If the most promising place fails, a motion of axes and joints together is searched for, in which the axes are unknowns
+beside those of the arm. For an arm that bends in one plane alone, which must be turned to face the goal, and for a pose
+of the whole arm on an axis along it, this comes first.
 """
 
 import itertools
@@ -19,6 +23,7 @@ from scipy.stats import qmc
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.core.length_words import file_length, long_length, short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid
 from ccm_opt.planning.surface_certificate import SpaceCertificate
@@ -26,7 +31,7 @@ from ccm_opt.planning.tool_problem import path_without_tool_links, problem_with_
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.base_axes import Feed, ShortAxis, nearest_base, short_axes
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _PLACES = 9
@@ -35,6 +40,8 @@ _TRIED = 16
 """Number of places from which a motion of the arm is looked for. Heuristic."""
 _TRY_SHARE = 0.2
 """Fraction of the time left for planning that one place may take. Heuristic."""
+_TOGETHER_SHARE = 0.5
+"""Fraction of the time left for planning that a motion of axes and joints together may take. Heuristic."""
 _LEAST_TRY = 1.0
 """Time that a place may take at least [s]. Heuristic."""
 _ALIGNED = 1e-9
@@ -54,7 +61,7 @@ _DEGREE = 3
 
 
 class ArmPlanner(Protocol):
-    """Interface of planners of an arm on a fixed base or on a feed axis."""
+    """Interface of planners of an arm on a fixed base, on a feed axis, or together with the axes that carry it."""
 
     def plan(self, problem: Problem) -> JointPath:
         """Return a certified path for a problem.
@@ -71,7 +78,7 @@ class PositioningPlanner:
 
     Attributes:
         stages: measures the durations of the stages.
-        planner: planner of the arm from where the axes have brought it.
+        planner: planner of the arm from where the axes have brought it, and of axes and joints together.
     """
 
     stages: Stages
@@ -95,36 +102,55 @@ class PositioningPlanner:
         with self.stages("free space"):
             axes = CarrierMotions(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
             axes.refuse_start()
-            places = list(itertools.islice(axes.places(), _TRIED))
-        if not places:
-            raise UnreachableGoal(axes.out_of_reach())
-        first: NoPlanFound | None = None
-        for number, values in enumerate(places):
+            axes.refuse_distant_goal()
+            places = itertools.islice(axes.places(), _TRIED)
+            first = [] if axes.face_goal else list(itertools.islice(places, 1))
+        found = self._from_places(axes, first, deadline)
+        if found is not None:
+            return found
+        self.stages.tell(candidate="base axes and joints together")
+        share = _TOGETHER_SHARE if problem.goal.whole(problem.arm) is None or axes.face_goal else 1.0
+        try:
+            return self.planner.plan(_within(problem, max(share * deadline.left, _LEAST_TRY)))
+        except UnreachableGoal:
+            raise
+        except NoPlanFound as failure:
+            others = list(places)
+            found = self._from_places(axes, others, deadline)
+            if found is None:
+                raise _not_found(failure, len(first) + len(others), passed=deadline.passed()) from None
+        return found
+
+    def _from_places(
+        self, axes: "CarrierMotions", places: Sequence[FloatArray], deadline: Deadline
+    ) -> JointPath | None:
+        """Return a path by way of the first of some places of the base from which a motion is found; None in vain."""
+        for values in places:
             if deadline.passed():
-                break
-            self.stages.tell(candidate=f"place {number + 1} of the base")
+                return None
+            self.stages.tell(candidate=f"base axes at {', '.join(f'{value:.3g}' for value in values)}")
             way = axes.way_to(values, deadline)
             if way is None:
                 continue
-            least = deadline.left if len(places) == 1 else max(_TRY_SHARE * deadline.left, _LEAST_TRY)
             try:
-                found = self.planner.plan(axes.standing(values, min(least, max(deadline.left, 0.1))))
-            except NoPlanFound as failure:
-                first = first or failure
+                found = self.planner.plan(axes.standing(values, max(_TRY_SHARE * deadline.left, _LEAST_TRY)))
+            except NoPlanFound:
                 continue
             return axes.joined(way, axes.lifted(found, values))
-        raise _not_found(first, len(places), passed=deadline.passed())
+        return None
 
 
-def _not_found(first: NoPlanFound | None, count: int, *, passed: bool) -> NoPlanFound:
-    """Return the error for a search among several places of the base, from the failure at the most promising one."""
-    if first is None:
-        reason = f"the base axes bring the arm to none of {count} places from which the goal could be reached"
-        return MotionNotFound(Diagnosis(reason, "motion", ("check arm.base.axes, their ranges, and the start",)))
-    found = first.diagnosis
-    words = f"from {count} places of the base no motion was found; from the most promising one: {found.reason}"
+def _within(problem: Problem, time_limit: float) -> Problem:
+    return replace(problem, planner=replace(problem.planner, time_limit=time_limit))
+
+
+def _not_found(together: NoPlanFound, count: int, *, passed: bool) -> NoPlanFound:
+    """Return the error for a search from several places of the base, from the failure with axes and joints together."""
+    found = together.diagnosis
+    tried = f"from {count} place{'s' * (count != 1)} of the base no motion was found; " if count else ""
     kind = TimeLimitReached if passed else MotionNotFound
-    return kind(replace(found, reason=words, findings=(), relaxations=()))
+    reason = f"{tried}with base axes and joints together: {found.reason}"
+    return kind(replace(found, reason=reason, findings=(), relaxations=()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,10 +197,49 @@ class CarrierMotions:
             reason = "the arm touches an obstacle, or itself, at the start"
             raise UnreachableGoal(Diagnosis(reason, "start", ("move the start, or its axes",)))
 
-    def out_of_reach(self) -> Diagnosis:
-        """Return the diagnosis that from no place looked at the goal is within reach."""
-        reason = "from no free place that the base axes reach, the goal is within the arm's length"
-        return Diagnosis(reason, "necessary checks", ("widen the ranges of arm.base.axes", "move the goal"))
+    @property
+    def face_goal(self) -> bool:
+        """Whether axes and joints are moved together before the base is brought to any place.
+
+        All joints bend about one axis, so that the arm must be turned to face its goal; or the goal is a pose of the
+        whole arm on an axis along it, as on a feed axis joints would be straight that need not be.
+        """
+        one_plane = not np.all(np.any(self.arm.bend_limits.reshape(-1, 2) > 0.0, axis=0))
+        return one_plane or (self.fed and self.problem.goal.whole(self.arm) is not None)
+
+    def refuse_distant_goal(self) -> None:
+        """Raise an error if the goal is farther than the arm is long from wherever the axes may bring its base.
+
+        Raises:
+            UnreachableGoal: it is; names the axes that end too early, and by how much.
+        """
+        arm, goal = self.arm, self.problem.goal.for_tip
+        if goal is None:
+            return
+        within = arm.length + self.problem.tolerances.position
+        if np.linalg.norm(arm.carried(self.start).place - goal.position) <= within:
+            return
+        values, distance = nearest_base(arm.carrier, arm.base, goal.position)
+        if distance <= within:
+            return
+        missing = short_length(distance - arm.length)
+        found = [self._short_words(each) for each in short_axes(arm.carrier, arm.base, goal.position, values, within)]
+        reason = (
+            f"the goal is out of reach: the base axes bring the base no nearer to it than {long_length(distance)}, and "
+            f"the arm is only {long_length(arm.length)} long"
+        )
+        advice = (*(f"widen {words}" for words in found), f"move the goal nearer by {missing} at least")
+        raise UnreachableGoal(
+            Diagnosis(reason, "necessary checks", (*advice, f"lengthen the arm by {missing} at least"))
+        )
+
+    def _short_words(self, short: ShortAxis) -> str:
+        """Return the key of an axis whose range ends too early, with that end and what is missing beyond it."""
+        turns = self.arm.carrier[short.number].revolute
+        key = f"arm.base.axes[{short.number}].range{'_deg' * turns}"
+        if turns:
+            return f"{key} beyond {np.rad2deg(short.limit):.4g} by {np.rad2deg(short.missing):.3g}° at least"
+        return f"{key} beyond {file_length(short.limit)} by {short_length(short.missing)} at least"
 
     # ------------------------------------------------------------ places
     def places(self) -> Iterator[FloatArray]:

@@ -414,7 +414,7 @@ class _Along:
 def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray, most: float = np.inf) -> _Laid:
     """Return the unknowns at which points on an arm come nearest to given positions, and the largest distance left.
 
-    The feed is fixed; the method is Levenberg-Marquardt.
+    The axes that carry the base are fixed; the method is Levenberg-Marquardt.
 
     Args:
         stepper: solver of QP steps of the arm; gives the space of unknowns.
@@ -439,8 +439,7 @@ def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatA
         rows = along.interpolate(pose.moving).reshape(wanted.size, -1) / space.nominal_length
         if np.any(beyond):
             rows = np.vstack((rows, _BEND_WEIGHT * space.bend_slopes(pose)[beyond]))
-        if space.arm.base_axes:
-            rows[:, space.feed_column] = 0.0
+        rows[:, space.axis_columns] = 0.0
         step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ left)
         trial = stepper.pose(pose.v + step)
         after, beyond_after = residuals(trial)

@@ -1,4 +1,4 @@
-"""Fast collision checks by samples of motions in space that are linear in the bends.
+"""Fast collision checks by samples of motions in space that are linear in bends and base axes.
 
 Distances come from grids and, near surfaces, from a distance tree. A motion that passes is not proved to be free; the
 certificate proves that later.
@@ -39,12 +39,12 @@ nearest point on the border."""
 _SPARED = 1e-4
 """Gap that samples keep beyond contact [arm lengths], so that most motions that pass are certified later."""
 _ROUNDING = 1e-9
-"""Amount by which a bend may exceed its joint limit because of rounding [rad]."""
+"""Amount by which a coordinate may exceed its limits because of rounding [rad, m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMotions:
-    """Collision checker by samples for motions of an arm on a fixed base that are linear in the bends.
+    """Collision checker by samples for motions of an arm without a guide tube that are linear in its coordinates.
 
     Attributes:
         arm: the arm.
@@ -69,7 +69,7 @@ class SampledMotions:
         arm = self.arm
         most = float(np.max(self.kept))
         reach = most + _TOLD * arm.length
-        margin = (1.0 + _BEYOND) * arm.length
+        margin = (1.0 + _BEYOND) * arm.length + arm.base_travel
         low, high = arm.base - margin, arm.base + margin
         if len(self.box):
             low, high = np.maximum(low, self.box[0] - reach), np.minimum(high, self.box[1] + reach)
@@ -84,7 +84,7 @@ class SampledMotions:
             "links": arm.links, "first_link": link, "next_pair": arm.next_self_pairs,
             "lengths": arm.lengths, "arcs": arm.arcs, "turns": arm.turns, "mount": share, "longest": arm.longest_link,
             "wall": self.kept + spared, "radii": arm.radii, "pair": spared,
-            "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,
+            "carrier": arm.carrier_for_c, "low": arm.lower_limits - _ROUNDING, "high": arm.upper_limits + _ROUNDING,
             **{
                 name: {"counts": counts[name].tolist(), "low": low, "cell": each, "reach": far,
                        "values": _untouched(counts[name], np.float32), "blocks": blocks[name].tolist(),
@@ -94,7 +94,7 @@ class SampledMotions:
                 for name, (each, far) in grids.items()
             },
             **({} if self.tree.search is None else {"surfaces": self.tree.search.for_c}),
-            "work": np.empty(19 * arm.links + 6),
+            "work": np.empty(19 * arm.links + 2 * len(arm.base_axes) + 6),
         }  # fmt: skip
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -103,11 +103,11 @@ class SampledMotions:
         A motion without a sample in contact is not proved to be collision-free.
 
         Args:
-            start: configurations at the start, shape (m, c) [rad].
-            end: configurations at the end, shape (m, c) [rad].
+            start: configurations at the start, shape (m, c) [rad, m].
+            end: configurations at the end, shape (m, c) [rad, m].
 
         Returns:
-            Fractions, shape (m,): 1 without contact, 0 if the end bends a joint beyond its limit.
+            Fractions, shape (m,): 1 without contact, 0 if a coordinate of the end is beyond its limit.
         """
         shares = np.empty(len(start))
         motions = {"motions": len(start), "start": start, "end": end, "share": shares}
@@ -120,7 +120,7 @@ class SampledMotions:
         Configurations are affine functions of the unknowns.
 
         Args:
-            offset: configuration at unknowns of zero, shape (c,) [rad].
+            offset: configuration at unknowns of zero, shape (c,) [rad, m].
             slopes: derivatives of configurations with respect to the unknowns, shape (n, c).
             growth: fields of the C structure ``Growth`` in rrt_connect.h.
         """

@@ -64,6 +64,8 @@ _CHAIN_BENDS = 0.98
 """Largest bend of the joints of a chain, as a fraction of the joint limit."""
 _ALIKE = 0.03
 """Largest distance between joints of two poses up to which the poses count as one, in arm lengths. Heuristic."""
+_AXIS_SHARE = 0.1
+"""Cost of moving a base axis by itself, relative to that of moving all links with it. Heuristic."""
 _CONTROLS = (3, 9)
 """Least number of control values of a smooth shape's curvature, which is linear in between, and one more than the
 greatest."""
@@ -97,7 +99,7 @@ def free_goal_poses(
     """Return poses at the goal, smooth random shapes moved onto it, that touch nothing and respect the joint limits.
 
     Args:
-        task: task with a goal for the tip, of an arm on a fixed base.
+        task: task with a goal for the tip, of an arm without a guide tube.
         points: scaled unknowns in which the shapes are moved.
         motions: sampled check of contact.
         rng: random generator.
@@ -113,7 +115,7 @@ def free_goal_poses(
     direct = np.abs(q[:, 1]) <= 0.5 * np.pi
     moved, q = moved[direct], q[direct]
     poses = [moved_onto(stepper.space, goal, stepper.pose(v)) for v in moved[motions.free_shares(q, q) >= 1.0]]
-    return [pose for pose in poses if goal.on_goal(pose) and goal.limits_met(pose) and _free(stepper, pose)]
+    return [pose for pose in poses if goal.reached(pose) and _free(stepper, pose)]
 
 
 def chained_goal_poses(
@@ -185,7 +187,7 @@ class CurvePoints:
     """Linear map from unknowns of a curve to points whose Euclidean distances approximate rotations of the links.
 
     Attributes:
-        stepper: solver of QP steps in the unknowns, of an arm on a fixed base.
+        stepper: solver of QP steps in the unknowns, of an arm without a guide tube.
         start: pose at which the metric of the unknowns is evaluated.
     """
 
@@ -195,7 +197,11 @@ class CurvePoints:
     @cached_property
     def root(self) -> FloatArray:
         """Cholesky factor of the metric; a row of unknowns times this matrix is the point, shape (p, p)."""
-        metric = self.stepper.space.metric(self.start)
+        curve = self.stepper.space
+        metric = curve.metric(self.start)
+        # A joint on an axis parallel to its own may turn back by what the axis turns it, which moves no link.
+        axes = np.arange(curve.dimension)[curve.axis_columns]
+        metric[axes, axes] *= 1.0 + _AXIS_SHARE
         return np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
     @cached_property
@@ -226,11 +232,12 @@ class CurvePoints:
         NativeCall(
             "shapes_onto_goal",
             links=arm.links, size=points.shape[1], shapes=len(points), directed=directed, steps=_NEWTON_STEPS,
-            whole=arm.length, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, largest=_NEWTON_TURN, place=arm.base,
-            base=arm.base_rotation, offset=offset, slopes=slopes, limit=arm.upper_limits,
+            whole=arm.length, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, largest=_NEWTON_TURN,
+            carrier=arm.carrier_for_c, offset=offset, slopes=slopes, low=arm.lower_limits, high=arm.upper_limits,
             inverse=np.linalg.pinv(slopes), position=goal.position,
             direction=goal.direction if directed else np.zeros(3),
-            work=np.empty(26 * arm.links + 7 * points.shape[1] + 12), points=points, missed=missed,
+            work=np.empty(26 * arm.links + 7 * (points.shape[1] + len(arm.base_axes)) + 12), points=points,
+            missed=missed,
         )()  # fmt: skip
         return missed
 
@@ -238,7 +245,7 @@ class CurvePoints:
 def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int) -> FloatArray:
     """Return the unknowns of ``count`` curves with smooth random curvature up to the joint limits, shape (count, p).
 
-    The rotations of the base are normally distributed.
+    The rotations of the first joint are normally distributed, the positions of base axes evenly.
     """
     curve = stepper.space
     if isinstance(curve, SectionMap):
@@ -257,12 +264,13 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
     v[:, 1] = np.clip(v[:, 1], -0.5 * np.pi, 0.5 * np.pi)
     v[:, 2 : 2 + 2 * knots] = (largest * ((1.0 - share) * low + share * high)).reshape(count, 2 * knots)
     v[:, 2 : 2 + 2 * knots] /= curve.scale[2 : 2 + 2 * knots]
-    v[:, 2 + 2 * knots :] = rng.uniform(size=(count, 1))
+    v[:, curve.axis_columns] = curve.drawn_axes(rng, count)
+    v[:, len(curve.scale) :] = rng.uniform(size=(count, 1))
     return v
 
 
 def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
-    """Return the unknowns of a curve with smooth random curvature, and a random feed or base rotation, shape (p,)."""
+    """Return the unknowns of a curve with smooth random curvature and random base axes or rotation, shape (p,)."""
     curve = stepper.space
     if isinstance(curve, SectionMap):
         return np.asarray(curve.drawn(rng, 1)[0])
@@ -274,13 +282,11 @@ def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArr
     largest = 0.4 * min(arm.joint_limit * arm.links / NOMINAL_LINKS, 1.0) / stepper.space.nominal_length
     curvature = [largest * np.interp(np.linspace(0.0, 1.0, k), places, row) for row in controls]
     v = np.zeros(curve.dimension)
-    turned = 0 if arm.base_axes else 2
+    turned = 0 if arm.feed else 2
     if turned:
         v[:2] = rng.normal(size=2) * 0.5 * min(arm.base_limit, 1.5)
     v[turned : turned + 2 * k] = np.concatenate(curvature) / curve.scale[turned : turned + 2 * k]
-    if arm.base_axes:
-        low, high = arm.base_range
-        v[turned + 2 * k] = rng.uniform(low, high) / curve.scale[turned + 2 * k]
+    v[curve.axis_columns] = curve.drawn_axes(rng, 1)[0]
     return v
 
 
@@ -292,7 +298,7 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pos
         if distance < 0.1 * stepper.space.nominal_length and turn < 0.05:
             break
     onto = moved_onto(stepper.space, goal, pose, POLISH_TURN)
-    return onto if goal.on_goal(onto) and goal.limits_met(onto) and _free(stepper, onto) else None
+    return onto if goal.reached(onto) and _free(stepper, onto) else None
 
 
 def _free(stepper: SpaceStepper, pose: Pose) -> bool:

@@ -1,11 +1,11 @@
 """The map from the bends of sections, which bend evenly, to configurations: the unknowns of an arm of such sections.
 
-Unknowns v: first the bends of all sections about z, then those about y, scaled so that a unit of each has about the
-same effect on the bends of the joints. Every configuration of the arm is in the range of the map, so that nothing is
-offset or blended.
+Unknowns v: first the bends of all sections about z, then those about y, then the positions of the axes that carry the
+base, scaled so that a unit of each has about the same effect on the bends of the joints. Every configuration of the arm
+is in the range of the map, so that nothing is offset or blended.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from ccm_opt.robot.arm import Arm
 
 @dataclass(frozen=True, eq=False)
 class SectionMap(CurveMap):
-    """The map from unknowns v, shape (2 s,), of an arm of s sections to its configurations q, shape (c,).
+    """The map from unknowns v, shape (2 s + k,), of an arm of s sections on k axes to its configurations q, shape (c,).
 
     The sections stand for the knots of a curve.
 
@@ -30,12 +30,11 @@ class SectionMap(CurveMap):
 
     @classmethod
     def of_sections(cls, arm: Arm, sections: ArcSections, q: FloatArray) -> tuple["SectionMap", FloatArray]:
-        """Return the map of an arm, and the unknowns of a configuration, shape (c,), in it, shape (2 s,)."""
+        """Return the map of an arm, and the unknowns of a configuration, shape (c,), in it, shape (2 s + k,)."""
         count = len(sections.counts)
-        scale = np.tile(np.sqrt(sections.counts), 2)
-        space = cls(
-            arm, arm.length / count, count, scale, np.zeros((2, 2)), np.array([0.0, arm.length]), sections=sections
-        )
+        nothing = (np.zeros((2, 2)), np.array([0.0, arm.length]))
+        plain = cls(arm, arm.length / count, count, np.zeros(0), *nothing, sections=sections)
+        space = replace(plain, scale=np.concatenate((np.tile(np.sqrt(sections.counts), 2), plain.axis_scale)))
         return space, space.fitted(q)
 
     @property
@@ -44,42 +43,39 @@ class SectionMap(CurveMap):
         return True
 
     def fitted(self, q: FloatArray, smoothness: float = 0.0) -> FloatArray:
-        """Return the unknowns, shape (2 s,), of a configuration, shape (c,).
+        """Return the unknowns, shape (2 s + k,), of a configuration, shape (c,).
 
         Args:
-            q: configuration [rad].
+            q: configuration [rad, m].
             smoothness: without effect.
         """
         del smoothness
-        return np.asarray(self._inverse @ q[: 2 * self.arm.links])
+        return np.asarray(self._inverse @ q)
 
     @cached_property
     def _inverse(self) -> FloatArray:
-        return np.asarray(np.linalg.pinv(self.slopes(np.zeros(self.dimension))[: 2 * self.arm.links]))
+        return np.asarray(np.linalg.pinv(self.slopes(np.zeros(self.dimension))))
 
     def blended_to(self, q: FloatArray) -> tuple["SectionMap", FloatArray]:
-        """Return the same map, and the unknowns of another configuration, shape (c,), in it, shape (2 s,)."""
+        """Return the same map, and the unknowns of another configuration, shape (c,), in it, shape (2 s + k,)."""
         return self, self.fitted(q)
 
     def drawn(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Return the unknowns of random bends of the sections within their limits, shape (count, 2 s)."""
+        """Return the unknowns of random bends and axis positions within their limits, shape (count, 2 s + k)."""
+        bends = 2 * self.knots
         spread = rng.uniform(0.2, 1.0, (count, 1))
-        shares = np.clip(spread * rng.normal(size=(count, self.dimension)), -1.0, 1.0)
-        return np.asarray(_MOST_DRAWN * shares * self.unknown_limits)
-
-    @cached_property
-    def unknown_limits(self) -> FloatArray:
-        """Bound on the absolute value of each unknown, shape (2 s,)."""
-        return np.asarray(np.tile(self.sections.limits, 2) / self.scale)
+        shares = np.clip(spread * rng.normal(size=(count, bends)), -1.0, 1.0)
+        bent = _MOST_DRAWN * shares * (np.tile(self.sections.limits, 2) / self.scale[:bends])
+        return np.hstack((bent, self.drawn_axes(rng, count)))
 
     @property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the sections' curvatures with respect to the unknowns, first axis first, (2 s, 2 s) [1/m]."""
-        return np.diag(self.scale / np.tile(self.sections.lengths, 2))
+        """Derivatives of the sections' curvatures by the unknowns, first axis first, (2 s, 2 s + k) [1/m]."""
+        return np.eye(2 * self.knots, self.dimension) * self.scale / np.tile(self.sections.lengths, 2)[:, None]
 
     @property
     def of_shape(self) -> BoolArray:
-        """Mask of the unknowns that shape the arm: all, shape (2 s,)."""
+        """Mask of the unknowns that shape the arm: all, shape (2 s + k,)."""
         return np.ones(self.dimension, dtype=np.bool_)
 
     @property

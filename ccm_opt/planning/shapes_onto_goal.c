@@ -13,10 +13,11 @@ typedef struct {
     double whole, largest;                        /* length of the arm; largest step */
     const double *lengths, *arcs;                 /* of the links, (links,); arcs as in link_places.h */
     const double *turns;                          /* constant rotations of the links; may be missing */
-    const double *place, *base, *offset, *slopes; /* the last two: (c,) and (size, c) */
-    const double *limit, *inverse;                /* of the bends, (c,); of the slopes, (c, size) */
+    Carrier carrier;
+    const double *offset, *slopes;       /* (c,) and (size, c) */
+    const double *low, *high, *inverse;  /* limits of the coordinates, (c,); of the slopes, (c, size) */
     double position[3], direction[3];
-    double *work;   /* 26 numbers a link, 7 a coordinate of points, and 12 more */
+    double *work;   /* 26 numbers a link, 7 an axis and a coordinate of points, and 12 more */
     double *points; /* (shapes, size), moved */
     double *missed; /* (shapes,): errors that are left, in arm lengths and radians */
 } GoalShapes;
@@ -40,13 +41,13 @@ static void solve_six(double matrix[ROWS][ROWS], double *value)
     }
 }
 
-/* Errors of the tip, (6,), and their derivatives by the bends, (c, 6); returns the largest error. */
+/* Errors of the tip, (6,), and their derivatives by the coordinates, (c, 6); returns the largest error. */
 static double tip_errors(const GoalShapes *g, const double *q, double *frames, double *error, double *by_bends)
 {
     int64_t n = g->links;
-    double *rotations = frames + 3 * (n + 1), size = g->whole, most = 0.0;
-    Carrier fixed = {0, NULL, g->place, g->base};
-    place_links(n, g->lengths, g->turns, g->arcs, &fixed, q, frames, rotations);
+    double *rotations = frames + 3 * (n + 1), size = g->whole, most = 0.0, place[3], base[9], now[6 * MOST_AXES];
+    place_links(n, g->lengths, g->turns, g->arcs, &g->carrier, q, frames, rotations);
+    place_base(&g->carrier, q + 2 * n, place, base, now);
     const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
     double ahead[3] = {last[0], last[3], last[6]};
     for (int d = 0; d < 3; d++) {
@@ -56,7 +57,7 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
     for (int d = 0; d < ROWS; d++) most = larger(most, fabs(error[d]));
     for (int64_t i = 0; i < 2 * n; i++) {
         int64_t j = i / 2;
-        const double *frame = j ? rotations + 9 * (j - 1) : g->base, *after = rotations + 9 * j;
+        const double *frame = j ? rotations + 9 * (j - 1) : base, *after = rotations + 9 * j;
         double axes[2][3], *axis = axes[i % 2], arm[3];
         joint_axes(g->arcs, frame, after, q + 2 * j, axes[0], axes[1]);
         minus(tip, frames + 3 * j, arm);
@@ -66,21 +67,31 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
             for (int d = 0; d < 3; d++) by_bends[ROWS * i + d] += grows * (frame[3 * d] + after[3 * d]);
         }
         cross(axis, ahead, by_bends + ROWS * i + 3);
+    }
+    for (int64_t k = 0; k < g->carrier.count; k++) {
+        const double *axis = now + 6 * k;
+        double *row = by_bends + ROWS * (2 * n + k), lever[3];
+        int turns = g->carrier.axes[AXIS * k] != 0.0;
+        minus(tip, axis + 3, lever);
+        cross(axis, lever, row);
+        cross(axis, ahead, row + 3);
+        for (int d = 0; d < 3 && !turns; d++) row[d] = axis[d], row[3 + d] = 0.0;
+    }
+    for (int64_t i = 0; i < 2 * n + g->carrier.count; i++)
         for (int d = 0; d < 3; d++) {
             by_bends[ROWS * i + d] /= size;
             if (!g->directed) by_bends[ROWS * i + 3 + d] = 0.0;
         }
-    }
     return most;
 }
 
-/* The change of the point that bends joints back which are beyond their limits; returns whether there are any. */
+/* The change of the point that moves coordinates back which are beyond their limits; returns whether there are any. */
 static int bend_back(const GoalShapes *g, const double *q, double *back)
 {
     int bent = 0;
     for (int64_t d = 0; d < g->size; d++) back[d] = 0.0;
-    for (int64_t i = 0; i < 2 * g->links; i++) {
-        double beyond = q[i] > g->limit[i] ? q[i] - g->limit[i] : q[i] < -g->limit[i] ? q[i] + g->limit[i] : 0.0;
+    for (int64_t i = 0; i < 2 * g->links + g->carrier.count; i++) {
+        double beyond = q[i] > g->high[i] ? q[i] - g->high[i] : q[i] < g->low[i] ? q[i] - g->low[i] : 0.0;
         if (beyond == 0.0) continue;
         bent = 1;
         for (int64_t d = 0; d < g->size; d++) back[d] -= BACK * beyond * g->inverse[i * g->size + d];
@@ -90,7 +101,7 @@ static int bend_back(const GoalShapes *g, const double *q, double *back)
 
 static double move_onto_goal(const GoalShapes *g, double *point)
 {
-    int64_t c = 2 * g->links;
+    int64_t c = 2 * g->links + g->carrier.count;
     double *q = g->work, *by_bends = q + c, *rows = by_bends + ROWS * c, *back = rows + ROWS * g->size;
     double *frames = back + g->size;
     for (int64_t step = 0;; step++) {

@@ -206,7 +206,7 @@ def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline
         keyframes: configurations of a certified motion, shape (K, c) [rad, m].
         task: task with the certificate.
     """
-    failing = partial(_failing_places, task, None, tube=bool(task.arm.base_axes))
+    failing = partial(_failing_places, task, None, tube=task.arm.feed is not None)
     return spline_near(keyframes, lambda spline: spline, failing, task.deadline)
 
 

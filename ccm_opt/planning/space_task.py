@@ -15,7 +15,7 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
-from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, assembled_limits, within_limits
+from ccm_opt.planning.limits.limit_stack import AxisLimit, ContactLimit, FeedLimit, assembled_limits, within_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.surface_rows import clearance_shortfall, distance_shortfall, motion_rows
 from ccm_opt.planning.limits.user_limit import UserLimit
@@ -63,7 +63,7 @@ arm of one metre can be raised off a table 1.5 µm below the arm, and hardly off
 class SpaceTask(SearchTask):
     """Inputs of the search for a motion in space.
 
-    Configurations are bends [rad], followed by the feed of the base [m].
+    Configurations are bends [rad], followed by the positions of the axes that carry the base [m, rad].
 
     Attributes:
         tree: distance tree of the surfaces of the scene.
@@ -132,8 +132,8 @@ class SpaceTask(SearchTask):
         """
         rows = partial(motion_rows, finder=finder)
         contact = ContactLimit(finder, self.contact_certificate, self.settings.step, rows, wanted_gap)
-        feed = (FeedLimit(),) if self.arm.base_axes else ()
-        return assembled_limits(self.arm, contact, self.settings.step, (*feed, *self.user_limits, *self.held))
+        axes = () if not self.arm.base_axes else (AxisLimit() if self.arm.feed is None else FeedLimit(),)
+        return assembled_limits(self.arm, contact, self.settings.step, (*axes, *self.user_limits, *self.held))
 
     @cached_property
     def spare(self) -> float:
@@ -233,7 +233,7 @@ class SpaceTask(SearchTask):
             spline: smooth path of configurations.
             legs: whether the path consists of straight legs between the keyframes.
         """
-        if self.arm.base_axes and not legs:
+        if self.arm.feed is not None and not legs:
             keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
         return keyframes, spline, ()
 
@@ -263,7 +263,7 @@ class SpaceTask(SearchTask):
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
     """Return the corners of a box that contains the arm in any pose, clipped to bounds (2, d) if given, (2, d) [m]."""
     low, high = arm.base_range
-    return _box_about(arm, low, high, arm.length, bounds)
+    return _box_about(arm, low, high, arm.length + (0.0 if arm.feed else arm.base_travel), bounds)
 
 
 def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
@@ -272,7 +272,7 @@ def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
     An arm on a feed axis is straight in its guide tube and turns only beyond the end of the tube.
     """
     low, high = arm.base_range
-    if not arm.base_axes:
+    if arm.feed is None:
         return reach_box(arm, bounds)
     first = max(low, arm.hole)
     return _box_about(arm, first, max(first, high), arm.length - max(first - high, 0.0), bounds)
@@ -335,7 +335,7 @@ def space_task(
         scene=problem.workspace.extent if len(problem.workspace.triangle_soup) else np.zeros((0, 3)),
         names=problem.workspace.triangle_soup.names,
         slowness=slowness(problem),
-        follows=bool(arm.base_axes) and terms is None and options.optimiser != "none" and options.retiming != "paul",
+        follows=arm.feed is not None and terms is None and options.optimiser != "none" and options.retiming != "paul",
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,
@@ -377,6 +377,6 @@ def slowness(problem: Problem) -> FloatArray:
     arm = problem.arm
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity
     usual = float(np.median(speeds[: 2 * arm.links]))
-    # A feed without a speed limit is taken to travel a nominal link while a joint bends by a radian.
+    # An axis without a speed limit is taken to travel a nominal link while a joint bends by a radian.
     speeds = np.where(np.isfinite(speeds), speeds, usual * arm.length / NOMINAL_LINKS)
     return np.asarray(usual / speeds)

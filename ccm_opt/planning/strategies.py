@@ -380,7 +380,12 @@ def _finished(found: Motion, task: MotionTask) -> Motion:
 
 
 def _is_fed(run: SpaceRun) -> bool:
-    return bool(run.task.arm.base_axes)
+    return run.task.arm.feed is not None
+
+
+def _is_carried(run: SpaceRun) -> bool:
+    """Return whether axes carry the arm, which sampling moves together with its joints sooner than ways of the tip."""
+    return bool(run.task.arm.carrier)
 
 
 def _passes_places(run: SpaceRun) -> bool:
@@ -437,8 +442,9 @@ def _chaining(number: int) -> Strategy[SpaceRun, SpaceMotion]:
     """
 
     def applies(run: SpaceRun) -> bool:
-        free = run.task.arm.sections is None  # chains of links bend each joint by itself
-        return free and run.task.goal_pose is None and _passes_none(run) and not _is_fed(run)
+        arm = run.task.arm
+        free = arm.sections is None and not arm.base_axes  # chains bend each joint by itself, from where the base is
+        return free and run.task.goal_pose is None and _passes_none(run)
 
     return Strategy("chains of links", lambda run, failed: run.by_chains(number, failed), applies, costly=number > 0)
 
@@ -453,13 +459,14 @@ def _by_withdrawing(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | Non
 
 WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
     _sampling(0, whole=True),
-    Strategy("straight way of the tip", SpaceRun.find_straight, SpaceRun.begins_bent),
+    Strategy("straight way of the tip", SpaceRun.find_straight, lambda run: run.begins_bent() or _is_carried(run)),
     Strategy("withdrawal", _by_withdrawing, SpaceRun.begins_bent),
-    Strategy("first ways of the tip", SpaceRun.find_along_first_ways),
+    Strategy("first ways of the tip", SpaceRun.find_along_first_ways, lambda run: not _is_carried(run)),
     Strategy("withdrawal", _by_withdrawing, SpaceRun.begins_straight),
     _sampling(0, whole=False),
     _poses(whole=True),
     _sampling(1),
+    Strategy("first ways of the tip", SpaceRun.find_along_first_ways, _is_carried),
     _chaining(0),
     _sampling(2),
     _chaining(1),

@@ -513,7 +513,7 @@ class SpaceTipWays:
         via point lies in that cylinder.
         """
         arm = self.task.arm
-        if not arm.base_axes:
+        if arm.feed is None:
             return grid
         hole = arm.base + arm.hole * arm.direction
         depth, wide = _BEHIND_HOLE * self.task.unit

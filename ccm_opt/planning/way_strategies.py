@@ -117,11 +117,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     def begins_bent(self) -> bool:
         """Return whether a fed arm has bent joints at the start, so that it has to move back along its own shape."""
-        return bool(self.task.arm.base_axes) and bool(np.any(self.start.q[:-1]))
+        return self.task.arm.feed is not None and bool(np.any(self.start.q[:-1]))
 
     def begins_straight(self) -> bool:
         """Return whether a fed arm is straight at the start, so that it may move on without being retracted."""
-        return bool(self.task.arm.base_axes) and not self.begins_bent()
+        return self.task.arm.feed is not None and not self.begins_bent()
 
     def find_straight(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return a motion that leads the tip straight to the goal, or None if that fails."""
@@ -241,7 +241,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         arm = self.task.arm
         start = self.start
         ways = partial(SpaceTipWays, self.task, start.tip, self.goal.position, self.goal.direction)
-        if not arm.base_axes:
+        if arm.feed is None:
             return ways(start.tip_direction)
         feed = float(start.q[-1])
         out = feed + arm.length - arm.hole
@@ -259,7 +259,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             slides: whether the motion begins at the start of the task, so that all joints can slide along the tip path.
         """
         task = self.task
-        slides = slides and task.stage is None and bool(task.arm.base_axes)
+        slides = slides and task.stage is None and task.arm.feed is not None
         for way in ways:
             slid = self._slid(way, failures) if slides and way.followed else None
             found = slid
@@ -385,7 +385,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             if found is not None or task.deadline.passed():
                 return found
         # A fed arm is instead retracted into its guide tube, and sections have no joint that turns the base.
-        if task.arm.base_axes or task.arm.sections is not None or not goals:
+        if task.arm.feed or task.arm.sections is not None or not goals:
             return None
         ways = partial(swung, self.stepper, self._motions, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)

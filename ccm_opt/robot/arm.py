@@ -286,6 +286,15 @@ class Arm(LinkLayout):
     def _axis_reaches(self) -> tuple[float, ...]:
         return axis_reaches(self.carrier, self.base_position, self.length) if self.carrier else ()
 
+    @property
+    def base_travel(self) -> float:
+        """Bound on how far axes move the base from where it is when all of them are at zero [m]; 0 if it is fixed."""
+        moved = (
+            2.0 * (reach - self.length) if axis.revolute else max(abs(axis.low), abs(axis.high))
+            for axis, reach in zip(self.carrier, self._axis_reaches, strict=True)
+        )
+        return sum(moved, max(map(abs, self.base_range)))
+
     @cached_property
     def bend_limits(self) -> FloatArray:
         """Bound on the absolute value of each bend, joint by joint, shape (k links,) for k bends per joint [rad]."""

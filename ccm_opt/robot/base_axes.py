@@ -8,6 +8,7 @@ Robotics, section 4.1).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from ccm_opt.core.arrays import FloatArray
 
 MOST_AXES = 6
 """Greatest number of axes between the ground and an arm."""
+_SWEEPS = 30
+"""Most times that every axis is moved to bring the base near a point. Heuristic: some five are enough mostly."""
+_SETTLED = 1e-9
+"""Change of the positions of axes that counts as none [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,96 @@ def base_frames(axes: FloatArray, place: FloatArray, rotation: FloatArray, value
         shift = shift + (turn - turned) @ point
         turn = turned
     return BaseFrames(turn @ place + shift, turn @ rotation, directions, points)
+
+
+@dataclass(frozen=True)
+class ShortAxis:
+    """An axis that would bring an arm's base near enough to a point, had it a wider range.
+
+    Attributes:
+        number: index of the axis.
+        limit: end of its range at which it stands [m, rad].
+        missing: how far beyond that end it would have to go [m, rad].
+    """
+
+    number: int
+    limit: float
+    missing: float
+
+
+def nearest_base(axes: Sequence[BaseAxis], place: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
+    """Return the positions of axes at which the base is nearest to a point, shape (k,) [m, rad], and its distance [m].
+
+    One axis after the other is moved to its best position, from the middle and from all ends of the ranges; the result
+    is exact if all axes are prismatic.
+
+    Args:
+        axes: the axes.
+        place: position of the arm's base where all axes are at zero, shape (3,) [m].
+        target: the point, shape (3,) [m].
+    """
+    rows = axis_rows(axes)
+    ends = [(axis.low, axis.high) for axis in axes]
+    values = np.vstack((np.mean(ends, axis=1), list(product(*ends))))
+    for _ in range(_SWEEPS):
+        before = values.copy()
+        for k, axis in enumerate(axes):
+            best, _ = _best_positions(axes, place, target, values, k, 0.0)
+            values[:, k] = np.clip(best, axis.low, axis.high)
+        if np.allclose(values, before, rtol=0.0, atol=_SETTLED):
+            break
+    distances = np.linalg.norm(base_frames(rows, place, np.eye(3), values).place - target, axis=1)
+    nearest = int(np.argmin(distances))
+    return values[nearest], float(distances[nearest])
+
+
+def short_axes(
+    axes: Sequence[BaseAxis], place: FloatArray, target: FloatArray, values: FloatArray, within: float
+) -> tuple[ShortAxis, ...]:
+    """Return the axes each of which alone would bring the base within a distance of a point, had it a wider range.
+
+    Args:
+        axes: the axes.
+        place: position of the arm's base where all axes are at zero, shape (3,) [m].
+        target: the point, shape (3,) [m].
+        values: positions of the axes at which the base is nearest to the point, shape (k,) [m, rad].
+        within: the distance [m].
+    """
+    found = []
+    for k, axis in enumerate(axes):
+        best, spare = (float(each[0]) for each in _best_positions(axes, place, target, values[None], k, within))
+        limit = min(max(best, axis.low), axis.high)
+        missing = abs(best - limit) - spare
+        if missing > 0.0:  # not if no position is near enough, where the spare is not a number
+            found.append(ShortAxis(k, limit, missing))
+    return tuple(found)
+
+
+def _best_positions(
+    axes: Sequence[BaseAxis], place: FloatArray, target: FloatArray, values: FloatArray, k: int, within: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the positions of axis k at which the base is nearest to a point while the other axes stand.
+
+    The second result is how far from there the axis may be for the base to be within a distance of the point; it is not
+    a number where no position is near enough. Ranges play no part, but angles are those nearest to the middle of the
+    range. Both have shape (m,) [m, rad].
+    """
+    axis = axes[k]
+    frames = base_frames(axis_rows(axes), place, np.eye(3), values)
+    along, point = frames.directions[:, k], frames.points[:, k]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if not axis.revolute:
+            off = target - frames.place
+            ahead = np.sum(off * along, axis=1)
+            return values[:, k] + ahead, np.sqrt(within**2 - (np.sum(off**2, axis=1) - ahead**2))
+        base, goal = frames.place - point, target - point
+        lift = np.sum((goal - base) * along, axis=1)
+        base, goal = (each - np.sum(each * along, axis=1)[:, None] * along for each in (base, goal))
+        turn = np.arctan2(np.sum(along * np.cross(base, goal), axis=1), np.sum(base * goal, axis=1))
+        middle = 0.5 * (axis.low + axis.high)
+        best = middle + (values[:, k] + turn - middle + np.pi) % (2.0 * np.pi) - np.pi
+        squares = np.sum(base**2, axis=1) + np.sum(goal**2, axis=1) + lift**2 - within**2
+        return best, np.arccos(squares / (2.0 * np.linalg.norm(base, axis=1) * np.linalg.norm(goal, axis=1)))
 
 
 @dataclass(frozen=True, eq=False)

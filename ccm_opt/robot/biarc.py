@@ -103,7 +103,7 @@ def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
     Returns:
         Fractions from 0 to 1, shape (joints,).
     """
-    if not arm.base_axes:
+    if arm.feed is None:
         return np.ones(len(places))
     free_after = STRAIGHT_BEFORE + (FREE_AFTER - STRAIGHT_BEFORE) * (
         1.0 if arm.links <= _FEW_LINKS else NOMINAL_LINKS / arm.links
@@ -130,7 +130,7 @@ def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
         arm: the arm, with or without a guide tube.
         q: configuration, shape (c,) [rad, m].
     """
-    if not arm.base_axes:
+    if arm.feed is None:
         return q
     places = arm.joint_places[:-1] + float(np.sum(q[2 * arm.links :])) - arm.hole
     straight = q.copy()

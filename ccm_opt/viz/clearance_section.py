@@ -34,6 +34,7 @@ _LIMITS: Mapping[ClearanceLimit, str] = {
     "links": "other links hold the arm where it is",
     "joint limits": "joints are at their limits",
     "feed": "the feed axis is at the end of its range",
+    "base axes": "base axes are at the end of their range",
     "goal": "the goal fixes the end of the motion",
     "via places": "goal.via fixes where the tip passes",
     "constraints": "constraints hold the arm where it is",

@@ -143,7 +143,7 @@ class Drawn:
         knots = np.linspace(0, count - 1, 3)
         waves = [np.interp(np.arange(count), knots, rng.normal(0.0, 0.5, 3)) for _ in range(2 if self.space else 1)]
         limits = 0.8 * np.minimum(arm.limits, 2.0)
-        shapes = [np.clip(wave, -limits, limits) for wave in waves]
+        shapes = [np.clip(wave, -limits[:, k], limits[:, k]) for k, wave in enumerate(waves)]
         return np.stack(shapes, axis=1) if self.space else shapes[0]
 
     def _body(self, points: FloatArray, bounds: FloatArray) -> dict[str, Any]:

@@ -63,14 +63,14 @@ class FileArm:
 
     @cached_property
     def limits(self) -> FloatArray:
-        """Limit of each joint's bends, shape (links,) [rad]."""
+        """Limits of each joint's bends, in the plane both alike, shape (links, 2) [rad]."""
 
-        def limit(row: Keys, count: int) -> FloatArray:
-            free = ~np.isin(np.arange(1, count + 1), row.get("locked", ()))
-            return np.where(free, row["joint_limit_deg"], 0.0)
+        def limits(row: Keys) -> FloatArray:
+            free = ~np.isin(np.arange(1, row["links"] + 1), row.get("locked", ()))
+            return free[:, None] * np.broadcast_to(np.array(row["joint_limit_deg"], dtype=float), 2)
 
-        degrees = self._each(limit)
-        if degrees[0] > 0.0:
+        degrees = np.concatenate([limits(row) for row in self.table["sections"]])
+        if degrees[0].any():
             degrees[0] = self.table.get("base_limit_deg", 360.0)
         return np.deg2rad(degrees)
 
@@ -308,7 +308,8 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
     points, _ = arm.placed(bends, axes)
     if np.abs(points - arrays["joint_positions"]).max() > 1e-9:
         found.append("joints are not where the arrays say")
-    over = np.abs(bends).reshape(len(bends), len(arm.lengths), -1).max(axis=(0, 2)) - arm.limits
+    each = np.abs(bends).reshape(len(bends), len(arm.lengths), -1).max(axis=0)
+    over = (each - arm.limits[:, : each.shape[1]]).max(axis=1)
     if over.max() > 1e-6:
         found.append(f"joint {int(over.argmax()) + 1} is {over.max():.2g} rad beyond its limit")
     found += list(_beyond_ends(data, arrays, bends))
@@ -331,12 +332,17 @@ def _beyond_ends(data: Keys, arrays: Mapping[str, FloatArray], bends: FloatArray
     if np.abs(bends[0] - np.deg2rad(start.get("joints_deg", np.zeros(bends.shape[1:])))).max() > 1e-6:
         yield "the start is another"
     goals: Sequence[Keys] = data["goal"] if isinstance(data["goal"], list) else [data["goal"]]
-    tips = arrays["joint_positions"][:, -1]
+    ends, tips = arrays["joint_positions"][:, -2], arrays["joint_positions"][:, -1]
     for goal, sample in zip(goals, (*arrays["stops"], len(tips) - 1), strict=True):
         if "position" in goal:
             away = float(np.linalg.norm(tips[sample] - goal["position"]))
             if away > goal.get("position_tolerance", 1e-3) + 1e-9:
                 yield f"the tip misses a goal by {away:.2g} m"
+            ahead, wanted = (np.array(each) for each in (tips[sample] - ends[sample], goal.get("direction", ())))
+            if len(wanted):
+                off = np.rad2deg(np.arccos(ahead @ wanted / np.linalg.norm(ahead) / np.linalg.norm(wanted)))
+                if off > goal.get("direction_tolerance_deg", 1.0) + 1e-6:
+                    yield f"the tip points {off:.2g} degrees off a goal"
         elif np.abs(bends[sample] - np.deg2rad(goal["joints_deg"])).max() > np.deg2rad(1.001):
             yield "the pose misses a goal"
 

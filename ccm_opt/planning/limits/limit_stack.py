@@ -1,4 +1,4 @@
-"""Limits that every motion has to satisfy: contact, joint range, range of the feed, length of a step.
+"""Limits that every motion has to satisfy: contact, joint range, range of base axes, length of a step.
 
 In a QP step every near pair of bodies gives a linear inequality (a row); over an interval of a motion every link has to
 stay in half-planes and clear of other links; between keyframes a certificate bounds how far links deviate from
@@ -45,9 +45,9 @@ _STILL = 0.01
 _BEYOND = 1e-9
 """Amount by which a coordinate may exceed its limits because of rounding [rad, m]."""
 _SPARE_FEED = 0.004
-"""Maximum length of the feed range that the optimisation leaves unused at either end [m]."""
+"""Maximum part of the range of a base axis that the optimisation leaves unused at either end [m, rad]."""
 _SPARE_SHARE = 0.01
-"""Fraction of the feed range left unused at either end in the optimisation, if less than ``_SPARE_FEED``."""
+"""Fraction of the range of a base axis left unused at either end in the optimisation, if less than ``_SPARE_FEED``."""
 _KNOT_BEND = 1.1
 """Bound on the bend of a fed arm's joint that corresponds to the curvature at a knot, as a multiple of the joint limit.
 Above 1 because the bend depends on the mean curvature near the joint, which is less than the maximum."""
@@ -93,14 +93,11 @@ class AtRest(LimitOf[CurveUnknowns]):
 
 
 @dataclass(frozen=True)
-class FeedLimit(LimitOf[CurveMap]):
-    """Limit on the feed of an arm in space: range of the base, and travel of the base in a step.
-
-    In a step, the base travels at most until the next joint is just outside the guide tube.
-    """
+class AxisLimit(LimitOf[CurveMap]):
+    """Limit on the axes that carry an arm in space: their ranges, and the travel of the base in a step."""
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """Return the inequality of a QP step that keeps the base within its range, and the bound on its travel.
+        """Return the inequalities of a QP step that keep the axes within range, and the bound on the base's travel.
 
         Args:
             space: map from the unknowns of the curve to configurations.
@@ -110,6 +107,56 @@ class FeedLimit(LimitOf[CurveMap]):
         del turn
         arm = space.arm
         base = arm.coordinates.base
+        low = np.minimum(arm.lower_limits[base] - pose.q[base], 0.0)
+        high = np.maximum(arm.upper_limits[base] - pose.q[base], 0.0)
+        excess = self.travel_excess(space, pose)
+        return LimitRows(pose.slopes[base], low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
+
+    def travel_excess(self, space: CurveMap, pose: Pose) -> Callable[[FloatArray], float]:
+        """Return the function from a change of the unknowns to the base's travel relative to the greatest of a step."""
+        return lambda delta: float(np.linalg.norm(pose.moving[0] @ delta)) / (_FEED * space.nominal_length)
+
+    def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
+        """Return whether the configuration of the pose ``final`` is within the limits of joints and axes."""
+        del near
+        return within_limits(space.arm, final.q)
+
+    def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Return inequalities that bound the axes at all keyframes but the first.
+
+        Args:
+            sweep: the motion.
+            u: unused.
+        """
+        del u
+        layout = sweep.space.arm.coordinates
+        return tuple(self._axis_rows(sweep, index) for index in range(layout.joints, len(layout)))
+
+    def _axis_rows(self, sweep: Sweep, index: int) -> KeyframeRows:
+        arm = sweep.space.arm
+        at = sweep.configurations[1:, index]
+        least, greatest = arm.lower_limits[index], arm.upper_limits[index]
+        spare = min(_SPARE_FEED, _SPARE_SHARE * (greatest - least))
+        low = np.minimum(least + spare - at, 0.0)
+        high = np.maximum(greatest - spare - at, 0.0)
+        keyframe = np.arange(1, sweep.intervals + 1)
+        rows = sweep.slopes[1:, index]
+        return KeyframeRows(keyframe, rows, low, high, "feed" if arm.feed else "base axes")
+
+    def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
+        """Return whether all keyframes of the motion ``sweep`` are within the limits of joints and axes."""
+        del before, u
+        return within_limits(sweep.space.arm, sweep.configurations)
+
+
+class FeedLimit(AxisLimit):
+    """Limit on the feed of an arm in space: range of the base, and travel of the base in a step.
+
+    In a step, the base travels at most until the next joint is just outside the guide tube.
+    """
+
+    def travel_excess(self, space: CurveMap, pose: Pose) -> Callable[[FloatArray], float]:
+        """Return the function from a change of the unknowns to the feed relative to the greatest of a step."""
         feed = float(pose.q[-1])
 
         def excess(delta: FloatArray) -> float:
@@ -117,14 +164,7 @@ class FeedLimit(LimitOf[CurveMap]):
             room = feed_to_next_stop(space, feed, forward=fed > 0.0)
             return abs(fed) / min(room, _FEED * space.nominal_length)
 
-        low = np.minimum(arm.lower_limits[base] - feed, 0.0)
-        high = np.maximum(arm.upper_limits[base] - feed, 0.0)
-        return LimitRows(pose.slopes[base], low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
-
-    def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
-        """Return whether the configuration of the pose ``final`` is within the joint limits and the feed range."""
-        del near
-        return within_limits(space.arm, final.q)
+        return excess
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Return inequalities that bound the feed and the curvature at the knots, at all keyframes but the first.
@@ -136,27 +176,13 @@ class FeedLimit(LimitOf[CurveMap]):
             sweep: the motion.
             u: unused.
         """
-        del u
         arm = sweep.space.arm
         rows = arm.link_length * sweep.space.curvature_rows
         now = sweep.unknowns[1:] @ rows.T
         most = np.maximum(_KNOT_BEND * arm.joint_limit, np.abs(now))
         keyframe = np.arange(1, sweep.intervals + 1)
         knots = np.repeat(keyframe, len(rows)), np.tile(rows, (sweep.intervals, 1))
-        feed = sweep.configurations[1:, -1]
-        least, greatest = arm.lower_limits[-1], arm.upper_limits[-1]
-        spare = min(_SPARE_FEED, _SPARE_SHARE * (greatest - least))
-        low = np.minimum(least + spare - feed, 0.0)
-        high = np.maximum(greatest - spare - feed, 0.0)
-        return (
-            KeyframeRows(*knots, (-most - now).ravel(), (most - now).ravel()),
-            KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high, "feed"),
-        )
-
-    def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Return whether all keyframes of the motion ``sweep`` are within the joint limits and the feed range."""
-        del before, u
-        return within_limits(sweep.space.arm, sweep.configurations)
+        return (KeyframeRows(*knots, (-most - now).ravel(), (most - now).ravel()), *super().keyframe_rows(sweep, u))
 
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:

@@ -163,6 +163,7 @@ ClearanceLimit = Literal[
     "links",
     "joint limits",
     "feed",
+    "base axes",
     "goal",
     "via places",
     "constraints",
