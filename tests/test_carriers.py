@@ -8,20 +8,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
+from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import ProblemFileError
+from ccm_opt.core.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.core.native import NativeCall
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
-from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.planning.curve_map import CurveMap, pose_with
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.positioning import CarrierMotions
+from ccm_opt.planning.sampled_poses import CurvePoints
+from ccm_opt.planning.settings import SpaceMotionSettings
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.base_axes import BaseAxis
+from ccm_opt.robot.base_axes import BaseAxis, nearest_base, short_axes
 from ccm_opt.robot.coordinates import DriveLimits, Limits
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -209,6 +214,77 @@ def test_axes_that_move_to_their_limits_do_not_exceed_them(seed: int, axes: int)
     assert np.max(np.abs(path.spline.c[:, arm.coordinates.base])) <= 2.0
 
 
+@given(seed=seeds, axes=counts)
+@settings(max_examples=30)
+def test_unknowns_hold_bends_and_axes(seed: int, axes: int) -> None:
+    """A configuration is the one of its unknowns, a blend leads to another, and slopes are constant differences."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    first, last = rng.uniform(-0.9, 0.9, (2, len(arm.coordinates)))
+    curve, start = CurveMap.through(arm, first)
+    np.testing.assert_allclose(curve.configuration(start), first, atol=1e-9)
+    curve, end = curve.blended_to(last)
+    begun = np.append(start, 0.0)
+    for v, q in ((begun, first), (end, last)):
+        np.testing.assert_allclose(curve.configuration(v), q, atol=1e-9)
+    np.testing.assert_allclose(curve.slopes(begun) @ (end - begun), last - first, atol=1e-9)
+
+
+@given(seed=seeds, axes=counts)
+@settings(max_examples=30)
+def test_shapes_moved_onto_a_goal_have_the_tip_there(seed: int, axes: int) -> None:
+    """As far off as is told, in place and direction, whatever the axes."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    rest, wanted = rng.uniform(-0.5, 0.5, (2, len(arm.coordinates)))
+    curve, v = CurveMap.through(arm, rest)
+    goal = GoalPose(arm.joint_positions_at(wanted)[-1], arm.link_rotations(wanted)[-1, :, 0])
+    points = CurvePoints(SpaceStepper(curve, (), SpaceMotionSettings()), curve.pose(v))
+    moved = np.vstack((v, v + 0.1 * rng.normal(size=(7, len(v))))) @ points.root
+    missed = points.moved_onto(goal, moved)
+    for left, unknowns in zip(missed, points.unknowns(moved), strict=True):
+        pose = curve.pose(unknowns)
+        errors = np.concatenate(((pose.tip - goal.position) / arm.length, pose.tip_direction - goal.direction))
+        assert np.max(np.abs(errors)) == pytest.approx(left, rel=1e-6, abs=1e-9)
+
+
+@given(seed=seeds, axes=st.integers(1, 3))
+def test_the_nearest_base_of_prismatic_axes_is_the_least_squares_one(seed: int, axes: int) -> None:
+    """Within the ranges of the axes, by another solver; each axis named as short is so by what is missing."""
+    rng = np.random.default_rng(seed)
+    place, target = rng.normal(size=(2, 3))
+    carrier = tuple(BaseAxis(unit_vector(rng), -0.3, 0.2, revolute=False) for _ in range(axes))
+    values, distance = nearest_base(carrier, place, target)
+    directions = np.stack([axis.direction for axis in carrier], axis=1)
+    oracle = lsq_linear(directions, target - place, bounds=(-0.3, 0.2), tol=1e-14)
+    assert distance == pytest.approx(np.sqrt(2.0 * oracle.cost), abs=1e-6)
+    assert np.linalg.norm(place + directions @ values - target) == pytest.approx(distance, abs=1e-12)
+    for short in short_axes(carrier, place, target, values, 0.9 * distance):
+        sign = 1.0 if short.limit > 0.0 else -1.0
+        values[short.number] = short.limit + sign * short.missing
+        assert np.linalg.norm(place + directions @ values - target) == pytest.approx(0.9 * distance, abs=1e-6)
+        values[short.number] = short.limit
+
+
+@given(seed=seeds, axes=counts)
+@settings(max_examples=30)
+def test_a_short_axis_reaches_once_its_range_is_wide_enough(seed: int, axes: int) -> None:
+    """Axes of both kinds: at what is told beyond the limit, the base is at the distance asked for."""
+    rng = np.random.default_rng(seed)
+    arm = carried_arm(rng, axes)
+    target = arm.base + 9.0 * unit_vector(rng)
+    values, distance = nearest_base(arm.carrier, arm.base, target)
+    rows = rng.uniform(-2.0, 2.0, (50, len(arm.coordinates)))
+    for short in short_axes(arm.carrier, arm.base, target, values, 0.95 * distance):
+        q = np.concatenate((np.zeros(2 * LINKS), values))
+        q[2 * LINKS + short.number] = short.limit + np.sign(short.limit) * short.missing
+        assert np.linalg.norm(arm.carried(q).place - target) == pytest.approx(0.95 * distance, abs=1e-6)
+        # No other position of that axis is nearer, with the others where they are.
+        rows[:, 2 * LINKS :] = values
+        rows[:, 2 * LINKS + short.number] = rng.uniform(-2.0, 2.0, len(rows))
+        assert np.min(np.linalg.norm(arm.carried(rows).place - target, axis=1)) >= distance - 1e-9
+
+
 @pytest.mark.planning
 def test_a_gantry_brings_the_arm_before_the_hole() -> None:
     """The plan passes the verifier, and each axis moves."""
@@ -277,6 +353,7 @@ def test_a_moving_base_is_no_reason_to_pass_through_an_obstacle(tmp_path: Path) 
     """A post behind the base, which the base alone would touch, stops an arm that slides past it."""
     (tmp_path / "slide.toml").write_text(SLIDE)
     problem = ccm_opt.load_problem(tmp_path / "slide.toml")
+    problem = replace(problem, planner=replace(problem.planner, time_limit=1.5))
     with pytest.raises(ccm_opt.NoPlanFound):
         ccm_opt.solve(problem)
     free = replace(problem, workspace=replace(problem.workspace, obstacles=()))
@@ -291,6 +368,52 @@ def test_torques_are_limited_on_several_axes(tmp_path: Path) -> None:
     solution = ccm_opt.solve(ccm_opt.load_problem(tmp_path / "slide.toml"))
     assert "joint torque" in {check.name for check in solution.checks}
     assert all(check.passed for check in solution.checks)
+
+
+TURNTABLE = SLIDE.replace("[0.0, 1.0, 0.0]", "[0.0, 0.0, 1.0]").replace("[-30, 30]", "[-180, 180]")
+
+
+@pytest.mark.planning
+def test_axes_and_bends_move_together(tmp_path: Path) -> None:
+    """An arm that bends in one upright plane is lifted and turned to a goal behind it, as an independent model finds.
+
+    The goal is what its axes and bends give, rounded; no place of the base alone brings the tip there.
+    """
+    arm = "[[arm.sections]]\nlinks = 8\nlink_length = 0.05\nradius = 0.02\njoint_limit_deg = [0, 40]\n"
+    head, rest = TURNTABLE.split("[arm]\n")
+    tail = rest.split("[arm.base]")[1].split("axes = [0.0, 0.0]")[0]
+    arm += "[arm]\nbase_limit_deg = [0, 40]\n[arm.base]"
+    goal = "[goal]\nposition = [-0.248, 0.2081, -0.0114]\ndirection = [-0.6428, 0.5393, -0.5440]\n"
+    bounds = head.replace("[[-0.3, -0.3, -0.3]", "[[-0.6, -0.6, -0.6]").replace("0.3]]", "0.9]]")
+    file = tmp_path / "turned.toml"
+    file.write_text(bounds + arm + tail + goal)
+    solution = ccm_opt.solve(ccm_opt.load_problem(file))
+    assert all(check.passed for check in solution.checks)
+    assert np.all(np.ptp(solution.trajectory.base_positions, axis=0) > 0.01)
+
+
+@pytest.mark.planning
+def test_a_pose_of_the_whole_arm_on_an_axis_along_it_may_bend_any_joint(tmp_path: Path) -> None:
+    """The axis stands where on a feed axis half of the joints would still be in the guide tube."""
+    along = SLIDE.replace("[0.0, 1.0, 0.0]", "[1.0, 0.0, 0.0]")
+    kept = along.split("[[arm.base.axes]]")
+    one = kept[0] + "[[arm.base.axes]]" + kept[1] + "[limits]" + kept[2].split("[limits]")[1]
+    bends = "joints_deg = [[20, 0], [20, 10], [15, 0], [10, -10], [0, 0], [0, 0], [0, 10], [0, 0]]\naxes = [0.1]"
+    text = one.replace("axes = [0.0, 0.0]", "axes = [0.0]").replace('shape = "straight"\naxes = [0.4, 0.0]', bends)
+    (tmp_path / "whole.toml").write_text(text)
+    solution = ccm_opt.solve(ccm_opt.load_problem(tmp_path / "whole.toml"))
+    assert all(check.passed for check in solution.checks)
+
+
+def test_axes_that_end_before_the_goal_is_in_reach_are_named(tmp_path: Path) -> None:
+    """By key, with the end of the range and what is missing beyond it: the arm is 0.4 m long."""
+    goal = "position = [0.3, 0.95, 0.0]\nposition_tolerance = 1e-3\n"
+    text = SLIDE.replace('shape = "straight"\naxes = [0.4, 0.0]', goal).replace("0.9, 0.9", "0.9, 1.2")
+    (tmp_path / "far.toml").write_text(text)
+    with pytest.raises(UnreachableGoal) as refused:
+        ccm_opt.solve(ccm_opt.load_problem(tmp_path / "far.toml"))
+    # At y the goal is √(0.3² + (0.95 − y)²) away: 0.401 at y = 0.6839.
+    assert "arm.base.axes[0].range beyond 0.5 m by 183.9 mm" in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,15 @@ import ccm_opt
 from ccm_opt.planning.rrt_connect import PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.problem import Problem
+from ccm_opt.robot.base_axes import BaseAxis
+from ccm_opt.robot.coordinates import DriveLimits
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+CARRIER = (
+    BaseAxis(np.array([0.0, 0.6, 0.8]), -0.6, 0.6, revolute=True, point=np.array([0.1, 0.0, 0.2])),
+    BaseAxis(np.array([1.0, 0.0, 0.0]), -0.6, 0.6, revolute=False),
+)
+"""Axes below an arm."""
 POSES = 150
 """Of a motion that are looked at."""
 
@@ -40,15 +47,18 @@ def scene(seed: int) -> Problem:
 
 
 @settings(max_examples=8, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_motions_are_free_as_far_as_samples_say(seed: int) -> None:
+@given(seed=st.integers(0, 10_000), carried=st.booleans())
+def test_motions_are_free_as_far_as_samples_say(seed: int, carried: bool) -> None:
     """Up to the share no link is deeper in anything than half its radius; beyond it something is touched."""
     problem = scene(seed)
+    if carried:
+        limits = replace(problem.limits, axes=DriveLimits(*np.ones((4, 2))))
+        problem = replace(problem, arm=replace(problem.arm, mount_length=0.0, carrier=CARRIER), limits=limits)
     arm = problem.arm
     tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
     motions = SampledMotions(arm, tree, 0.0, problem.workspace.extent)
     rng = np.random.default_rng(seed)
-    start, end = rng.uniform(-0.6, 0.6, (2, 6, 2 * arm.links))
+    start, end = rng.uniform(-0.6, 0.6, (2, 6, len(arm.coordinates)))
     shares = motions.free_shares(start, end)
     assert np.all((shares >= 0.0) & (shares <= 1.0))
     for first, last, share in zip(start, end, shares, strict=True):

@@ -7,7 +7,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import BaseAxis, Feed
-from ccm_opt.verification.consistency import check_efforts, check_rates
+from ccm_opt.verification.consistency import check_efforts, check_gains, check_rates
 from ccm_opt.verification.drives import Efforts, axis_limits, bends_a_ball, sample_words
 from ccm_opt.verification.limits import check_sources, finite_jerks, largest_magnitude, less_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -57,6 +57,9 @@ def check_base_axes(
         ]
         most = float(bound[1]) if np.isfinite(bound[1]) else 0.0
         checks.append(check_rates(f"{name} velocity against positions", f"{unit}/s", (time, place, speed), most))
+        if isinstance(axis, BaseAxis):  # the forces of a feed axis are held against differences of positions instead
+            gains = (time, speed[:, None], gain[:, None])
+            checks.append(check_gains(f"{name} acceleration against velocity", f"{unit}/s", gains, most, settings))
         against = f"{name} {effort} against dynamics"
         checks.append(check_efforts(against, effort_unit, force - own, own, sample_words(time), settings))
     return checks

@@ -46,9 +46,10 @@ def check_consistency(
     limit = problem.limits.acceleration[bend_revolutes(trajectory.coordinates)]
     names = describe_bend_joints(trajectory.coordinates)
     motion = (trajectory.time, trajectory.bend_angles, trajectory.bend_velocities)
+    gains = (trajectory.time, trajectory.bend_velocities, trajectory.bend_accelerations)
     return [
         check_rates("velocities against angles", "rad/s", motion, limit, names),
-        _accelerations(trajectory, limit, names, settings),
+        check_gains("accelerations against velocities", "rad/s", gains, limit, settings, names),
         _revolutes(trajectory, joints, settings),
         check_efforts(
             "torques against dynamics",
@@ -111,17 +112,29 @@ def check_efforts(
     return check_worst(name, unit, error, allowed, where)
 
 
-def _accelerations(
-    trajectory: JointTrajectory, limit: FloatArray, names: Sequence[str], settings: VerificationSettings
+def check_gains(
+    name: str,
+    unit: str,
+    motion: tuple[FloatArray, FloatArray, FloatArray],
+    limit: FloatArray | float,
+    settings: VerificationSettings,
+    names: Sequence[str] = ("",),
 ) -> Check:
-    """Check that the changes of joint velocities match the accelerations, except for jumps between samples.
+    """Check that the changes of velocities match the accelerations, except for jumps between samples.
 
     The mean acceleration over a step lies between the values at its ends unless the acceleration jumps twice within the
     step. The unexplained change of velocity, summed over the motion, may be a small fraction of the total change.
+
+    Args:
+        name: name of the check.
+        unit: unit of the velocities.
+        motion: times (T,), velocities and accelerations, both of shape (T, n).
+        limit: acceleration limit of every column.
+        settings: tolerances.
+        names: names of the columns.
     """
-    step = np.diff(trajectory.time)[:, None]
-    value = trajectory.bend_accelerations
-    speed = trajectory.bend_velocities
+    time, speed, value = motion
+    step = np.diff(time)[:, None]
     gained = np.diff(speed, axis=0)
     # Changes of velocity above the larger or below the smaller end acceleration are not explained by the samples.
     above = gained - step * np.maximum(value[1:], value[:-1])
@@ -130,9 +143,9 @@ def _accelerations(
 
     # Rounding accumulates over the steps; the floor is for joints that hardly move.
     rounding = 16.0 * np.finfo(np.float64).eps * len(step) * (1.0 + np.max(np.abs(speed)))
-    floor = settings.unseen_floor * trajectory.time[-1] * limit
+    floor = settings.unseen_floor * time[-1] * limit
     allowed = settings.unseen_share * np.sum(np.abs(gained), axis=0) + floor + rounding
-    return check_worst("accelerations against velocities", "rad/s", outside, allowed, lambda j: names[j])
+    return check_worst(name, unit, outside, allowed, lambda j: names[j])
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:

@@ -78,6 +78,14 @@ def stronger(number: int) -> SpacePlan:
     return told(carried(), base_forces=share * carried().joints.base_forces)
 
 
+def gaining(column: int) -> SpacePlan:
+    """Return a motion whose accelerations of one coordinate are reported a fifth too small, as efforts presume."""
+    plan = carried()
+    shares = np.ones(len(plan.trajectory.coordinates))
+    shares[column] = 0.8
+    return plan.moving(accelerations=shares * plan.trajectory.accelerations)
+
+
 def heavier(number: int) -> SpacePlan:
     """Return a plan for a base axis that moves more than the reported efforts do."""
     axes = list(AXES)
@@ -184,6 +192,7 @@ EQUIPPED_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "axis_N force": (lambda: weaker(0),),
     "axis_N torque": (lambda: weaker(1),),
     "axis_N velocity against positions": (lambda: bumped(carried(), -2, 0.004), lambda: bumped(carried(), -1, 0.004)),
+    "axis_N acceleration against velocity": (lambda: gaining(-2), lambda: gaining(-1)),
     "axis_N force against dynamics": (lambda: stronger(0), lambda: heavier(0)),
     "axis_N torque against dynamics": (lambda: stronger(1), lambda: heavier(1)),
     "axis_N at rest": (lambda: still_moving(carried(), -2, 1e-5), lambda: still_moving(carried(), -1, 1e-4)),
