@@ -19,12 +19,15 @@ from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.tour_order import OrderSolver, tour_cost
 from ccm_opt.driver.tours import TourPlanner
 from ccm_opt.io.reading import parse_problem
+from ccm_opt.planning.joining import Tube
 from ccm_opt.problem import PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
+from ccm_opt.robot.base_axes import Feed
 from ccm_opt.verification.tour import in_order
 
 from .command_runs import CommandLine
 from .conftest import SMALL_PROBLEM
+from .snakes_in_space import snake
 from .test_legs import KNOTS, Straight, in_space
 
 ENDS: tuple[TourEnd, ...] = ("free", "last", "start")
@@ -151,6 +154,7 @@ def test_what_is_not_reached_is_left_out_unless_the_motion_ends_there() -> None:
         ({"order": "free", "follow_within": 0.1}, {}, "planner.follow_within is not supported"),
         ({"order": "free", "method": "hill-climbing"}, {}, 'needs planner.method = "nlp"'),
         ({"order": "free", "retiming": "paul"}, {}, 'needs planner.retiming = "toppra"'),
+        ({"order": "free", "tries": 2}, {}, "planner.tries must be 1"),
         ({"end": "start"}, {}, 'planner.end = "start" needs planner.order = "free"'),
         ({"order": "free"}, {"via": (np.zeros(3),)}, "goal.via is not supported"),
     ],
@@ -216,3 +220,20 @@ def test_a_planner_of_the_user_is_asked_with_one_goal_at_a_time() -> None:
     planner = Lines()
     TourPlanner(free_order("free", [10, 20]), planner, lambda _: 1.0, lambda _: None, Stages(), share=1.0).plan()
     assert all(asked.planner.order == "given" and not asked.stops for asked in planner.asked)
+
+
+@given(
+    feeds=st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4)),
+    bends=st.lists(st.floats(-0.5, 0.5), min_size=8, max_size=8),
+)
+def test_an_even_motion_of_a_fed_arm_bends_no_joint_in_the_tube(feeds: tuple[float, float], bends: list[float]) -> None:
+    """Joints that are out at both ends bend as they like; those that come out begin to bend beyond the tube only."""
+    arm = snake(4, feed=Feed(0.0, 0.4, 0.4))
+    ends = np.column_stack((np.tile(bends, (2, 1)), feeds))
+    tube = Tube(arm, travel=0.01)
+    ends[:, :-1] *= tube.beyond(ends) > tube.travel + 2.0 * tube.step
+    rows = tube.motion(*ends)
+    np.testing.assert_array_equal(rows[[0, -1]], ends)
+    assert not np.any(tube.bent_inside(rows))
+    assert np.all(tube.beyond(rows)[rows[:, :-1] != 0.0] > tube.travel)
+    assert np.all(np.abs(np.diff(rows[:, -1])) <= tube.step + 1e-12)

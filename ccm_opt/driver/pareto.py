@@ -8,7 +8,7 @@ from ccm_opt.core.errors import CancelledWithPlan, NoPlanFound, ProblemError, Ve
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.arguments import expect_arguments
+from ccm_opt.driver.arguments import expect_arguments, refuse_free_order
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -88,6 +88,7 @@ def pareto(
     expect_arguments(progress=progress, settings=settings, explain=explain)
     expect(trade_off, ParetoSettings, "ParetoSettings for trade_off=")
     _refuse_planners_without_gaps(problem)
+    refuse_free_order(problem, "trade-offs of duration and clearance are")
     numbers = settings or DEFAULT_SETTINGS
 
     def solved(wanted_gap: float, number: int, *, explain: bool = False) -> Solution:

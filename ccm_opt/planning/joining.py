@@ -13,9 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.planner import MotionPlanner, with_clamped_base
@@ -26,7 +27,7 @@ from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.planning.tool_problem import own_coordinates, path_without_tool_links, problem_with_tool_links
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointPath
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _ROWS = 48
@@ -39,6 +40,11 @@ _TRIES = 40
 """Number of straight motions that are tried for each of them. Heuristic."""
 _SAVED = 0.02
 """Least time that a straight motion has to save, as a fraction of the chain's. Heuristic."""
+_FEED_STEP = 1.0 / 6.0
+"""Travel of the base between two configurations of a chain, in link lengths. Heuristic."""
+_MIXED = 2
+"""Number of configurations on either side that a smooth path mixes with one, of which it is a control point. Derived:
+four control points shape every span of a cubic spline."""
 _NO_DEADLINE = Deadline(np.inf, np.inf)
 """Deadline of certificates, which take no time limit."""
 _APART = 2
@@ -80,17 +86,15 @@ class PathJoiner:
                 metres[whole.coordinates.base] = units.metres
                 ends = resolve_ends(scaled)
                 task = MotionPlanner().task_without_routes(scaled, ends, _NO_DEADLINE)
-                rows = _shortened(chain / metres, task.certificate, pace / metres)
-                found = None if rows is None else _smooth(rows, task.certificate)
+                tube = _tube(scaled)
+                found = _Shortening(task.certificate, pace / metres, tube).path(chain / metres)
                 if found is None:
                     return None
                 keyframes, spline, curves = task.keyframes_along(found.keyframes, found.spline, legs=False)
                 found = replace(found, keyframes=keyframes, spline=spline, curves=curves)
                 found = units.path_in_metres(found, whole)
         else:
-            certificate = self._certificate(problem)
-            rows = _shortened(chain, certificate, pace)
-            found = None if rows is None else _smooth(rows, certificate)
+            found = _Shortening(self._certificate(problem), pace, _tube(problem)).path(chain)
             if found is None:
                 return None
         # Units round lengths; the next leg begins exactly where this one ends.
@@ -129,51 +133,157 @@ def chain_time(chain: FloatArray, pace: FloatArray) -> FloatArray:
     return np.append(0.0, np.cumsum(np.max(np.abs(np.diff(chain, axis=0)) / pace, axis=1)))
 
 
-def _evenly(chain: FloatArray, pace: FloatArray, count: int) -> FloatArray:
-    """Return configurations of a chain between which the same time passes, shape (count + 1, c)."""
-    time = chain_time(chain, pace)
-    moving = np.append(True, np.diff(time) > 0.0)
-    at = np.linspace(0.0, time[-1], count + 1)
-    even = np.column_stack([np.interp(at, time[moving], column) for column in chain[moving].T])
-    even[[0, -1]] = chain[[0, -1]]
-    return even
+def _tube(problem: Problem) -> "Tube | None":
+    """Return the guide tube of a problem's arm; None if there is none."""
+    fed = problem.arm.feed is not None
+    return Tube(problem.arm, travel_between_samples(problem.arm, problem.limits)) if fed else None
 
 
-def _shortened(chain: FloatArray, certificate: IntervalCertificate, pace: FloatArray) -> FloatArray | None:
-    """Return a certified chain with the same ends in which straight motions replace parts, or None.
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """The guide tube of a fed arm, in which joints are straight.
 
-    None means that the given chain cannot be certified.
+    Attributes:
+        arm: the arm.
+        travel: travel of the base between two samples in time: no joint begins to bend nearer to the hole [m].
     """
-    if len(certificate.failures(chain[[0, -1]])) == 0:
-        return _evenly(chain[[0, -1]], pace, 4)
-    even = _evenly(chain, pace, _ROWS)
-    for _ in range(_HALVINGS):
-        failing = certificate.failures(even)
-        if len(failing) == 0:
-            break
-        even = _evenly(chain, pace, 2 * (len(even) - 1))
-    else:
+
+    arm: Arm
+    travel: float
+
+    @property
+    def step(self) -> float:
+        """Largest travel of the base between two configurations of a chain [m]."""
+        return _FEED_STEP * self.arm.link_length
+
+    def beyond(self, q: FloatArray) -> FloatArray:
+        """Return how far each coordinate of a bend is beyond the end of the tube, shape (..., bends) [m]."""
+        places = np.repeat(self.arm.joint_places[:-1], self.arm.bends_a_joint)
+        return np.asarray(q[..., -1:] + places - self.arm.hole)
+
+    def bent_inside(self, q: FloatArray) -> BoolArray:
+        """Return whether a joint bends inside the tube in an interval of a chain q, (K, c), shape (K − 1,)."""
+        bent = q[:, :-1] != 0.0
+        beyond = self.beyond(q)
+        inside = (bent[1:] | bent[:-1]) & (np.minimum(beyond[1:], beyond[:-1]) < -HELD_TOLERANCE)
+        # A joint that begins to bend is out by then, also halfway between two samples in time.
+        begins = bent[1:] != bent[:-1]
+        straight = np.where(bent[1:], beyond[:-1], beyond[1:])
+        return np.asarray(np.any(inside | (begins & (straight < self.travel)), axis=1))
+
+    def straightened(self, chain: FloatArray) -> FloatArray:
+        """Return a chain without bends inside the tube, at its end, and at the configurations before and after."""
+        held = np.pad(self.beyond(chain) < self.travel, ((_MIXED, _MIXED), (0, 0)))
+        around = np.any([held[k : k + len(chain)] for k in range(2 * _MIXED + 1)], axis=0)
+        found = chain.copy()
+        found[1:-1, :-1][around[1:-1]] = 0.0
+        return found
+
+    def motion(self, first: FloatArray, last: FloatArray) -> FloatArray:
+        """Return an even motion of base and joints of which joints bend once they are out of the tube, shape (m, c)."""
+        share = np.linspace(0.0, 1.0, 2 + int(abs(last[-1] - first[-1]) / self.step))[:, None]
+        rows = first + share * (last - first)
+        ends = np.stack((first, last))
+        beyond = self.beyond(ends)
+        outer = np.argmax(beyond, axis=0)
+        columns = np.arange(beyond.shape[1])
+        reserve = self.travel + _MIXED * self.step
+        far = beyond[outer, columns]
+        crossing = (np.min(beyond, axis=0) < reserve) & (far > reserve)
+        grown = (self.beyond(rows) - reserve) / np.where(crossing, far - reserve, 1.0)
+        emerging = np.clip(grown, 0.0, 1.0) * ends[outer, columns]
+        rows[:, :-1] = np.where(crossing, emerging, rows[:, :-1])
+        rows[[0, -1]] = ends
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Shortening:
+    """Shortening of chains by straight motions.
+
+    Attributes:
+        certificate: certificate of contact and limits.
+        pace: fastest rates of the coordinates, shape (c,).
+        tube: the guide tube; None for an arm without one.
+    """
+
+    certificate: IntervalCertificate
+    pace: FloatArray
+    tube: Tube | None
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.certificate.arm
+
+    @property
+    def spare(self) -> float:
+        """Certified gap beyond contact [m]."""
+        return self.certificate.spare
+
+    def failures(self, q: FloatArray, /, depth: int | None = None) -> IntArray:
+        """Return the sorted indices of the intervals of a chain, (K, c), that are not certified."""
+        failing = self.certificate.failures(q, depth)
+        return failing if self.tube is None else np.union1d(failing, np.flatnonzero(self.tube.bent_inside(q)))
+
+    def evenly(self, chain: FloatArray, count: int) -> FloatArray:
+        """Return configurations of a chain between which the same time passes, at least ``count`` + 1, shape (m, c)."""
+        if self.tube is not None:
+            count = max(count, int(np.sum(np.abs(np.diff(chain[:, -1]))) / self.tube.step))
+        time = chain_time(chain, self.pace)
+        moving = np.append(True, np.diff(time) > 0.0)
+        at = np.linspace(0.0, time[-1], count + 1)
+        even = np.column_stack([np.interp(at, time[moving], column) for column in chain[moving].T])
+        even[[0, -1]] = chain[[0, -1]]
+        return even if self.tube is None else self.tube.straightened(even)
+
+    def straight(self, first: FloatArray, last: FloatArray) -> FloatArray:
+        """Return an even motion between two configurations, with those at which joints leave the tube, shape (m, c)."""
+        return np.stack((first, last)) if self.tube is None else self.tube.motion(first, last)
+
+    def path(self, chain: FloatArray) -> JointPath | None:
+        """Return a certified path with the ends of a chain in which straight motions replace parts, or None."""
+        rows = self._shortened(chain)
+        spline = None if rows is None else certified_spline(rows, self)
+        if rows is None or spline is None:
+            return None
+        return JointPath(spline, rows, (), "joined", spare=certified_spare(spline, self))
+
+    def _shortened(self, chain: FloatArray) -> FloatArray | None:
+        """Return a certified chain with the same ends in which straight motions replace parts.
+
+        The result is None if the given chain cannot be certified.
+        """
+        whole = self.straight(chain[0], chain[-1])
+        if len(self.failures(whole)) == 0:
+            return whole
+        even = self.evenly(chain, _ROWS)
+        for _ in range(_HALVINGS):
+            if len(self.failures(even)) == 0:
+                break
+            even = self.evenly(chain, 2 * (len(even) - 1))
+        else:
+            return None
+        for _ in range(_CUTS):
+            cut = self._cut(even)
+            if cut is None:
+                break
+            even = cut
+        return even
+
+    def _cut(self, chain: FloatArray) -> FloatArray | None:
+        """Return a certified chain with the straight motion that saves most time, of those certified, or None."""
+        time = chain_time(chain, self.pace)
+        straight = np.max(np.abs(chain[:, None] - chain[None]) / self.pace, axis=2)
+        saved = time[None, :] - time[:, None] - straight
+        for first, last in itertools.islice(_spread(np.triu(saved, 2), _SAVED * float(time[-1])), _TRIES):
+            rows = self.straight(chain[first], chain[last])
+            if len(self.failures(rows)) == 0:
+                if len(rows) == 2:
+                    count = max(2, round(_ROWS * float(straight[first, last] / time[-1])))
+                    rows = rows[0] + np.linspace(0.0, 1.0, count + 1)[:, None] * (rows[1] - rows[0])
+                return np.vstack((chain[:first], rows, chain[last + 1 :]))
         return None
-    for _ in range(_CUTS):
-        cut = _cut(even, certificate, pace)
-        if cut is None:
-            break
-        even = cut
-    return even
-
-
-def _cut(chain: FloatArray, certificate: IntervalCertificate, pace: FloatArray) -> FloatArray | None:
-    """Return a certified chain with the straight motion that saves most time of those that are certified, or None."""
-    time = chain_time(chain, pace)
-    straight = np.max(np.abs(chain[:, None] - chain[None]) / pace, axis=2)
-    saved = time[None, :] - time[:, None] - straight
-    for first, last in itertools.islice(_spread(np.triu(saved, 2), _SAVED * float(time[-1])), _TRIES):
-        if len(certificate.failures(chain[[first, last]])) == 0:
-            count = max(2, round(_ROWS * float(straight[first, last] / time[-1])))
-            steps = np.linspace(0.0, 1.0, count + 1)[1:-1, None]
-            between = chain[first] + steps * (chain[last] - chain[first])
-            return np.vstack((chain[: first + 1], between, chain[last:]))
-    return None
 
 
 def _spread(saved: FloatArray, least: float) -> Iterator[tuple[int, int]]:
@@ -183,11 +293,3 @@ def _spread(saved: FloatArray, least: float) -> Iterator[tuple[int, int]]:
         first, last = np.unravel_index(int(np.argmax(left)), left.shape)
         yield int(first), int(last)
         left[max(first - _APART, 0) : first + _APART + 1, max(last - _APART, 0) : last + _APART + 1] = 0.0
-
-
-def _smooth(chain: FloatArray, certificate: IntervalCertificate) -> JointPath | None:
-    """Return the certified spline path near a certified chain, or None."""
-    spline = certified_spline(chain, certificate)
-    if spline is None:
-        return None
-    return JointPath(spline, chain, (), "joined", spare=certified_spare(spline, certificate))

@@ -15,7 +15,7 @@ def tour_sentences(tour: Tour) -> Iterator[str]:
     goals = len(tour.order) + len(tour.left_out)
     some = f"{len(tour.order)} of {goals} goals" if tour.left_out else f"{goals} goals"
     back = ", and back to the start" if tour.posed.planner.end == "start" else ""
-    yield f"{some} in the order {', '.join(map(str, tour.order))}{back}"
+    yield f"{some} in the order {', '.join(map(str, tour.order))}{back}; checks number them as visited"
     excess = "no order is shorter"
     if tour.excess > _NO_EXCESS:
         excess = f"at most {100.0 * tour.excess:.2g} % longer than any order"
