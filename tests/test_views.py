@@ -143,7 +143,7 @@ def test_free_cones_of_sight_are_those_of_a_ray_caster(seed: int) -> None:
         )
         distances = np.linalg.norm(nearest.reshape(-1, 400, 3) - points, axis=2).min(axis=0)
         steps = shares[1] / shares[0] - 1.0
-        assert 1.1 * np.tan(free) >= np.min(distances / (shares * away)) - steps - 1e-6
+        assert 1.1 * np.tan(free) >= (np.min(distances / (shares * away)) - steps) / (1.0 + steps) - 1e-6
 
 
 def _shares_hit(place: FloatArray, rays: FloatArray, triangles: FloatArray) -> FloatArray:
