@@ -1,61 +1,86 @@
-"""Pictures of plans in space: a section that sees every surface beside the arm, and goals with their numbers."""
+"""Pictures of plans in space: what the renderer shows and hides, and goals with their numbers."""
 
 from dataclasses import replace
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.problem import Stop, TipGoal, Tolerances
+from ccm_opt.scene.bodies import BoxBody, SphereBody
+from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, PlanDrawing
-from ccm_opt.viz.arm_section import ArmSection, section_along
 from ccm_opt.viz.plan import draw_goals
+from ccm_opt.viz.scene_views import seen_from, viewing_side
+from ccm_opt.viz.shading import Faces, ShadedView, Tube, covered_pixels
 
-from .space_arms import space_arm
 from .space_folders import solved
 
-
-def section_beside(body: Body, base: tuple[float, float, float]) -> ArmSection:
-    """The section along a straight arm of four links among one body."""
-    arm = space_arm(4, base=np.array(base))
-    problem = Problem(
-        "one body",
-        Workspace(bounds=None, obstacles=(Obstacle("body", body),)),
-        arm,
-        Limits(np.ones(12), np.full(12, 4.0)),
-        JointPose(np.zeros((4, 2))),
-        TipGoal(np.array([0.3, 0.0, 0.0])),
-    )
-    return section_along(problem, arm.joint_positions_at(np.zeros(len(arm.coordinates))), 9, 1.0)
+ARM = Tube(np.array([[-0.4, 0.0, 0.0], [0.0, 0.0, 0.1], [0.4, 0.0, 0.0]]), 0.05, style.GOAL_ARM)
+FRONT = seen_from(-90.0, 0.0)
+WINDOW = np.array([[-1.0, -1.0], [1.0, 1.0]])
 
 
-def test_a_section_measures_the_room_across_the_arm() -> None:
-    """In a box the rays across a straight arm are as long as its sides are away, and the nearest side counts."""
-    box = BoxBody(np.array([-1.0, -0.1, -0.2]), np.array([2.0, 0.3, 0.25]))
-    section = section_beside(box, (0.1, 0.02, 0.05))
-    assert np.allclose(section.free, [0.2, 0.28, 0.25, 0.12], atol=1e-6)
-    assert np.allclose(section.nearest, 0.12, atol=1e-12)
+def picture(*bodies: tuple[FloatArray, IntArray]) -> FloatArray:
+    """The picture of the arm among bodies, from the front, of 80 by 80 pixels."""
+    view = ShadedView(Faces.of_bodies(bodies), FRONT, WINDOW, 80, [ARM])
+    return view.picture(view.shown)
 
 
-def test_a_section_sees_round_bodies() -> None:
-    """A bar above the arm is met by the rays that go up, where it is, and by no others."""
-    bar = CapsuleBody(np.array([-1.0, 0.0, 0.2]), np.array([2.0, 0.0, 0.2]), 0.05)
-    section = section_beside(bar, (0.0, 0.0, 0.0))
-    assert np.allclose(section.free[:, 0], 0.15, atol=1e-3)
-    assert np.all(section.free[:, 1:] == 1.0)
-    assert np.allclose(section.nearest, 0.15, atol=1e-12)
+def bluish(shown: FloatArray) -> int:
+    """The number of pixels that are clearly nearer to the arm's colour than to grey."""
+    return int(np.count_nonzero(shown[..., 2] - shown[..., 0] > 0.3 * np.ptp(to_rgb(style.GOAL_ARM))))
 
 
-def test_a_section_sees_what_passes_between_its_rays() -> None:
-    """A thin bar beside the arm, slanted so that no ray of the four meets it, is as near as it is."""
-    length = space_arm(4).length
-    middle = np.array([0.5 * length, 0.08, 0.08])
-    aside = 0.05 * np.array([0.0, 1.0, -1.0])
-    section = section_beside(CapsuleBody(middle - aside, middle + aside, 0.01), (0.0, 0.0, 0.0))
-    assert np.all(section.free == 1.0)
-    expected = np.hypot(section.place - 0.5 * length, 0.08 * np.sqrt(2.0)) - 0.01
-    assert np.allclose(section.nearest, expected, atol=1e-12)
+@given(arrays(np.float64, (4, 2), elements=st.floats(-3.0, 23.0)))
+def test_triangles_with_a_common_side_share_no_pixel(corners: FloatArray) -> None:
+    """Each pixel within a convex quadrilateral belongs to just one of the two triangles that it is divided into."""
+    middle = corners.mean(axis=0)
+    ring = corners[np.argsort(np.arctan2(*(corners - middle).T))]
+    (ux, uy), (vx, vy) = (np.roll(ring, -1, axis=0) - ring).T, (np.roll(ring, -2, axis=0) - np.roll(ring, -1, axis=0)).T
+    halves = ring[[[0, 1, 2], [0, 2, 3]]]
+    _, pixel = covered_pixels(halves, np.ones(2, dtype=np.bool_), (20, 20))
+    if np.all(ux * vy - uy * vx > 1e-6):
+        assert len(np.unique(pixel)) == len(pixel)
+    centres = np.stack(np.divmod(pixel, 20)[::-1], axis=1) + 0.5
+    assert np.all(centres >= corners.min(axis=0) - 1e-9)
+    assert np.all(centres <= corners.max(axis=0) + 1e-9)
+
+
+def test_an_arm_in_a_closed_box_is_seen_through_its_front() -> None:
+    """A box around the arm is open to the viewer; a box behind the arm, and one beside, hide nothing and stay solid."""
+    alone = bluish(picture())
+    assert alone > 100
+    around = BoxBody(np.array([-0.6, -0.3, -0.3]), np.array([0.6, 0.3, 0.3])).surface(12)
+    behind = BoxBody(np.array([-0.6, 0.2, -0.3]), np.array([0.6, 0.3, 0.3])).surface(12)
+    assert bluish(picture(around)) > 0.8 * alone
+    assert bluish(picture(behind)) > 0.95 * alone
+    # The back wall is seen, in its own colour and not through glass.
+    assert np.allclose(picture(behind)[48, 40], picture(around)[48, 40], atol=0.05)
+
+
+def test_a_ball_beside_the_arm_hides_what_is_behind_it() -> None:
+    """What hides no part of the arm is solid, in front of the arm too."""
+    ball = SphereBody(np.array([0.0, -0.5, 0.6]), 0.2).surface(24)
+    wall = BoxBody(np.array([-0.9, 0.5, -0.9]), np.array([0.9, 0.6, 0.9])).surface(12)
+    with_ball, without = picture(ball, wall), picture(wall)
+    centre = (64, 40)
+    assert np.abs(with_ball[centre] - without[centre]).max() > 0.02
+    assert np.allclose(picture(ball)[centre], with_ball[centre], atol=1e-6)
+
+
+def test_a_part_of_the_picture_is_that_of_the_whole() -> None:
+    """A frame of a film, drawn where the arm is, equals the same part of the whole picture, which is else unchanged."""
+    around = BoxBody(np.array([-0.6, -0.3, -0.3]), np.array([0.6, 0.3, 0.3])).surface(12)
+    view = ShadedView(Faces.of_bodies([around]), viewing_side(ARM.points), WINDOW, 80, [ARM])
+    whole, empty = view.picture(view.shown), view.picture([])
+    rows, columns, part = view.part([ARM])
+    empty[rows, columns] = part
+    assert np.allclose(empty, whole, atol=1e-6)
 
 
 def test_goals_of_a_tour_are_numbered_in_every_view() -> None:

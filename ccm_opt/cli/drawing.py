@@ -45,7 +45,7 @@ def plan_pictures(
         from ccm_opt.viz.films import motion_gif  # noqa: PLC0415
         from ccm_opt.viz.page import report_html  # noqa: PLC0415
         from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
-        from ccm_opt.viz.views import SceneViews  # noqa: PLC0415
+        from ccm_opt.viz.scene_views import SceneViews  # noqa: PLC0415
 
     still = f"plan.{kind}"
     report = report_html(solution, pictures=(still, "motion.gif"), plans=plans).encode()

@@ -180,6 +180,11 @@ class Side:
         """Return positions, shape (..., d) with d = 2 or 3, projected to the picture plane, shape (..., 2) [m]."""
         return np.stack((points @ self.across, points @ self.up), axis=-1)
 
+    @property
+    def ahead(self) -> FloatArray:
+        """Unit vector from a scene in space towards the viewer, shape (3,)."""
+        return np.cross(self.across, self.up)
+
 
 PLANE = Side("", np.array([1.0, 0.0]), np.array([0.0, 1.0]), ("x", "y"))
 """Projection of planar scenes, which leaves positions unchanged."""
@@ -190,13 +195,6 @@ SIDES = (
     Side("from the left", _Y, _Z, ("y", "z")),
 )
 """Projections of the three views in the picture of a plan in space."""
-SLANTED = Side(
-    "slanted",
-    np.array([np.cos(0.6), -np.sin(0.6), 0.0]),
-    np.array([0.42 * np.sin(0.6), 0.42 * np.cos(0.6), np.sqrt(1.0 - 0.42**2)]),
-    ("", ""),
-)
-"""Projection from the front and above, as films show scenes in space."""
 
 
 @dataclass(frozen=True)

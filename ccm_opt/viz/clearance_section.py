@@ -18,11 +18,16 @@ from ccm_opt.problem.solution import (
     Solution,
     ToleratedError,
 )
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
 _PREFERRED_CLEARANCES_SHOWN = 4.0
 """Range of the chart of clearance over time, in multiples of the preferred clearance."""
+
+_PLACES_ON_LINK = 33
+"""Number of points of a link's axis among which the one nearest to an obstacle is searched for. Heuristic."""
 
 _BOUNDS = {
     "start": "the start pose allows no more",
@@ -139,15 +144,20 @@ def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | No
 
 
 def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
-    """Return the midpoint between the two bodies of a planar motion at minimum clearance, shape (2,) [m].
+    """Return the place of a motion's minimum clearance: between the bodies in the plane, on the arm's axis in space.
 
     Args:
         problem: the problem, which gives arm and obstacles.
         trajectory: the motion.
         near: time and bodies of the minimum clearance.
+
+    Returns:
+        The place, shape (d,) with d = 2 or 3 [m].
     """
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
     points = problem.arm.joint_positions_at(np.array(at))
+    if problem.dimension == 3:
+        return _nearest_on_axis(problem, points, near)
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
     if near.second_link:
         second: shapely.Geometry = shapely.LineString(points[near.second_link - 1 : near.second_link + 1])
@@ -155,6 +165,35 @@ def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPla
         second = next(wall.core for wall in problem.workspace.walls if wall.name == near.obstacle)
     middle: FloatArray = shapely.get_coordinates(shapely.shortest_line(first, second)).mean(axis=0)
     return middle
+
+
+def _nearest_on_axis(problem: Problem, points: FloatArray, near: NearPlace) -> FloatArray:
+    """Return the point of a link's axis at which the link is nearest to the other body, shape (3,) [m].
+
+    Args:
+        problem: the problem, which gives the obstacles in space.
+        points: positions of joints and tip, shape (n + 1, 3) [m].
+        near: bodies of the minimum clearance.
+    """
+    # A gap of the tool is shown at the last link.
+    link = min(near.link, problem.arm.links)
+    start, end = points[link - 1 : link + 1]
+    along = start + np.linspace(0.0, 1.0, _PLACES_ON_LINK)[:, None] * (end - start)
+    if near.second_link:
+        second = min(near.second_link, problem.arm.links)
+        other = points[second - 1 : second + 1]
+        across = other[1] - other[0]
+        share = np.clip((along - other[0]) @ across / max(float(across @ across), 1e-300), 0.0, 1.0)
+        away = np.linalg.norm(along - other[0] - share[:, None] * across, axis=1)
+    else:
+        soup = problem.workspace.triangle_soup
+        own = soup.triangles[soup.owner == soup.names.index(near.obstacle)]
+        reach = near.gap + 2.0 * float(np.max(problem.arm.radii)) + problem.workspace.clearance
+        low, high = along.min(axis=0) - reach, along.max(axis=0) + reach
+        beside = np.all((own.max(axis=1) > low) & (own.min(axis=1) < high), axis=1)
+        tree = SurfaceTree.from_triangles(TriangleSoup.joined([(near.obstacle, own[beside], 0.0)]))
+        away = tree.distances(np.stack((along, along), axis=1), 10.0 * reach)
+    return np.asarray(along[np.argmin(away)])
 
 
 def _capitalised(sentence: str) -> str:

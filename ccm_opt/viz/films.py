@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -22,20 +23,28 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, PlanDrawing, draw_tip_path, radius_runs
+from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_tip_path, radius_runs
 from ccm_opt.viz.plan import draw_goals
+from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side, work_box
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.views import SceneViews, draw_base, view_box, view_window
+from ccm_opt.viz.shading import Tube
+from ccm_opt.viz.views import action_window, draw_base
 
 _TOLD_FACTOR = 1.05
 """Ratio of playback speed to real time above which a film states this ratio."""
 _MOST_VIDEO_FRAMES = 1500
 """Maximum number of frames of a video; longer motions are shown faster than real time."""
 
+_PATH_SHARE = 0.004
+"""Radius of the tip path in space, as a fraction of its extent. Heuristic."""
+_PATH_POINTS = 60
+"""Number of points of the tip path in space. Heuristic."""
 _HUNDREDTH = 10
 """Resolution of frame times in GIF [ms]."""
 _DOTS_PER_INCH = 100.0
 """Resolution of a film of the default size [1/inch]; larger films are scaled up."""
+_SWATCH = 12
+"""Height of the strip of a mark's colour from which the palette is made [pixel]. Heuristic."""
 _STRIP = 32
 """Height of the strip below the drawing for the time and the progress bar [pixel of a film of the default size]."""
 
@@ -47,9 +56,10 @@ class Film:
     Attributes:
         figure: background behind the arm, above a strip for the time.
         axes: axes in which the arm is drawn.
-        points: positions in the picture of joints and tip of n links at T samples, shape (T, n + 1, 2) [m].
+        arm: artists that are drawn in every frame, in their order.
+        show: function that shows the arm at the sample of a given index, by changing these artists or the pixels of
+            the frame, shape (height, width, 4).
         time: times of the samples, shape (T,) [s].
-        radius: radius of the arm [m].
         settings: sizes and frame rates.
         shown: indices of the samples shown, one per frame.
         seconds: total duration of all frames but the last [s].
@@ -57,23 +67,22 @@ class Film:
 
     figure: Figure
     axes: Axes
-    points: FloatArray
+    arm: Sequence[Artist]
+    show: Callable[[int, Any], None]
     time: FloatArray
-    radius: FloatArray
     settings: FilmSettings
     shown: IntArray
     seconds: float
 
     def frames(self) -> Iterator[Image.Image]:
         """Yield the frames of the film as RGB images of equal size."""
-        figure, axes = self.figure, self.axes
-        arm = _arm(axes, self.points[0], self.radius, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
-        for line, _ in arm:
-            line.set_animated(True)
+        figure = self.figure
+        for artist in self.arm:
+            artist.set_animated(True)
         end = float(self.time[-1])
         faster = end / self.seconds if self.seconds > 0.0 else 1.0
         note = f"  {faster:.2g}\N{MULTIPLICATION SIGN} speed" if faster > _TOLD_FACTOR else ""
-        strip = 1.0 - axes.get_position().height
+        strip = 1.0 - self.axes.get_position().height
         clock = figure.text(0.015, 0.55 * strip, "", size=10.0, family=style.FONT_FAMILY, va="center", animated=True)
         clock.set_color(style.BOUNDARY)
         bar = Rectangle((0.0, 0.0), 0.0, 0.12 * strip, color=style.GOAL_ARM, animated=True)
@@ -81,21 +90,21 @@ class Film:
         canvas = FigureCanvasAgg(figure)
         canvas.draw()  # type: ignore[no-untyped-call]
         still = canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         for k in self.shown:
             canvas.restore_region(still)  # type: ignore[no-untyped-call]
-            for line, part in arm:
-                line.set_data(*self.points[k, part].T)
+            self.show(int(k), pixels)
             clock.set_text(f"{self.time[k]:.2f} s{note}")
             bar.set_width(float(self.time[k]) / max(end, 1e-12))
-            for artist in (*(line for line, _ in arm), clock, bar):
+            for artist in (*self.arm, clock, bar):
                 figure.draw_artist(artist)
-            yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
+            yield Image.fromarray(pixels).convert("RGB")
 
     def gif(self) -> bytes:
         """Return the film as the bytes of an animated GIF file."""
         frames = list(self.frames())
         # One palette for all frames: palettes of their own would make the colours flicker.
-        palette = frames[-1].quantize(self.settings.colours)
+        palette = _with_swatches(frames[-1]).quantize(self.settings.colours)
         flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
         # The end of every frame is rounded to a hundredth of a second, so that rounding errors do not add up.
         ends = np.round(np.linspace(0.0, 1e3 * self.seconds, len(flat))[1:] / _HUNDREDTH) * _HUNDREDTH
@@ -105,7 +114,111 @@ class Film:
         return buffer.getvalue()
 
 
-def _arm(
+def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: SceneViews | None = None) -> Film:
+    """Return the film of a plan's motion, in real time unless real time would need too many frames.
+
+    Args:
+        plan: the plan.
+        settings: size and number of the frames; None for the defaults.
+        scene: obstacles in space prepared for drawing; None to prepare them here.
+    """
+    problem, points, time = plan.problem, plan.points, plan.trajectory.time
+    settings = settings or _usual_settings(plan)
+    in_space = problem.dimension == 3
+    if in_space:
+        work = np.concatenate((points[:, -1], points[-1]))
+        window, side = work_box(problem, points, work), viewing_side(work)
+    else:
+        window, side = action_window(problem, points), PLANE
+    # Video encoders need even side lengths.
+    spans = np.ptp(view_window(side, window), axis=0)
+    width, height = settings.longest_side * spans / float(np.max(spans))
+    times = settings.longest_side / FILM.longest_side
+    whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
+    dots = times * _DOTS_PER_INCH
+    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
+        figure = Figure(figsize=tuple(whole / dots), dpi=dots)
+        axes = figure.add_axes((0.0, 1.0 - height / whole[1], width / whole[0], height / whole[1]))
+        axes.set_axis_off()
+        scene = scene or SceneViews(problem)
+        if in_space:
+            show = _shaded_arm(axes, scene, side, window, plan, settings.longest_side)
+        else:
+            scene.begin_view(axes, side, window)
+            arm, show = _flat_arm(axes, points, drawn_radii(problem.arm))
+            draw_tip_path(axes, points[:, -1])
+            draw_base(axes, points[0, 0], 5.0)
+        draw_goals(axes, plan, side, poses=False)
+    if in_space:
+        # Goals stay on top of the picture, which changes.
+        arm = [*axes.lines, *axes.texts, *axes.patches]
+    # In real time unless that takes more frames than the settings allow.
+    rate = settings.frames_a_second
+    wanted = int(np.ceil(rate * time[-1])) + 1
+    count = int(np.clip(wanted, 2, settings.most_frames))
+    shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
+    seconds = float(time[-1]) if count == wanted else (count - 1) / rate
+    return Film(figure, axes, arm, show, time, settings, shown, seconds)
+
+
+def _shaded_arm(
+    axes: Axes, scene: SceneViews, side: Side, window: FloatArray, plan: PlanDrawing, pixels: int
+) -> Callable[[int, Any], None]:
+    """Draw the background of a film in space, and return the function that draws the arm into a frame.
+
+    Args:
+        axes: axes at the top of the figure, without margins.
+        scene: the obstacles.
+        side: projection to the picture plane.
+        window: lower and upper corner of the visible box, shape (2, 3) [m].
+        plan: the plan.
+        pixels: number of pixels of the longer side of the axes.
+    """
+    radii = drawn_radii(plan.problem.arm)
+    thickness = _PATH_SHARE * float(np.max(np.ptp(plan.points[:, -1], axis=0)))
+    path = Tube(plan.points[:: max(len(plan.points) // _PATH_POINTS, 1), -1], thickness, style.TIP_PATH)
+    still = [path, pose_tube(Pose(plan.points[0], radii, "start"))]
+    view = scene.shaded(side, window, pixels, [*still, pose_tube(Pose(plan.points[-1], radii, "end"))])
+    show_picture(axes, view, view.picture(still))
+
+    def show(sample: int, frame: IntArray) -> None:
+        rows, columns, picture = view.part([pose_tube(Pose(plan.points[sample], radii, "end"))])
+        high = view.shape[0] // view.oversampling
+        place = frame[high - rows.stop : high - rows.start, columns]
+        place[..., :3] = np.round(255.0 * np.clip(picture[::-1], 0.0, 1.0))
+
+    return show
+
+
+def _flat_arm(axes: Axes, points: FloatArray, radii: FloatArray) -> tuple[list[Artist], Callable[[int, Any], None]]:
+    """Return the lines of a planar arm in front of its start pose, and the function that changes its pose.
+
+    Args:
+        axes: axes to draw in, with their limits set.
+        points: positions of joints and tip of n links at T samples, shape (T, n + 1, 2) [m].
+        radii: radius of each link, shape (n,) [m].
+    """
+    _capsules(axes, points[0], radii, (style.START, style.START_EDGE), 0.43)
+    lines = _capsules(axes, points[0], radii, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
+
+    def show(sample: int, _: Any) -> None:
+        for line, part in lines:
+            line.set_data(*points[sample, part].T)
+
+    return [line for line, _ in lines], show
+
+
+def _with_swatches(frame: Image.Image) -> Image.Image:
+    """Return a frame with a strip of the colours of marks, which are too small for a palette to heed."""
+    marks = (style.GOAL_MARK, style.TIP_PATH, style.GOAL_ARM, style.START)
+    shown = Image.new("RGB", (frame.width, frame.height + len(marks) * _SWATCH))
+    shown.paste(frame)
+    for number, colour in enumerate(marks):
+        shown.paste(colour, (0, frame.height + number * _SWATCH, frame.width, frame.height + (number + 1) * _SWATCH))
+    return shown
+
+
+def _capsules(
     axes: Axes, points: FloatArray, radii: FloatArray, colours: tuple[str, str], opacity: float
 ) -> list[tuple[Line2D, slice]]:
     """Draw an arm's body, a union of capsules, and its axis, and return each line with the joints on it.
@@ -128,42 +241,6 @@ def _arm(
         (axes.plot(*points[part].T, color=colour, linewidth=width, alpha=alpha, **look)[0], part)
         for part, width, colour, alpha in [*runs, (slice(None), 1.0, colours[1], 1.0)]
     ]
-
-
-def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: SceneViews | None = None) -> Film:
-    """Return the film of a plan's motion, in real time unless real time would need too many frames.
-
-    Args:
-        plan: the plan.
-        settings: size and number of the frames; None for the defaults.
-        scene: obstacles in space prepared for drawing; None to prepare them here.
-    """
-    problem, points, time = plan.problem, plan.points, plan.trajectory.time
-    settings = settings or _usual_settings(plan)
-    side = SLANTED if problem.dimension == 3 else PLANE
-    window = view_box(problem, points)
-    # Video encoders need even side lengths.
-    spans = np.ptp(view_window(side, window), axis=0)
-    width, height = settings.longest_side * spans / float(np.max(spans))
-    times = settings.longest_side / FILM.longest_side
-    whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
-    dots = times * _DOTS_PER_INCH
-    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
-        figure = Figure(figsize=tuple(whole / dots), dpi=dots)
-        axes = figure.add_axes((0.0, 1.0 - height / whole[1], width / whole[0], height / whole[1]))
-        axes.set_axis_off()
-        (scene or SceneViews(problem)).begin_view(axes, side, window)
-        draw_tip_path(axes, side(points[:, -1]))
-        draw_goals(axes, plan, side, poses=False)
-        draw_base(axes, side(points[0, 0]), 5.0)
-    _arm(axes, side(points[0]), drawn_radii(problem.arm), (style.START, style.START_EDGE), 0.43)
-    # In real time unless that takes more frames than the settings allow.
-    rate = settings.frames_a_second
-    wanted = int(np.ceil(rate * time[-1])) + 1
-    count = int(np.clip(wanted, 2, settings.most_frames))
-    shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
-    seconds = float(time[-1]) if count == wanted else (count - 1) / rate
-    return Film(figure, axes, side(points), time, drawn_radii(problem.arm), settings, shown, seconds)
 
 
 def _usual_settings(plan: PlanDrawing) -> FilmSettings:

@@ -26,7 +26,6 @@ from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import (
     PLANE,
-    SLANTED,
     PlanDrawing,
     Side,
     draw_body,
@@ -37,8 +36,9 @@ from ccm_opt.viz.arm_drawing import (
 )
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes, label_axis
 from ccm_opt.viz.plan import draw_goals, even_steps
+from ccm_opt.viz.scene_views import Pose, SceneViews, view_window, viewing_side, work_box
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SceneViews, action_window, draw_pose, view_box, view_window
+from ccm_opt.viz.views import action_window
 
 _CURVES_SIDE = 3.6
 """Side of the square drawings of backbone curves and of curvatures [inch]."""
@@ -368,9 +368,14 @@ def pareto_png(found: ParetoPlans) -> bytes:
 def pareto_figure(found: ParetoPlans) -> Figure:
     """Return a matplotlib figure of the trade-off between duration and clearance, with a picture of every plan."""
     problem, count = found.problem, len(found.plans)
-    side = SLANTED if problem.dimension == 3 else PLANE
     ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
-    window = view_box(problem, np.concatenate(ends)) if side is SLANTED else whole_workspace(problem.workspace)
+    if problem.dimension == 3:
+        poses = np.concatenate(ends)
+        shown = np.concatenate((poses[:, -1], *(points[-1] for points in ends)))
+        window = work_box(problem, poses, shown)
+        side = viewing_side(shown)
+    else:
+        window, side = whole_workspace(problem.workspace), PLANE
     wide, high = np.ptp(view_window(side, window), axis=0)
     thumbnail = min(_PARETO_WIDTH / count * high / wide, _MOST_THUMBNAIL)
     scene = SceneViews(problem)
@@ -384,7 +389,7 @@ def pareto_figure(found: ParetoPlans) -> Figure:
     for number, plan in enumerate(found.plans, start=1):
         with words_in(found.problem.length_unit):
             axes = figure.add_subplot(grid[1, number - 1])
-            scene.begin_view(axes, side, window)
+            scene.begin_view(axes, side, window, _poses_of(plan.solution))
             _draw_plan(axes, side, plan.solution)
             _dress_plan(axes, found, plan, number)
     return figure
@@ -454,12 +459,17 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 
 
+def _poses_of(solution: Solution | None) -> list[Pose]:
+    """Return start pose and final pose of a plan; none if no plan was found."""
+    if solution is None:
+        return []
+    points, radii = solution.joint_positions, solution.problem.arm.radii
+    return [Pose(points[0], radii, "start"), Pose(points[-1], radii, "end")]
+
+
 def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
-    """Draw start pose, final pose and tip path of a plan; nothing if no plan was found."""
+    """Draw tip path and goals of a plan; nothing if no plan was found."""
     if solution is None:
         return
-    points, radius = solution.joint_positions, solution.problem.arm.radii
-    draw_pose(axes, side, points[0], radius, "start", "")
-    draw_pose(axes, side, points[-1], radius, "end", "")
-    draw_tip_path(axes, side(points[:, -1]))
+    draw_tip_path(axes, side(solution.joint_positions[:, -1]))
     draw_goals(axes, PlanDrawing.from_solution(solution), side, poses=False)

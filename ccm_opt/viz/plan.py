@@ -1,4 +1,4 @@
-"""The picture of a plan, for planar arms in one view, for arms in space in three views and a section along the arm."""
+"""The picture of a plan: for planar arms one view, for arms in space a large shaded view and three sides."""
 
 import numpy as np
 import shapely
@@ -12,11 +12,12 @@ from ccm_opt.problem import Goal, Tolerances
 from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_body, draw_poses, draw_tip_path
-from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.clearance_section import least_gap_place
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
+from ccm_opt.viz.scene_views import Pose, SceneViews, work_box
+from ccm_opt.viz.shading import Tube
 from ccm_opt.viz.sight import goal_sights
-from ccm_opt.viz.views import ARROW_SHARE, SceneViews, Sheet, draw_base, draw_pose, view_box
+from ccm_opt.viz.views import ARROW_SHARE, Sheet, action_window, draw_base
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in views of space, in link lengths, since the views differ in scale."""
@@ -24,6 +25,12 @@ _LABEL_SIZE = 7.5
 """Font size of labels in the drawing [points]."""
 _POSES_ON_THE_WAY = 7
 """Number of poses drawn between start and goal."""
+_MOST_STOPS = 7
+"""Number of goals from which on the arm is not drawn at the goals before the last. Heuristic."""
+_PATH_SHARE = 0.0025
+"""Radius of the tip path in space, as a fraction of the longest side of the visible box. Heuristic."""
+_PATH_POINTS = 120
+"""Number of points of the tip path in space. Heuristic."""
 _LEAST_DISC = 0.012
 """Minimum position tolerance of a goal that is drawn, as a fraction of the picture's width."""
 _LEAST_SEEN = 0.1
@@ -76,33 +83,55 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
-    sheet = Sheet.for_problem(problem, view_box(problem, points), scene)
-    for axes, side in sheet.views:
-        draw_pose(axes, side, points[0], drawn_radii(problem.arm), "start")
-        draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
-        draw_pose(axes, side, points[-1], drawn_radii(problem.arm), "end")
-        draw_tip_path(axes, side(points[:, -1]))
-        if not in_space:
+    radii = drawn_radii(problem.arm)
+    stops = [points[k] for k in plan.trajectory.stops]
+    poses = [Pose(points[0], radii, "start", "start")]
+    if in_space:
+        few = stops if len(stops) < _MOST_STOPS else []
+        poses += [Pose(pose, radii, "stop", "" if k else "at the goals before") for k, pose in enumerate(few)]
+    poses += [Pose(points[-1], radii, "end", "end")]
+    window = work_box(problem, points, _shown_of(points, stops)) if in_space else action_window(problem, points)
+    thickness = max(_PATH_SHARE * float(np.max(np.ptp(window, axis=0))), 0.1 * float(np.max(radii)))
+    path = Tube(points[even_steps(points[:, -1:], _PATH_POINTS, ends=True), -1], thickness, style.TIP_PATH)
+    sheet = Sheet.for_problem(problem, window, poses, [path] if in_space else [], scene)
+    for axes, side in sheet.all_views:
+        if in_space:
+            axes.plot([], [], color=style.TIP_PATH, linewidth=1.3, label="tip path")
+        else:
+            draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
+            draw_tip_path(axes, side(points[:, -1]))
             draw_base(axes, points[0, 0])
         draw_goals(axes, plan, side, poses=not in_space)
         draw_sights(axes, plan, side)
-    title = f"{problem.name}: {plan.trajectory.duration:.2f} s"
-    if plan.nearest is not None:
+        if plan.nearest is not None:
+            _mark_least_gap(axes, side, plan)
+    gap = ""
+    if plan.nearest is not None and in_space:
         with words_in(problem.length_unit):
-            gap = f"least gap {short_length(plan.nearest.gap)}"
-        title += f", {gap}" if in_space else ""
-    if sheet.section is not None:
-        draw_section(sheet.section, problem, points[-1, : problem.arm.links + 1])
-    elif plan.nearest is not None:
-        counted = problem.workspace.clearance and not plan.nearest.second_link
-        label = f"{gap} at {plan.nearest.time:.2f} s" + ("\nbeyond the clearance" if counted else "")
-        sheet.views[0][0].plot(
-            *least_gap_place(problem, plan.trajectory, plan.nearest), marker="o", markersize=10,
-            markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP, zorder=10, linestyle="none",
-            label=label,
-        )  # fmt: skip
-    sheet.finish(title)
+            gap = f", least gap {short_length(plan.nearest.gap)} at {plan.nearest.time:.2f} s, {plan.nearest.pair}"
+    sheet.finish(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}")
     return sheet.figure
+
+
+def _shown_of(points: FloatArray, stops: list[FloatArray]) -> FloatArray:
+    """Return the positions that a picture of a motion in space shows: tip path, poses at the goals, base."""
+    return np.concatenate([points[:, -1], *stops, points[-1], points[:, 0]])
+
+
+def _mark_least_gap(axes: Axes, side: Side, plan: PlanDrawing) -> None:
+    """Draw a ring where the clearance of a motion is least."""
+    near = plan.nearest
+    if near is None:
+        return
+    with words_in(plan.problem.length_unit):
+        label = f"least gap {short_length(near.gap)} at {near.time:.2f} s"
+    if plan.problem.workspace.clearance and not near.second_link and side is PLANE:
+        label += "\nbeyond the clearance"
+    axes.plot(
+        *side(least_gap_place(plan.problem, plan.trajectory, near)), marker="o", markersize=10,
+        markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP, zorder=10, linestyle="none",
+        label=label if side is PLANE else "least gap",
+    )  # fmt: skip
 
 
 def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool = True) -> None:

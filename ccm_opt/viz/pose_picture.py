@@ -13,17 +13,19 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch, whole_workspace
-from ccm_opt.viz.arm_section import draw_section
+from ccm_opt.viz.arm_drawing import PLANE, Side, draw_workspace, polygon_patch, whole_workspace
 from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
+from ccm_opt.viz.scene_views import Pose, SceneViews, seen_from, work_box
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SceneViews, Sheet, draw_base, draw_pose, dress_view, figure_layout, view_box
+from ccm_opt.viz.views import Sheet, draw_base, dress_view, figure_layout
 
 _SCALE_WIDTH = 0.9
 """Width of the colour scale on the right side [inch]."""
 _CURVE_PLACES = 401
 """Number of points at which a backbone curve is sampled for drawing."""
+_CLOUD_AZIMUTH = -60.0
+"""Direction from the reached cells to the viewer, about z from x towards y [deg]."""
 _BAR_SHARE = 0.02
 """Half length of the bar that marks an active obstacle side, as a fraction of the arm's length."""
 
@@ -37,19 +39,17 @@ def pose_figure(found: StaticPose) -> Figure:
     """Return a matplotlib figure of a static pose: arm, backbone curve, goal, and active obstacle sides."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
-    sheet = Sheet.for_problem(problem, view_box(problem, points) if in_space else whole_workspace(problem.workspace))
+    window = work_box(problem, points) if in_space else whole_workspace(problem.workspace)
+    sheet = Sheet.for_problem(problem, window, [Pose(points, problem.arm.radii, "pose", "arm")])
     line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
     ends = curve.positions_at(curve.boundaries[1:-1])
     reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
-    for axes, side in sheet.views:
-        draw_pose(axes, side, points, problem.arm.radii, "pose", "arm")
+    for axes, side in sheet.all_views:
         _draw_curve(axes, side(line), side(ends))
         if not in_space:
             _draw_binding(axes, found)
             draw_base(axes, points[0])
         draw_goal(axes, problem.goal, problem.tolerances, problem.goal.tip(problem.arm), "goal", side, reach)
-    if sheet.section is not None:
-        draw_section(sheet.section, problem, points)
     sheet.finish(_pose_title(found))
     return sheet.figure
 
@@ -165,7 +165,7 @@ def _reach_in_space(found: ReachMap) -> Figure:
     window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
     # The slices go through the goal.
     place = problem.goal.tip(problem.arm)
-    sheet = Sheet.of_box(problem, window)
+    sheet = Sheet.of_box(problem, window, seen_from(_CLOUD_AZIMUTH))
     scene = SceneViews(problem)
     colours = _colours(found)
     for (axes, side), across in zip(sheet.views, _ACROSS, strict=True):
@@ -183,8 +183,8 @@ def _reach_in_space(found: ReachMap) -> Figure:
         at = f"{axes_of_cells[across][number] / METRES[problem.length_unit]:.3g}".replace("-", "\N{MINUS SIGN}")
         name = f"{side.name}: slice at {'xyz'[across]} = {at}"
         axes.set_title(name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
-    if sheet.section is not None:
-        _draw_cloud(sheet.section, found, scene)
+    if sheet.main is not None:
+        _draw_cloud(*sheet.main, found, scene)
     figure = sheet.figure
     figure.suptitle(f"{problem.name}: where the tip can be", x=0.02, ha="left", fontsize=10)
     _legend(figure, sheet.views[0][0], found)
@@ -221,23 +221,17 @@ def _colours(found: ReachMap) -> FloatArray:
     return colours
 
 
-def _draw_cloud(axes: Axes, found: ReachMap, scene: SceneViews) -> None:
+def _draw_cloud(axes: Axes, side: Side, found: ReachMap, scene: SceneViews) -> None:
     """Draw all reachable tip positions in oblique view, from back to front, together with the obstacles near them."""
-    side: Side = SLANTED
     places = found.places[found.reachable]
-    about = np.vstack((places, found.problem.arm.base))
-    flat = side(about)
-    low = flat.min(axis=0) - found.step
-    high = flat.max(axis=0) + found.step
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    scene.draw(axes, side)
-    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    half = 0.5 * found.step
+    window = np.array([[middles[0] - half, middles[-1] + half] for middles in found.axes]).T
+    scene.begin_view(axes, side, window)
     ahead = np.cross(side.across, side.up)
     order = np.argsort(places @ ahead)
     colours = _shades(found, found.gap[found.reachable])[order]
     across, up = side(places[order]).T
     axes.scatter(across, up, s=12.0, c=colours, edgecolors=style.WALL_EDGE, linewidths=0.2, zorder=3)
     axes.plot(*side(found.problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
-    axes.set_axis_off()
     title = f"all {len(places)} reached cells, oblique view"
     axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)

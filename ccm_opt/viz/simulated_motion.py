@@ -9,26 +9,16 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, ToleratedError
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, whole_workspace
-from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_file
+from ccm_opt.viz.scene_views import Pose, SceneViews, work_box
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import (
-    SPACE_DOTS_PER_INCH,
-    VIEW_SIDE,
-    SceneViews,
-    Sheet,
-    draw_pose,
-    dress_view,
-    points_a_metre,
-    view_box,
-)
+from ccm_opt.viz.views import SPACE_DOTS_PER_INCH, VIEW_SIDE, Sheet, action_window, dress_view, points_a_metre
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
 """Fractions of the simulated duration at which the arm is drawn."""
@@ -101,7 +91,7 @@ def _simulation_figure(
         window = whole_workspace(problem.workspace)
         sides: tuple[Side, ...] = (PLANE,)
     else:
-        window = view_box(problem, np.concatenate((planned, points)))
+        window = work_box(problem, np.concatenate((planned, points)), np.concatenate((planned[-1:], points)))
         sides = SIDES[:2]
     figure, grid = _sheet_with_errors([np.ptp(side(window), axis=0) for side in sides])
     scene = SceneViews(problem)
@@ -109,15 +99,14 @@ def _simulation_figure(
     between = points[np.searchsorted(time, np.array(_SIMULATED_POSES) * time[-1])]
     for row, side in enumerate(sides):
         axes = figure.add_subplot(grid[row, 0])
-        scene.begin_view(axes, side, window)
         dress_view(axes, side, problem)
-        # The width of the band depends on the place of its axes.
+        # The resolution of the view depends on the place of its axes.
         figure.draw_without_rendering()
-        draw_pose(axes, side, planned[-1], arm.radii, "start", "planned end")
+        planned_end = Pose(planned[-1], arm.radii, "start", "planned end")
+        scene.begin_view(axes, side, window, [planned_end, Pose(points[-1], arm.radii, "end", "simulated end")])
         for k, pose in enumerate(between):
             label = "simulated, along the way" if k == 0 else ""
             axes.plot(*side(pose).T, color=style.TIP_PATH, linewidth=1.0, label=label, zorder=5)
-        draw_pose(axes, side, points[-1], arm.radii, "end", "simulated end")
     draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
     figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -157,19 +146,12 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Tole
     worst[: len(error.worst)] += error.size * np.array(error.worst)
     points, off = problem.arm.joint_positions_at(np.stack((pose, worst)))
     moved = moved_by_joint_errors(problem.arm, points, error.size)
-    sheet = Sheet.for_problem(problem, view_box(problem, points))
-    for axes, side in sheet.views:
+    window = work_box(problem, points) if problem.dimension == 3 else action_window(problem, points)
+    sheet = Sheet.for_problem(problem, window, [Pose(points, problem.arm.radii, "end", "arm")])
+    for axes, side in sheet.all_views:
         _draw_error_reach(axes, side(points), problem.arm.radius + moved)
-        draw_pose(axes, side, points, problem.arm.radii, "end", "arm")
         axes.plot(*side(off).T, color=style.PRESSED, linewidth=1.1, zorder=8, label="with the worst errors")
         _mark_limiting_place(axes, side, error)
-    if sheet.section is not None:
-        draw_section(sheet.section, problem, points, "section along the arm, with the reach of the errors")
-        arm, unit = problem.arm, METRES[problem.length_unit]
-        along = arm.link_middles / unit
-        for sign in (1.0, -1.0):
-            edge = sign * (arm.radius + moved) / unit
-            sheet.section.plot(along, edge, color=style.START_EDGE, linewidth=1.0, zorder=4)
     label = f"tolerates joint errors of {np.rad2deg(error.size):.3g}°"
     sheet.finish(f"{problem.name} at {trajectory.time[number]:.2f} s: {label}")
     return sheet.figure

@@ -1,0 +1,496 @@
+"""Shaded pictures of scenes in space: lit, outlined, without hidden parts, and with glass where walls hide the arm.
+
+Triangles are rasterised row by row into fragments, one for each pixel that a triangle covers. What hides the arm is
+glass: flat faces as a whole, curved ones in front of a surface through the arm (as in Burns and Finkelstein, "Adaptive
+cutaways for comprehensible rendering of polygonal scenes", 2008). Hollows are darkened, where a smoothed depth image
+lies in front of the depth image (Luft, Colditz, and Deussen, "Image enhancement by unsharp masking the depth buffer",
+2006).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.scene.bodies import capsule_surface, rotation_to_axis
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import Side
+
+Shades = NDArray[np.float32]
+"""Quantities of pixels, for which half the usual precision is enough."""
+Numbers = NDArray[np.int32]
+"""Numbers of pixels, triangles and faces."""
+
+_TUBE_SIDES = 12
+"""Number of sides with which the links of an arm are drawn. Heuristic."""
+_LIGHT = np.array([-0.35, 0.5, 0.79]) / np.linalg.norm([-0.35, 0.5, 0.79])
+"""Direction to the light: across the picture, up in it, towards the viewer. Heuristic."""
+_AMBIENT = 0.58
+"""Brightness of a surface that faces away from the light. Heuristic."""
+_LEAST_AREA = 1e-6
+"""Twice the area of the smallest triangle that is drawn [pixel²]."""
+_CREASE = float(np.cos(0.7))
+"""Cosine of the angle between neighbouring faces below which their common edge is a crease. Heuristic."""
+_FLAT = 1e-4
+"""Maximum 1 - cos of the angles between normals of a flat face. Heuristic."""
+_GLASS = 0.08
+"""Opacity of glass seen frontally. Heuristic."""
+_GRAZING = 0.4
+"""Further opacity of glass seen at a grazing angle. Heuristic."""
+_HIDDEN = 0.003
+"""Fraction of the arm's pixels that a face has to hide to become glass. Heuristic."""
+_COARSE = 6
+"""Width in pixels of the coarse pixels in which depth is smoothed. Heuristic."""
+_CUT = 0.1
+"""Width of the smoothing of the cutting surface, as a fraction of the picture's longer side. Heuristic."""
+_HOLLOW = 0.03
+"""Width of the smoothing of depth in which hollows are found, as a fraction of the picture's longer side. Heuristic."""
+_DEEP = 0.15
+"""Depth at which a hollow is darkest, as a fraction of the picture's longer side. Heuristic."""
+_DARKEST = 0.4
+"""Fraction of light that the darkest hollow loses. Heuristic."""
+_OUTLINE = 0.45
+"""Fraction of light that an outline loses. Heuristic."""
+_STEP = 0.02
+"""Difference in depth between neighbouring pixels that makes an outline, as a fraction of the picture's longer side.
+Heuristic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """A chain of capsules of one colour: an arm in one pose, or a path.
+
+    Attributes:
+        points: ends of the k capsules, shape (k + 1, 3) [m].
+        radii: radius of all capsules, or of each, shape (k,) [m]; capsules without a radius are not drawn.
+        colour: colour, as matplotlib understands it.
+    """
+
+    points: FloatArray
+    radii: FloatArray | float
+    colour: str | tuple[float, float, float]
+
+    @cached_property
+    def surface(self) -> "Faces":
+        """Surfaces of the capsules, each a face."""
+        axes = np.diff(self.points, axis=0)
+        lengths = np.linalg.norm(axes, axis=1)
+        radii = np.broadcast_to(np.asarray(self.radii, dtype=np.float64), lengths.shape)
+        drawn = np.flatnonzero(radii > 0.0)
+        # The capsule of radius 1 about a point, whose second half is moved to the other end of the link.
+        normals, triangles = capsule_surface(0.0, 1.0, _TUBE_SIDES)
+        farther = np.arange(len(normals)) >= len(normals) // 2
+        turns = np.stack([np.zeros((3, 3)), *(rotation_to_axis(axes[k]).T for k in drawn)])[1:]
+        turned = normals @ turns
+        ends = np.where(farther[:, None], self.points[drawn + 1][:, None], self.points[drawn][:, None])
+        vertices = ends + radii[drawn, None, None] * turned
+        return Faces(
+            vertices[:, triangles].reshape(-1, 3, 3),
+            turned[:, triangles].reshape(-1, 3, 3),
+            np.repeat(drawn, len(triangles)),
+            np.zeros(len(lengths), dtype=np.bool_),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Triangles of all obstacles, grouped into faces: pieces of surface without creases.
+
+    Attributes:
+        triangles: corners, shape (m, 3, 3) [m].
+        normals: normals at the corners, shape (m, 3, 3).
+        face: number of each triangle's face, shape (m,).
+        flat: whether each of the f faces is flat, shape (f,).
+    """
+
+    triangles: FloatArray
+    normals: FloatArray
+    face: IntArray
+    flat: BoolArray
+
+    @classmethod
+    def of_bodies(cls, bodies: Sequence[tuple[FloatArray, IntArray]]) -> "Faces":
+        """Return the faces of bodies, each given as vertices, shape (v, 3) [m], and triangles, shape (m, 3)."""
+        parts = [_faces(vertices, triangles) for vertices, triangles in bodies if len(triangles)]
+        first = np.cumsum([0, *(len(part.flat) for part in parts)])
+        return cls(
+            np.concatenate([np.zeros((0, 3, 3)), *(part.triangles for part in parts)]),
+            np.concatenate([np.zeros((0, 3, 3)), *(part.normals for part in parts)]),
+            np.concatenate(
+                [np.zeros(0, np.intp), *(part.face + start for part, start in zip(parts, first, strict=False))]
+            ),
+            np.concatenate([np.zeros(0, np.bool_), *(part.flat for part in parts)]),
+        )
+
+
+def _faces(vertices: FloatArray, triangles: IntArray) -> Faces:
+    """Return the faces of one body, given its vertices, shape (v, 3) [m], and triangles, shape (m, 3)."""
+    # Vertices of neighbouring triangles may be listed several times.
+    step = 1e-6 * max(float(np.ptp(vertices, axis=0).max()), 1e-12)
+    _, joined = np.unique(np.round(vertices / step), axis=0, return_inverse=True)
+    corner = joined.reshape(-1)[triangles]
+    points = vertices[triangles]
+    normal = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    # Triangles on both sides of an edge follow each other once edges are sorted.
+    edges = np.sort(np.stack((corner, np.roll(corner, -1, axis=1)), axis=-1), axis=-1).reshape(-1, 2)
+    order = np.lexsort(edges.T)
+    owner, sorted_edges = np.repeat(np.arange(len(triangles)), 3)[order], edges[order]
+    shared = np.all(sorted_edges[1:] == sorted_edges[:-1], axis=1)
+    one, other = owner[:-1][shared], owner[1:][shared]
+    smooth = np.abs(np.sum(normal[one] * normal[other], axis=1)) > _CREASE
+    graph = sparse.coo_array((np.ones(smooth.sum()), (one[smooth], other[smooth])), shape=(len(triangles),) * 2)
+    count, face = sparse.csgraph.connected_components(graph, directed=False)
+    # The sign of a normal is that of its neighbours in the same face: some files turn triangles at random.
+    key = np.zeros((count, 3))
+    key[face] = normal
+    agreeing = normal * np.where(np.sum(normal * key[face], axis=1) < 0.0, -1.0, 1.0)[:, None]
+    spread = 1.0 - np.abs(np.sum(normal * key[face], axis=1))
+    flat = np.bincount(face, spread > _FLAT, count) == 0
+    # Normals are averaged at a vertex over the triangles of one face.
+    place, where = np.unique(face[:, None] * (corner.max() + 1) + corner, return_inverse=True)
+    where = where.reshape(corner.shape)
+    summed = np.stack([np.bincount(where.ravel(), np.repeat(part, 3), len(place)) for part in agreeing.T], axis=1)
+    mean = summed[where]
+    length = np.linalg.norm(mean, axis=-1, keepdims=True)
+    agrees = np.sum(mean * agreeing[:, None], axis=-1, keepdims=True) > 0.5 * length
+    return Faces(points, np.where(agrees, mean, agreeing[:, None]), face.astype(np.int64), flat)
+
+
+@dataclass(frozen=True, eq=False)
+class _FlatTriangles:
+    """Triangles in a picture.
+
+    Attributes:
+        flat: corners in the picture, shape (m, 3, 2) [pixel].
+        height: position of the corners towards the viewer, shape (m, 3) [m].
+        light: brightness of the surface at the corners, from 0 to 1, shape (m, 3).
+        face: number of each triangle's face or link, shape (m,).
+        shape: height and width of the picture [pixel].
+    """
+
+    flat: FloatArray
+    height: FloatArray
+    light: FloatArray
+    face: IntArray
+    shape: tuple[int, int]
+
+    @cached_property
+    def gradients(self) -> FloatArray:
+        """Change of the barycentric coordinates across and up the picture, but the first, shape (m, 2, 2) [1/pixel]."""
+        (ux, uy), (vx, vy) = np.moveaxis(self.flat[:, 1:] - self.flat[:, :1], 0, -1)
+        area = ux * vy - uy * vx
+        area = np.where(np.abs(area) > _LEAST_AREA, area, np.inf)
+        return np.moveaxis(np.array([[vy, -vx], [-uy, ux]]) / area, -1, 0)
+
+    def fragments(self) -> "_Fragments":
+        """Return all fragments of the triangles."""
+        drawn = np.any(self.gradients != 0.0, axis=(1, 2))
+        triangle, pixel = covered_pixels(self.flat, drawn, self.shape)
+        return _Fragments(pixel, self.interpolated(self.height, triangle, pixel), triangle, self)
+
+    def interpolated(self, values: FloatArray, triangle: Numbers, pixel: Numbers) -> Shades:
+        """Return a quantity given at the corners, shape (m, 3), at f pixels of given triangles, shape (f,)."""
+        slope = np.einsum("mk,mkd->md", values[:, 1:] - values[:, :1], self.gradients)
+        start = values[:, 0] - np.einsum("md,md->m", slope, self.flat[:, 0] - 0.5)
+        across, up, start = (part.astype(np.float32) for part in (*slope.T, start))
+        row, column = (part.astype(np.float32) for part in np.divmod(pixel, np.int32(self.shape[1])))
+        return np.asarray(start[triangle] + column * across[triangle] + row * up[triangle], dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fragments:
+    """Parts of surfaces behind single pixels.
+
+    Attributes:
+        pixel: index of the pixel in the flattened picture, shape (f,).
+        depth: position towards the viewer, shape (f,) [m].
+        triangle: index of the triangle, shape (f,).
+        source: all m triangles.
+    """
+
+    pixel: Numbers
+    depth: Shades
+    triangle: Numbers
+    source: _FlatTriangles
+
+    def __getitem__(self, kept: BoolArray) -> "_Fragments":
+        return _Fragments(self.pixel[kept], self.depth[kept], self.triangle[kept], self.source)
+
+    @property
+    def owner(self) -> IntArray:
+        """Number of each fragment's face or link, shape (f,)."""
+        return self.source.face[self.triangle]
+
+    def nearest(self) -> "_Layer":
+        """Return the nearest of the fragments behind every pixel."""
+        shape = self.source.shape
+        depth = np.full(shape[0] * shape[1], -np.inf, dtype=np.float32)
+        np.maximum.at(depth, self.pixel, self.depth)
+        seen = self[self.depth == depth[self.pixel]]
+        light = np.ones(len(depth), dtype=np.float32)
+        light[seen.pixel] = self.source.interpolated(self.source.light, seen.triangle, seen.pixel)
+        owner = np.full(len(depth), -1, dtype=np.int32)
+        owner[seen.pixel] = seen.owner
+        return _Layer(depth.reshape(shape), light.reshape(shape), owner.reshape(shape))
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """The nearest surface behind every pixel of a picture.
+
+    Attributes:
+        depth: position towards the viewer, -inf where there is nothing, shape (h, w) [m].
+        light: brightness of the surface, 1 where there is nothing, shape (h, w).
+        owner: number of the face or link, -1 where there is nothing, shape (h, w).
+    """
+
+    depth: Shades
+    light: Shades
+    owner: Numbers
+
+    def outlines(self, step: float) -> BoolArray:
+        """Return where neighbouring pixels show different faces, or differ in depth by more than a step [m], (h, w)."""
+        found = np.zeros(self.owner.shape, dtype=np.bool_)
+        depth = np.where(np.isfinite(self.depth), self.depth, -1e9)
+        for axis in (0, 1):
+            here = (slice(1, None), slice(None))[:: 1 - 2 * axis]
+            there = (slice(None, -1), slice(None))[:: 1 - 2 * axis]
+            found[here] |= (self.owner[here] != self.owner[there]) | (np.abs(depth[here] - depth[there]) > step)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ShadedView:
+    """A scene seen from one side, with glass where it hides given arms; arms in any pose can be drawn into it.
+
+    Attributes:
+        faces: faces of the obstacles.
+        side: projection to the picture plane.
+        window: lower left and upper right corner of the picture, shape (2, 2) [m].
+        pixels: number of pixels of the picture's longer side.
+        shown: arms and paths that the scene must not hide.
+        oversampling: rasterised pixels per pixel of the picture in each direction, against jagged edges.
+    """
+
+    faces: Faces
+    side: Side
+    window: FloatArray
+    pixels: int
+    shown: Sequence[Tube]
+    oversampling: int = 2
+
+    @property
+    def reach(self) -> float:
+        """Longer side of the picture [m]."""
+        return float(np.max(np.ptp(self.window, axis=0)))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the rasterised picture [pixel]."""
+        wide, high = np.maximum(np.round(self.pixels / self.reach * np.ptp(self.window, axis=0)), 1.0)
+        return self.oversampling * int(high), self.oversampling * int(wide)
+
+    @property
+    def _whole(self) -> tuple[slice, slice]:
+        """All rows and columns of the rasterised picture."""
+        return slice(0, self.shape[0]), slice(0, self.shape[1])
+
+    @cached_property
+    def _shown_links(self) -> _Layer:
+        """Nearest links of what must not be hidden."""
+        return self._nearest_links(self.shown, self._whole)
+
+    @cached_property
+    def _walls(self) -> tuple[_Fragments, _Fragments]:
+        """Fragments of the obstacles that are solid, and those that are glass."""
+        walls = self._rasterise(self.faces.triangles, self.faces.normals, self.faces.face, self._whole)
+        arm = self._shown_links
+        covered = arm.owner >= 0
+        if not covered.any():
+            return walls, walls[np.zeros(len(walls.pixel), dtype=np.bool_)]
+        cut = _cutting_surface(arm.depth).ravel()
+        before = walls.depth > cut[walls.pixel]
+        hiding = walls.owner[before & covered.ravel()[walls.pixel]]
+        glassy = np.bincount(hiding, minlength=len(self.faces.flat)) > _HIDDEN * np.count_nonzero(covered)
+        glass = glassy[walls.owner] & (before | self.faces.flat[walls.owner])
+        return walls[~glass], walls[glass]
+
+    @cached_property
+    def _solid(self) -> tuple[Shades, FloatArray]:
+        """Depth of the nearest solid surface, shape (h, w) [m], and its picture, shape (h, w, 3)."""
+        layer = self._walls[0].nearest()
+        light = layer.light * (1.0 - _DARKEST * _hollows(layer.depth, _DEEP * self.reach))
+        light *= np.where(layer.outlines(_STEP * self.reach), 1.0 - _OUTLINE, 1.0)
+        colour = np.where((layer.owner >= 0)[..., None], np.array(to_rgb(style.WALL)) * light[..., None], 1.0)
+        return layer.depth, colour
+
+    @cached_property
+    def _glass(self) -> tuple[FloatArray, FloatArray]:
+        """Transparency of the glass in front of each pixel, shape (h, w, 1), and light added to it, shape (h, w, 3)."""
+        glass, shape = self._walls[1], self.shape
+        glass = glass[glass.depth > self._solid[0].ravel()[glass.pixel]]
+        corners = self.faces.triangles
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = np.abs(normal @ self.side.ahead) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+        opacity = np.log1p(-_GLASS - _GRAZING * (1.0 - facing) ** 3)
+        through = np.exp(np.bincount(glass.pixel, opacity[glass.triangle], shape[0] * shape[1])).reshape(*shape, 1)
+        layer = glass.nearest()
+        edges = layer.outlines(np.inf)[..., None]
+        tint = np.array(to_rgb(style.WALL_EDGE)) * layer.light[..., None]
+        through = np.where(edges, _OUTLINE * through, through)
+        return through, tint * (1.0 - through)
+
+    @cached_property
+    def _behind_glass(self) -> FloatArray:
+        """Picture of the scene without arms, shape (h, w, 3)."""
+        through, tint = self._glass
+        return self._solid[1] * through + tint
+
+    def picture(self, tubes: Sequence[Tube]) -> FloatArray:
+        """Return the picture of the scene with arms and paths, shape (height, width, 3), y up, values from 0 to 1."""
+        arm = self._shown_links if tubes is self.shown else self._nearest_links(tubes, self._whole)
+        return self._drawn(tubes, self._whole, arm)
+
+    def part(self, tubes: Sequence[Tube]) -> tuple[slice, slice, FloatArray]:
+        """Return the part of the picture that arms change.
+
+        Args:
+            tubes: the arms.
+
+        Returns:
+            Rows and columns of the part, and its picture, shape (rows, columns, 3), y up, values from 0 to 1.
+        """
+        k = self.oversampling
+        places = (self.side(tube.points) for tube in tubes)
+        widest = max(float(np.max(tube.radii)) for tube in tubes)
+        ends = np.concatenate(list(places)) - self.window[0]
+        scale = self.pixels / self.reach
+        low, high = (scale * (ends.min(axis=0) - widest)).astype(int), (scale * (ends.max(axis=0) + widest)).astype(int)
+        rows, columns = (
+            slice(*np.clip((low[axis], high[axis] + 1), 0, self.shape[1 - axis] // k).tolist()) for axis in (1, 0)
+        )
+        fine = (slice(k * rows.start, k * rows.stop), slice(k * columns.start, k * columns.stop))
+        return rows, columns, self._drawn(tubes, fine, self._nearest_links(tubes, fine))
+
+    def _drawn(self, tubes: Sequence[Tube], part: tuple[slice, slice], arm: "_Layer") -> FloatArray:
+        """Return part of the picture, given by its rasterised rows and columns, with arms and paths."""
+        picture = self._behind_glass[part].copy()
+        links = np.array([to_rgb(tube.colour) for tube in tubes for _ in tube.points[1:]]).reshape(-1, 3)
+        front = arm.depth > self._solid[0][part]
+        light = arm.light[front] * np.where(arm.outlines(_STEP * self.reach)[front], 1.0 - _OUTLINE, 1.0)
+        through, tint = (layer[part][front] for layer in self._glass)
+        picture[front] = links[arm.owner[front]] * light[:, None] * through + tint
+        k = self.oversampling
+        return np.asarray(sum(picture[row::k, column::k] for row in range(k) for column in range(k)) / k**2)
+
+    def _nearest_links(self, tubes: Sequence[Tube], part: tuple[slice, slice]) -> _Layer:
+        """Return the nearest links of arms and paths in part of the picture; they are numbered one after another."""
+        surfaces = [tube.surface for tube in tubes]
+        first = np.cumsum([0, *(len(surface.flat) for surface in surfaces)])
+        # Every link has a number of its own, so that its ends are outlined.
+        link = [surface.face + start for surface, start in zip(surfaces, first, strict=False)]
+        none = np.zeros((0, 3, 3))
+        triangles = np.concatenate([none, *(surface.triangles for surface in surfaces)])
+        normals = np.concatenate([none, *(surface.normals for surface in surfaces)])
+        seen = np.any(normals @ self.side.ahead > 0.0, axis=1)
+        number = np.concatenate([np.zeros(0, dtype=np.intp), *link])
+        return self._rasterise(triangles[seen], normals[seen], number[seen], part).nearest()
+
+    def _rasterise(
+        self, triangles: FloatArray, normals: FloatArray, face: IntArray, part: tuple[slice, slice]
+    ) -> _Fragments:
+        """Return the fragments of triangles.
+
+        Args:
+            triangles: corners, shape (m, 3, 3) [m].
+            normals: normals at the corners, shape (m, 3, 3).
+            face: number of each triangle's face or link, shape (m,).
+            part: rows and columns of the rasterised picture that are wanted.
+        """
+        frame = np.stack((self.side.across, self.side.up, self.side.ahead))
+        corners = triangles @ frame.T
+        # Both sides of a wall are lit.
+        turned = normals @ frame.T
+        turned *= np.where(turned[..., 2].sum(axis=1) < 0.0, -1.0, 1.0)[:, None, None]
+        turned /= np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1e-300)
+        light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(turned @ _LIGHT, 0.0)
+        scale = self.oversampling * self.pixels / self.reach
+        rows, columns = part
+        flat = scale * (corners[..., :2] - self.window[0]) - (columns.start, rows.start)
+        shape = (rows.stop - rows.start, columns.stop - columns.start)
+        return _FlatTriangles(flat, corners[..., 2], light, face, shape).fragments()
+
+
+def covered_pixels(flat: FloatArray, drawn: BoolArray, shape: tuple[int, int]) -> tuple[Numbers, Numbers]:
+    """Return the pixels whose centres triangles cover.
+
+    Args:
+        flat: corners of m triangles in the picture, shape (m, 3, 2) [pixel].
+        drawn: which triangles to draw, shape (m,).
+        shape: height and width of the picture [pixel].
+
+    Returns:
+        For each of f fragments the number of its triangle and the index of its pixel in the flattened picture, each of
+        shape (f,).
+    """
+    high, wide = shape
+    first = np.clip(np.ceil(flat[..., 1].min(axis=1) - 0.5), 0, high).astype(np.intp)
+    last = np.clip(np.ceil(flat[..., 1].max(axis=1) - 0.5), 0, high).astype(np.intp)
+    triangle, row = _runs(first, np.where(drawn, last - first, 0))
+    # The ends of the row within the triangle lie on the sides that cross its height.
+    y = row + 0.5
+    begin, end = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        start, stop = flat[triangle, a], flat[triangle, b]
+        crossing = (start[:, 1] <= y) != (stop[:, 1] <= y)
+        rise = np.where(crossing, stop[:, 1] - start[:, 1], 1.0)
+        x = start[:, 0] + (y - start[:, 1]) / rise * (stop[:, 0] - start[:, 0])
+        begin = np.where(crossing, np.minimum(begin, x), begin)
+        end = np.where(crossing, np.maximum(end, x), end)
+    left = np.clip(np.ceil(begin - 0.5), 0, wide).astype(np.intp)
+    right = np.clip(np.ceil(end - 0.5), 0, wide).astype(np.intp)
+    which, pixel = _runs(row * wide + left, np.maximum(right - left, 0))
+    return triangle.astype(np.int32)[which], pixel.astype(np.int32)
+
+
+def _runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
+    """Return runs of successive integers one after another: the number of each one's run, and the integer."""
+    number = np.repeat(np.arange(len(first)), count)
+    return number, np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count) + first[number]
+
+
+def _smoothed(picture: Shades, width: float) -> FloatArray:
+    """Return a picture, shape (h, w), smoothed by a Gaussian of a given standard deviation [pixel], coarsely."""
+    coarse = ndimage.gaussian_filter(picture[::_COARSE, ::_COARSE], width / _COARSE)
+    rows, columns = (np.arange(length) / _COARSE for length in picture.shape)
+    across = np.stack([np.interp(columns, np.arange(coarse.shape[1]), line) for line in coarse])
+    low = np.minimum(rows.astype(np.intp), len(across) - 1)
+    share = np.clip(rows - low, 0.0, 1.0)[:, None]
+    return np.asarray((1.0 - share) * across[low] + share * across[np.minimum(low + 1, len(across) - 1)])
+
+
+def _cutting_surface(depth: Shades) -> FloatArray:
+    """Return the depth [m] beyond which everything is solid: that of the arm, shape (h, w), smoothly continued."""
+    shown = np.isfinite(depth)
+    _, (row, column) = ndimage.distance_transform_edt(~shown[::_COARSE, ::_COARSE], return_indices=True)
+    coarse = ndimage.minimum_filter(depth[::_COARSE, ::_COARSE][row, column], max(depth.shape) // (10 * _COARSE) + 1)
+    fine = np.repeat(np.repeat(coarse, _COARSE, axis=0), _COARSE, axis=1)[: len(depth), : depth.shape[1]]
+    smooth = _smoothed(fine, _CUT * max(depth.shape))
+    # Nothing in front of the arm is solid, where its depth changes quickly either.
+    return np.asarray(np.where(shown, np.minimum(depth, smooth), smooth))
+
+
+def _hollows(depth: Shades, deep: float) -> FloatArray:
+    """Return how far each pixel lies behind its surroundings, as a fraction of a depth [m] up to 1, shape (h, w)."""
+    shown = np.isfinite(depth)
+    if not shown.any():
+        return np.zeros(depth.shape)
+    filled = np.where(shown, depth, depth[shown].min())
+    behind = _smoothed(filled, _HOLLOW * max(depth.shape)) - filled
+    return np.where(shown, np.clip(behind / deep, 0.0, 1.0), 0.0)
