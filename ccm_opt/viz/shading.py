@@ -371,7 +371,10 @@ class ShadedView:
         widest = max(float(np.max(tube.radii)) for tube in tubes)
         ends = np.concatenate(list(places)) - self.window[0]
         scale = self.pixels / self.reach
-        low, high = (scale * (ends.min(axis=0) - widest)).astype(int), (scale * (ends.max(axis=0) + widest)).astype(int)
+        low, high = (
+            (scale * (ends.min(axis=0) - widest) - 1.0).astype(int),
+            (scale * (ends.max(axis=0) + widest) + 1.0).astype(int),
+        )
         rows, columns = (
             slice(*np.clip((low[axis], high[axis] + 1), 0, self.shape[1 - axis] // k).tolist()) for axis in (1, 0)
         )
