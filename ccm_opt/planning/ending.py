@@ -270,8 +270,9 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     """
     goal = task.limited_goal
     # The program's poses bend every joint by itself, which sections that bend evenly cannot, on a base that no axes
-    # but a feed axis carry.
-    if task.goal_pose is not None or task.arm.sections or task.arm.carrier or task.deadline.passed():
+    # but a feed axis carry; and it takes long for the many short links of bodies beside the arm.
+    untried = task.arm.sections or task.arm.carrier or not np.all(task.arm.arc_shares)
+    if task.goal_pose is not None or untried or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
     asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_CLEARANCE_SHARE)

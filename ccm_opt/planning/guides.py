@@ -160,6 +160,9 @@ class ArmTrack(TipTrack):
         arcs[-1] = tip
         for joint in range(links - 1, -1, -1):
             link = float(lengths[joint])
+            arcs[joint] = arcs[joint + 1]
+            if link == 0.0:  # a body beside the arm
+                continue
             ends, starts = self._chords(link)
             # Beyond both ends of the table the track is straight.
             arcs[joint] = arcs[joint + 1] - link

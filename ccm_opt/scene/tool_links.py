@@ -188,7 +188,7 @@ class BodyChain:
         """Mask of the pairs with a body that are fixed to different links and clear of each other at rest, (m, m)."""
         moves = self.carriers[:, None] != self.carriers
         both = self.radii[:, None] + self.radii
-        return moves & ~(self.own[:, None] & self.own) & (self.rest_gaps > APART_AT_REST * both)
+        return np.asarray(moves & ~(self.own[:, None] & self.own) & (self.rest_gaps > APART_AT_REST * both))
 
     @cached_property
     def distant(self) -> BoolArray:

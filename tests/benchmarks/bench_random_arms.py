@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
-from tests.benchmarks.swept_file import FileArm, FileScene, broken_promises, least_own_gap
+from tests.benchmarks.swept_file import FileArm, FileScene, body_gaps, broken_promises, least_own_gap
 
 GAP = 0.003
 """Gap that starts and goals keep from everything drawn [m]."""
@@ -33,7 +33,7 @@ class Drawn:
     Args:
         seed: of everything about it; even ones are in the plane.
         limit: time limit of planning [s].
-        kinds: what arms may have: "feed" and "axes".
+        kinds: what arms may have: "feed", "axes" and "tools", which stands for bodies on any link, some of which weigh.
     """
 
     def __init__(self, seed: int, limit: float, kinds: frozenset[str]) -> None:
@@ -50,7 +50,65 @@ class Drawn:
         }
         if self.space:
             self.data["space"] = 3
+        if "tools" in kinds:
+            self._equip()
         self._place(kinds)
+
+    def _equip(self) -> None:
+        """Put bodies on links, clear of all others while the arm is straight, and mostly a tool."""
+        rng, arm = self.rng, self.data["arm"]
+        bare = FileArm(arm, self.space)
+        count = len(bare.lengths)
+        free = [k for k in range(count) if bare.mounted[k] < 1.0 - 1e-8]
+        last = count - 1
+        d = 3 if self.space else 2
+        heavy = rng.random() < 0.5
+        weight = {"mass": round(rng.uniform(0.01, 0.3), 3)} if heavy else {}
+        if heavy:
+            self.data["limits"]["torque"] = 60.0
+        for _ in range(int(rng.integers(0, 4)) if free else 0):
+            link = int(rng.choice(free))
+            for _ in range(20):
+                row = {"link": link + 1, "bodies": [self._fixed(bare, link)], **weight}
+                if self._clear_at_rest(arm | {"bodies": [*arm.get("bodies", ()), row]}):
+                    arm.setdefault("bodies", []).append(row)
+                    break
+        if rng.random() < 0.7 and last in free:
+            ahead = [round(float(rng.uniform(0.0, 0.06)), 4), *rng.normal(0.0, 0.02, d - 1).round(4).tolist()]
+            tool = {"tip": ahead, "direction": rng.normal(size=d).round(3).tolist()}
+            radius = round(float(bare.radii[-1]) * rng.uniform(0.2, 1.2), 4)
+            out = [round(0.8 * value, 4) for value in ahead]
+            tool["bodies"] = [{"capsule": {"from": [0.0] * d, "to": out, "radius": radius}}] if any(out) else []
+            tool |= weight if tool["bodies"] else {}
+            if self._clear_at_rest(arm | {"tool": tool}):
+                arm["tool"] = tool
+
+    def _fixed(self, arm: FileArm, link: int) -> dict[str, Any]:
+        rng, d = self.rng, 3 if self.space else 2
+        length, radius = float(arm.lengths[link]), float(arm.radii[link])
+        size = rng.uniform(0.3, 1.2) * radius
+        aside = rng.normal(size=d - 1)
+        aside *= rng.uniform(0.5, 2.5) * radius / np.linalg.norm(aside)
+        at = np.array([-length * rng.uniform(0.0, 1.0), *aside])
+        half = size * rng.uniform(0.4, 1.0, d)
+        kind = rng.integers(4 if self.space else 3)
+        if kind == 0:
+            corners = [(at - half).round(4).tolist(), (at + half).round(4).tolist()]
+            return {"box": corners if self.space else [*corners[0], *corners[1]]}
+        if kind == 1:
+            ball = {"center": at.round(4).tolist(), "radius": round(size, 4)}
+            return {"sphere": ball} if self.space else {"circle": ball}
+        ends = [(at + sign * half).round(4).tolist() for sign in (-1.0, 1.0)]
+        bar = {"from": ends[0], "to": ends[1], "radius": round(0.5 * size, 4)}
+        return {"capsule": bar} if kind == 2 else {"cylinder": bar}
+
+    def _clear_at_rest(self, table: dict[str, Any]) -> bool:
+        """Whether covers of bodies are clear of all but their own links while the arm is straight."""
+        arm = FileArm(table, self.space)
+        compared = list(body_gaps(arm, FileScene({}, space=self.space), *arm.at_rest))
+        count = len(arm.bodies) * (len(arm.lengths) - 1)
+        pairs = [(i, j) for i in arm.bodies for j in arm.bodies if id(i) < id(j) and i.link != j.link]
+        return len(compared) == count + len(pairs)
 
     def _arm(self, kinds: frozenset[str]) -> dict[str, Any]:
         rng = self.rng
@@ -116,23 +174,28 @@ class Drawn:
             bends[1] = self._pose(arm)
             if "feed" in data["arm"]:
                 bends[1][axes[1, 0] + arm.places[:-1] < data["arm"]["feed"].get("hole", 0.0)] = 0.0
-            points, _ = arm.placed(bends, axes)
-            if least_own_gap(arm, points)[0] > GAP:
+            points, frames = arm.placed(bends, axes)
+            own = [gap for _, gap in body_gaps(arm, FileScene({}, space=self.space), points, frames)]
+            if min((least_own_gap(arm, points)[0], *own)) > GAP:
                 break
         else:
             raise ValueError("no goal")
         pad = rng.uniform(0.05, 0.3)
-        reach = points.reshape(-1, points.shape[-1])
-        corners = [(reach.min(axis=0) - arm.radii.max() - pad), (reach.max(axis=0) + arm.radii.max() + pad)]
+        tips = arm.tips(points, frames)
+        bodies_at = [arm.fixed(body.link, points, frames, body.reach[0]) for body in arm.bodies]
+        reach = np.concatenate((points.reshape(-1, points.shape[-1]), tips, *bodies_at))
+        pad_of_bodies = max((body.reach[1] for body in arm.bodies), default=0.0)
+        pad += max(float(arm.radii.max()), pad_of_bodies)
+        corners = [reach.min(axis=0) - pad, reach.max(axis=0) + pad]
         bounds = np.round(corners, 3)
         data["workspace"]["bounds"] = bounds.tolist() if self.space else bounds.ravel().tolist()
         bodies: list[dict[str, Any]] = []
         for _ in range(int(rng.integers(3, 14))):
             row = self._body(points, bounds) | {"name": f"body {len(bodies)}"}
-            if self._is_clear(arm, points, row):
+            if self._is_clear(arm, points, frames, row):
                 bodies.append(row)
         data["workspace"]["obstacles"] = bodies
-        data["goal"] = {"position": points[1, -1].round(5).tolist()}
+        data["goal"] = {"position": tips[1].round(5).tolist()}
         if rng.random() < 0.2 and axes.shape[1] < 2 and "axes" not in kinds:
             data["goal"] = {"joints_deg": np.rad2deg(bends[1]).round(4).tolist()}
             if len(axes[0]):
@@ -168,12 +231,16 @@ class Drawn:
         corners = at + size * np.array([[1.0, 0.0], [0.0, 1.3], [-0.8, 0.0], [0.2, -1.0]])
         return {"polygon": corners.round(4).tolist()}
 
-    def _is_clear(self, arm: FileArm, points: FloatArray, row: dict[str, Any]) -> bool:
+    def _is_clear(self, arm: FileArm, points: FloatArray, frames: Any, row: dict[str, Any]) -> bool:
         scene = FileScene({"obstacles": [row]}, space=self.space)
         kept = self.data["workspace"]["clearance"] + GAP
         base = points[:1, 0]
         gaps = [gap for _, gap in scene.gaps(base - 1e-6, base + 1e-6, 0.01)]
         gaps += [gap - kept for k, a, b in arm.exposed(points) for _, gap in scene.gaps(a, b, float(arm.radii[k]))]
+        gaps += [gap - kept for name, gap in body_gaps(arm, scene, points, frames) if name == row["name"]]
+        if "tool" in self.data["arm"]:
+            tips = arm.tips(points, frames)
+            gaps += [gap - kept for _, gap in scene.gaps(tips - 1e-6, tips + 1e-6, 0.01)]
         return min(gaps) > 0.0
 
 

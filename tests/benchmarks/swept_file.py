@@ -12,6 +12,7 @@ from typing import Any
 import coal
 import numpy as np
 import shapely
+import shapely.affinity
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
@@ -92,8 +93,38 @@ class FileArm:
         up = up / np.linalg.norm(up)
         return np.array(base.get("position", (0.0, 0.0, 0.0))), np.column_stack((ahead, np.cross(up, ahead), up))
 
+    @cached_property
+    def bodies(self) -> list["FileBody"]:
+        """Bodies on links, those of the tool last."""
+        links = [(row["link"] - 1, row) for row in self.table.get("bodies", ())]
+        links += [(len(self.lengths) - 1, self.table["tool"])] if "tool" in self.table else []
+        read = _solid if self.space else _flat
+        return [FileBody(k, *read(row), row) for k, rigid in links for row in rigid.get("bodies", ())]
+
+    @cached_property
+    def at_rest(self) -> tuple[FloatArray, Any]:
+        """Joints and frames of the straight arm, as of one pose."""
+        count = len(self.lengths)
+        axes = len(self.table["base"].get("axes", ())) if self.space else 0
+        return self.placed(np.zeros((1, count, 2) if self.space else (1, count)), np.zeros((1, axes)))
+
+    def tips(self, points: FloatArray, frames: Any) -> FloatArray:
+        """Return where goals are to be: the end of the last link or the tip of the tool, shape (T, d) [m]."""
+        if "tool" not in self.table:
+            return points[:, -1]
+        tip = np.array(self.table["tool"].get("tip", np.zeros(points.shape[-1])), dtype=float)
+        return self.fixed(len(self.lengths) - 1, points, frames, tip)
+
+    def fixed(self, link: int, points: FloatArray, frames: Any, place: FloatArray) -> FloatArray:
+        """Return where a place in the frame of a link, from its end, is in T poses, shape (T, d) [m]."""
+        if self.space:
+            return np.asarray(points[:, link + 1] + frames[link].apply(place))
+        cos, sin = np.cos(frames[:, link]), np.sin(frames[:, link])
+        turned = np.stack((cos * place[0] - sin * place[1], sin * place[0] + cos * place[1]), axis=-1)
+        return np.asarray(points[:, link + 1] + turned)
+
     def placed(self, bends: FloatArray, axes: FloatArray) -> tuple[FloatArray, Any]:
-        """Return joints and tip, shape (T, links + 1, d) [m], and the last links' frames or headings.
+        """Return joints and tip, shape (T, links + 1, d) [m], and the frames (links) or headings (T, links) of links.
 
         Args:
             bends: bends of the joints, shape (T, links) or (T, links, 2) [rad].
@@ -106,14 +137,16 @@ class FileArm:
             steps = self.lengths[:, None] * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
             feed = axes.sum(axis=1)[:, None] * np.array([np.cos(turn), np.sin(turn)])
             points = place + feed[:, None] + np.concatenate((np.zeros((count, 1, 2)), np.cumsum(steps, axis=1)), axis=1)
-            return points, headings[:, -1]
+            return points, headings
         origin, frames = self._carried(axes)
         points = np.empty((count, len(self.lengths) + 1, 3))
         points[:, 0] = origin
+        of_links = []
         for k, length in enumerate(self.lengths.tolist()):
             frames = frames * Rotation.from_euler("ZY", bends[:, k])
             points[:, k + 1] = points[:, k] + frames.apply([length, 0.0, 0.0])
-        return points, frames
+            of_links.append(frames)
+        return points, of_links
 
     def _carried(self, axes: FloatArray) -> tuple[FloatArray, Rotation]:
         """Return where axes carry the base: each moves what is beyond it about where it is with all axes at zero."""
@@ -160,6 +193,57 @@ class FileArm:
         ]
 
 
+@dataclass(frozen=True, eq=False)
+class FileBody:
+    """A body on a link, as the file gives it: a solid of coal in space, a shape of shapely in the plane.
+
+    Attributes:
+        link: index of the link.
+        shape: the shape, in the plane in the frame of the link from its end.
+        place: where the solid is in that frame; None in the plane.
+        rounding: distance by which a planar shape is grown [m].
+        row: its table.
+    """
+
+    link: int
+    shape: Any
+    place: Any
+    rounding: float
+    row: Keys
+
+    @cached_property
+    def beyond(self) -> float:
+        """How far capsules that cover the body may reach beyond it [m]."""
+        if "box" not in self.row:
+            return self.rounding + (self.row["cylinder"]["radius"] if "cylinder" in self.row else 0.0)
+        sides = np.ptp(np.reshape(self.row["box"], (2, -1)), axis=0)
+        return 0.5 * float(np.linalg.norm(sides))
+
+    @cached_property
+    def reach(self) -> tuple[FloatArray, float]:
+        """Centre and radius of a ball about it, in the frame of the link [m]."""
+        if self.place is None:
+            centre = np.array(self.shape.centroid.coords[0])
+            return centre, float(shapely.hausdorff_distance(self.shape, shapely.Point(centre))) + self.rounding
+        self.shape.computeLocalAABB()
+        return np.asarray(self.place.transform(self.shape.aabb_center)), float(self.shape.aabb_radius)
+
+    def at(self, points: FloatArray, frames: Any, poses: Sequence[int]) -> list[Any]:
+        """Return the solid's placements, or the shapes, in chosen poses."""
+        end = points[:, self.link + 1]
+        if self.place is not None:
+            turns = frames[self.link].as_matrix()
+            own = self.place
+            return [
+                coal.Transform3s(turns[k] @ own.getRotation(), end[k] + turns[k] @ own.getTranslation()) for k in poses
+            ]
+        found = []
+        for k in poses:
+            cos, sin = np.cos(frames[k, self.link]), np.sin(frames[k, self.link])
+            found.append(shapely.affinity.affine_transform(self.shape, (cos, -sin, sin, cos, *end[k])))
+        return found
+
+
 class FileScene:
     """The bodies of a problem file and the room about them.
 
@@ -188,7 +272,97 @@ class FileScene:
                 yield name, float(shapely.distance(lines, shape).min()) - radius - rounding
 
 
+def body_gaps(arm: FileArm, scene: FileScene, points: FloatArray, frames: Any) -> Iterator[tuple[str, float]]:
+    """Yield what bodies on links are near to at T poses, with the gap, told apart up to ``LOOK`` [m].
+
+    Of the arm's own links and bodies, those that covers of bodies are clear of when the arm is straight.
+    """
+    for number, body in enumerate(arm.bodies):
+        if scene.bounds is not None:
+            yield "the room", _room_gap(body, arm, points, frames, scene.bounds)
+        for name, shape, place, rounding in scene.bodies:
+            fixed = [place if scene.space else shape] * len(points)
+            yield name, _near(body, (points, frames), fixed, shape, rounding) - scene.clearance
+        if arm.table.get("self_collision", True):
+            yield from _own_gaps(arm, number, points, frames)
+
+
+def _own_gaps(arm: FileArm, number: int, points: FloatArray, frames: Any) -> Iterator[tuple[str, float]]:
+    body, rest = arm.bodies[number], arm.at_rest
+    size = body.reach[1]
+    for k in range(len(arm.lengths)):
+        clear = body.beyond + 0.05 * (float(arm.radii[k]) + body.beyond + size)
+        if k != body.link and _link_gap(body, arm, rest, k) > clear:
+            yield f"link {k + 1}", _link_gap(body, arm, (points, frames), k)
+    for second in arm.bodies[number + 1 :]:
+        both = body.beyond + second.beyond
+        if second.link != body.link and _pair_gap(body, second, rest) > both + 0.05 * (both + size + second.reach[1]):
+            yield f"the body on link {second.link + 1}", _pair_gap(body, second, (points, frames))
+
+
+def _room_gap(body: FileBody, arm: FileArm, points: FloatArray, frames: Any, bounds: FloatArray) -> float:
+    """Least gap of a body from the sides of the room at T poses, at most ``LOOK`` [m]."""
+    centre, radius = body.reach
+    middles = arm.fixed(body.link, points, frames, centre)
+    bound = np.minimum((middles - bounds[0]).min(axis=1), (bounds[1] - middles).min(axis=1)) - radius
+    least = LOOK
+    for k in np.flatnonzero(bound < LOOK).tolist():
+        (at,) = body.at(points, frames, [k])
+        if body.place is None:
+            low, high = np.reshape(at.bounds, (2, 2))
+        else:
+            reach = _half_box(body, at.getRotation())
+            low, high = at.getTranslation() - reach, at.getTranslation() + reach
+        least = min(least, float(min((low - bounds[0]).min(), (bounds[1] - high).min())) - body.rounding)
+    return least
+
+
+def _half_box(body: FileBody, turn: FloatArray) -> FloatArray:
+    """Half the sides of the box with sides along the axes about a turned solid, shape (3,) [m]."""
+    if "box" in body.row:
+        return np.asarray(np.abs(turn * body.shape.halfSide).sum(axis=1))
+    along = turn[:, 2]
+    flat = np.sqrt(np.maximum(1.0 - along**2, 0.0)) if "cylinder" in body.row else np.ones(3)
+    return np.asarray(np.abs(along) * getattr(body.shape, "halfLength", 0.0) + body.shape.radius * flat)
+
+
+def _near(body: FileBody, poses: tuple[FloatArray, Any], others: Sequence[Any], shape: Any, rounding: float) -> float:
+    """Least gap of a body from another thing, at most ``LOOK`` [m]; ``others`` are its places or shapes."""
+    points, frames = poses
+    request, result, least = coal.DistanceRequest(), coal.DistanceResult(), LOOK
+    if body.place is None:
+        gaps = shapely.distance(body.at(points, frames, range(len(points))), others)
+        return min(LOOK, float(gaps.min()) - body.rounding - rounding)
+    places = body.at(points, frames, range(len(points)))
+    shape.computeLocalAABB()
+    middles = np.array([place.transform(body.shape.aabb_center) for place in places])
+    there = np.array([place.transform(shape.aabb_center) for place in others])
+    bound = np.linalg.norm(middles - there, axis=1) - body.reach[1] - shape.aabb_radius
+    for k in np.argsort(bound):
+        if bound[k] >= least:
+            break
+        result.clear()
+        least = min(least, coal.distance(body.shape, places[k], shape, others[k], request, result))
+    return least
+
+
+def _link_gap(body: FileBody, arm: FileArm, poses: tuple[FloatArray, Any], k: int) -> float:
+    points, _ = poses
+    start, end, radius = points[:, k], points[:, k + 1], float(arm.radii[k])
+    if body.place is None:
+        return _near(body, poses, shapely.linestrings(np.stack((start, end), axis=1)), None, radius)
+    axes = [_along(*ends) for ends in zip(start, end, strict=True)]
+    return _near(body, poses, axes, coal.Capsule(radius, float(arm.lengths[k])), 0.0)
+
+
+def _pair_gap(body: FileBody, second: FileBody, poses: tuple[FloatArray, Any]) -> float:
+    there = second.at(*poses, range(len(poses[0])))
+    return _near(body, poses, there, second.shape, second.rounding)
+
+
 def _flat(row: Keys) -> tuple[Any, Any, float]:
+    if "capsule" in row:
+        return shapely.LineString((row["capsule"]["from"], row["capsule"]["to"])), None, row["capsule"]["radius"]
     if "box" in row:
         return shapely.box(*row["box"]), None, 0.0
     if "circle" in row:
@@ -206,9 +380,10 @@ def _solid(row: Keys) -> tuple[Any, Any, float]:
     if "sphere" in row:
         place = np.array(row["sphere"]["center"], dtype=float)
         return coal.Sphere(row["sphere"]["radius"]), coal.Transform3s(np.eye(3), place), 0.0
-    body = row["capsule"]
+    body = row.get("capsule") or row["cylinder"]
     first, last = np.array(body["from"], dtype=float), np.array(body["to"], dtype=float)
-    return coal.Capsule(body["radius"], float(np.linalg.norm(last - first))), _along(first, last), 0.0
+    kind = coal.Capsule if "capsule" in row else coal.Cylinder
+    return kind(body["radius"], float(np.linalg.norm(last - first))), _along(first, last), 0.0
 
 
 def _along(start: FloatArray, end: FloatArray) -> Any:
@@ -305,7 +480,9 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
     axes = arrays["base_axes"] if "base_axes" in arrays else arrays.get("base_feed", np.zeros((len(bends), 0)))
     axes = axes.reshape(len(bends), -1)
     found: list[str] = []
-    points, _ = arm.placed(bends, axes)
+    points, frames = arm.placed(bends, axes)
+    if "tool_tip" in arrays and np.abs(arm.tips(points, frames) - arrays["tool_tip"]).max() > 1e-9:
+        found.append("the tool's tip is not where the arrays say")
     if np.abs(points - arrays["joint_positions"]).max() > 1e-9:
         found.append("joints are not where the arrays say")
     each = np.abs(bends).reshape(len(bends), len(arm.lengths), -1).max(axis=0)
@@ -314,7 +491,7 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
         found.append(f"joint {int(over.argmax()) + 1} is {over.max():.2g} rad beyond its limit")
     found += list(_beyond_ends(data, arrays, bends))
     found += list(_beyond_axes(data, arrays, arm, bends, axes))
-    dense = arm.placed(*densely(arm, bends, axes))[0]
+    dense, turned = arm.placed(*densely(arm, bends, axes))
     allowed = TOUCH * max(float(arm.places[-1]), 0.1)
     for k, start, end in arm.exposed(dense):
         for name, gap in scene.gaps(start, end, float(arm.radii[k])):
@@ -323,6 +500,8 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
     gap, which = least_own_gap(arm, dense)
     if gap < -allowed:
         found.append(f"{which} overlap by {-gap:.2g} m")
+    own = {name for name, gap in body_gaps(arm, scene, dense, turned) if gap < -allowed}
+    found += [f"a body on a link is too near to {name}" for name in sorted(own)]
     return found
 
 
@@ -332,7 +511,8 @@ def _beyond_ends(data: Keys, arrays: Mapping[str, FloatArray], bends: FloatArray
     if np.abs(bends[0] - np.deg2rad(start.get("joints_deg", np.zeros(bends.shape[1:])))).max() > 1e-6:
         yield "the start is another"
     goals: Sequence[Keys] = data["goal"] if isinstance(data["goal"], list) else [data["goal"]]
-    ends, tips = arrays["joint_positions"][:, -2], arrays["joint_positions"][:, -1]
+    ends = arrays["joint_positions"][:, -2]
+    tips = arrays.get("tool_tip", arrays["joint_positions"][:, -1])
     for goal, sample in zip(goals, (*arrays["stops"], len(tips) - 1), strict=True):
         if "position" in goal:
             away = float(np.linalg.norm(tips[sample] - goal["position"]))
