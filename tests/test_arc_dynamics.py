@@ -1,14 +1,20 @@
 """Dynamics of sections that bend evenly, against MuJoCo, Pinocchio and the verifier's own."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.diagnosis.contact import within_torque_limits
+from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics, MassMatrix
+from ccm_opt.dynamics.simulation.controller import CompiledLoop
+from ccm_opt.io.folder import write_solution
 from ccm_opt.robot.arc_sections import ArcSections, Tendons
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import BaseAxis
@@ -16,7 +22,10 @@ from ccm_opt.robot.frames import coupling_of_revolutes, drive_torques, revolute_
 from ccm_opt.verification.drives import of_drives
 from ccm_opt.verification.newton_euler import drive_efforts
 from tests.arc_arms import arc_arm
+from tests.command_runs import CommandLine
 from tests.oracles.arc_chains import chain_states, mujoco_torques, pinocchio_torques
+from tests.oracles.interpreted_loop import InterpretedLoop
+from tests.test_section_files import TEXT, read
 
 GRAVITY = np.array([1.0, 2.0, -9.81])
 SEEDS = st.integers(0, 2**32 - 1)
@@ -108,3 +117,42 @@ def test_tendons_pull_with_the_torques_of_the_sections(seed: int, number: int) -
     np.testing.assert_allclose(tensions @ pulls.T, torques, atol=1e-12)
     assert np.min(tensions) >= 0.0
     assert np.all(np.min(tensions[:, :number].reshape(5, -1, number // 2 if number == 4 else 1), axis=1) < 1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.booleans(), st.floats(0.05, 2.0))
+def test_closed_loop_of_drives_is_that_of_the_same_law_in_numpy(seed: int, computed: bool, share: float) -> None:
+    """From any state, under noise, brakes and limits that saturate, both loops hold the same efforts over a step."""
+    arm = arc_arm((1, 3), (0.3, 0.2), payload=0.1, rotor_inertia=0.01, friction=0.02)
+    plant, believed = (arm_model(each, GRAVITY) for each in (arm, replace(arm, payload=0.2)))
+    kp, kd = (900.0 * np.ones(4), 60.0 * np.ones(4)) if computed else (np.linspace(0.5, 5.0, 4), np.full(4, 0.02))
+    numbers = {"step": 1e-4, "computed": computed, "kp": kp, "kd": kd, "feed_kp": 400.0, "feed_kd": 40.0}
+    numbers |= {"limit": np.full(4, share), "feed_limit": 20.0}
+    random = np.random.default_rng(seed)
+    state, reference = random.uniform(-1.0, 1.0, (2, 5)), random.uniform(-1.0, 1.0, (3, 3, 5))
+    noise, held = random.normal(0.0, 1e-3, (3, 2, 4)), int(random.integers(0, 2))
+    got = CompiledLoop(plant, believed, numbers).run(state, reference, noise, held)
+    expected = InterpretedLoop(plant, believed, numbers).run(state, reference, noise, held)
+    assert not np.any(got[1][:held])
+    assert np.all(np.abs(got[1][:, :4]) <= share)
+    for ours, theirs in zip(got, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-8 * np.max(np.abs(theirs)))
+
+
+@pytest.mark.planning
+def test_arm_of_sections_follows_its_plan_within_torque_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A plan keeps the torques of its sections, is followed and passes every check; a weak section is named."""
+    text = TEXT.replace("velocity = 0.5", "velocity = 5.0\ntorque = [0.5, 0.4]").replace("[1.0, 2.0]", "100.0")
+    text = text.replace('drive = "section"', 'drive = "section"\nmass = 0.25')
+    solution = ccm_opt.solve(read(text), explain=False)
+    assert solution.simulation.verdict.outcome == "followed"
+    assert solution.simulation.tracking_error < 1e-3
+    folder = write_solution(solution, tmp_path)
+    arrays = np.load(folder / "solution.npz")
+    assert arrays["simulated_torques"].shape == arrays["drive_torques"].shape
+    assert np.max(np.abs(arrays["drive_torques"][:, :2])) <= 0.5
+    assert CommandLine(capsys)("check", folder).code == 0
+    weak = next(within_torque_limits(read(text.replace("0.5, 0.4", "0.05, 0.4"))))
+    assert "start: section 1 (section1_b) needs" in weak.reason

@@ -60,7 +60,8 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     table = checks_table(f"{problem.name}: {'solved in part' if partly else 'solved'}", shown_checks)
     table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
     if problem.limits.torque is None:
-        table.add_row("Peak torque", *peak_torque(problem, solution.joints.torques, solution.joints.names))
+        torques = drive_torques(problem.arm, solution.joints.torques)
+        table.add_row("Peak torque", *peak_torque(problem, torques, solution.joints.names))
     if "leader_deviation_worst_m" in solution.metrics:
         worst = units.length(solution.metrics["leader_deviation_worst_m"])
         mean = units.length(solution.metrics["leader_deviation_mean_m"])
@@ -171,11 +172,11 @@ def peak_torque(problem: Problem, torques: FloatArray, names: Sequence[str]) -> 
 
     Args:
         problem: the problem, with arm and torque limits.
-        torques: torques of all revolute joints at T samples, shape (T, 3 * links) [N m].
+        torques: torques of the drives that bend the arm at T samples, shape (T, n) [N m].
         names: names of the revolute joints.
     """
     arm, limits = problem.arm, problem.limits.torque
-    magnitudes = np.abs(drive_torques(arm, torques))
+    magnitudes = np.abs(torques)
     drive = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])
     peak = float(magnitudes[:, drive].max())
     limit = None if limits is None else float(drive_torque_limits(arm, limits)[drive])

@@ -13,7 +13,7 @@ from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
+from ccm_opt.robot.frames import bends_from_revolutes, drive_names, joint_positions_3d
 from ccm_opt.scene.tool_links import own_joints, points_with_tool
 
 _FIRST_LOOKS = 40
@@ -98,13 +98,6 @@ class JudgedMotion:
         return FROM_BEST_TO_WORST.index(self.motion.verdict.outcome)
 
 
-def unmodelled_dynamics(arm: Arm) -> str:
-    """Return the reason why the closed loop of an arm of this kind is not modelled; empty if it is."""
-    if arm.sections is not None:
-        return "the closed loop of sections that bend evenly is not modelled"
-    return "the dynamics of base axes other than a feed axis are not simulated" if arm.carrier else ""
-
-
 def simulate_and_check(
     problem: Problem,
     trajectory: JointTrajectory,
@@ -124,8 +117,9 @@ def simulate_and_check(
     Returns:
         The simulated motion with its outcome, and figures of merit by names that end in their unit.
     """
-    if reason := unmodelled_dynamics(problem.arm):
-        return not_simulated(trajectory, joints, problem.simulation.step, reason, outcome="not modelled"), {}
+    if reason := problem.arm.unsimulated:
+        step = problem.simulation.step
+        return not_simulated(problem.arm, trajectory, joints, step, reason, outcome="not modelled"), {}
     requested = simulated_once(problem, trajectory, joints)
     best = requested
     before = requested
@@ -160,7 +154,7 @@ def simulated_once(
     except SimulationError as error:
         diagnosis = error.diagnosis
         return JudgedMotion(
-            not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
+            not_simulated(problem.arm, trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
         )
     found = seen(problem, trajectory, motion)
     if found is None or found.touch is None:
@@ -231,6 +225,7 @@ def _at_a_smaller_step(motion: SimulatedMotion, requested: SimulationVerdict) ->
 
 
 def not_simulated(
+    arm: Arm,
     trajectory: JointTrajectory,
     joints: JointStates,
     step: float,
@@ -238,9 +233,10 @@ def not_simulated(
     advice: tuple[str, ...] = (),
     outcome: SimulationOutcome = "not simulated",
 ) -> SimulatedMotion:
-    """Return the result for an arm that was not simulated, which rests in the start pose.
+    """Return the result for an arm that was not simulated, which rests in the start pose, without samples if it cannot.
 
     Args:
+        arm: the arm.
         trajectory: the planned motion.
         joints: states of all revolute joints over the planned motion.
         step: integration step that was requested [s].
@@ -248,10 +244,10 @@ def not_simulated(
         advice: changes that would make a simulation possible.
         outcome: "not modelled" if nothing could make it possible.
     """
-    samples = len(trajectory.time)
+    samples = 0 if outcome == "not modelled" else len(trajectory.time)
     return SimulatedMotion(
         angles=np.repeat(joints.angles[:1], samples, axis=0),
-        torques=np.zeros_like(joints.torques),
+        torques=np.zeros((samples, len(drive_names(arm)))),
         tracking_error=np.nan,
         saturated=False,
         base_positions=np.repeat(trajectory.base_positions[:1], samples, axis=0),

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.driver.closed_loop import simulate_and_check, unmodelled_dynamics
+from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import motion_figures
 from ccm_opt.io.reading_back import RecordedResults, SavedMotion, recorded_curves
 from ccm_opt.planning.link_space import nearest_curves
@@ -72,7 +72,7 @@ def record_checks(
     if problem.dimension == 2:
         found.append(_curves(problem, motion))
     figures["keyframes"] = float(len(motion.keyframes))
-    if record.verdict["outcome"] == ("not modelled" if unmodelled_dynamics(problem.arm) else "not simulated"):
+    if record.verdict["outcome"] == ("not modelled" if problem.arm.unsimulated else "not simulated"):
         found.append(_at_rest(motion))
         unheld = {name: value for name, value in record.figures.items() if name.endswith(_OF_SIMULATION)}
         figures |= {name: np.nan if value is None else value for name, value in unheld.items()}

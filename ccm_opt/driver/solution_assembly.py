@@ -164,7 +164,7 @@ def draft_solution(
     if plan.tour is not None:
         problem = plan.tour.visited
     if simulated is None:
-        simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "skipped")
+        simulated = not_simulated(problem.arm, plan.trajectory, plan.joints, problem.simulation.step, "skipped")
     plan_metrics = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
         problem=problem,
@@ -259,4 +259,4 @@ def _stands_still(
     problem: Problem, plan: VerifiedPlan, defect: Exception
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     reason = f"an error in ccm-opt: {type(defect).__name__}: {defect}"
-    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, reason), {}
+    return not_simulated(problem.arm, plan.trajectory, plan.joints, problem.simulation.step, reason), {}

@@ -23,7 +23,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError, Tour, UnvisitedGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.frames import bends_from_revolutes, joint_names
+from ccm_opt.robot.frames import bends_from_revolutes, drive_names, joint_names
 from ccm_opt.robot.segment import CurvatureSegment
 from ccm_opt.scene.tool_links import points_with_tool
 
@@ -316,7 +316,7 @@ DRIVE_ARRAYS = (
     "tendon_tensions",
 )
 """Names of the additional arrays of ``solution.npz`` for sections that bend evenly."""
-AXES_SHAPES: Shapes = {AXIS_NAMES[name]: (*shape, "axes") for name, shape in FEED_SHAPES.items()}
+AXES_SHAPES: Shapes = {name: (*FEED_SHAPES[of_feed], "axes") for of_feed, name in AXIS_NAMES.items()}
 """Shapes of the additional arrays of ``solution.npz`` for an arm on other base axes."""
 CLEARANCE_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
 """Shapes of the additional arrays of ``solution.npz`` where the clearance of the motion was measured."""
@@ -331,8 +331,10 @@ class SavedMotion:
         joints: states of all revolute joints over the motion, with efforts.
         keyframes: the planner's K keyframes, one column per coordinate of the arm, shape (K, c) [rad, m].
         simulated_angles: angles of the simulated arm's revolute joints, shape (T, 3 n) [rad].
-        simulated_torques: torques of the simulated arm's revolute joints, shape (T, 3 n) [N m].
-        simulated_base: feed of the simulated arm, shape (T, 1), or (T, 0) for a fixed base [m].
+        simulated_torques: torques of the simulated arm's revolute joints, shape (T, 3 n), or of the m drives of
+            sections that bend evenly, shape (T, m) [N m].
+        simulated_base: feed of the simulated arm, shape (T, 1), or (T, 0) for a fixed base [m]. There are no samples of
+            an arm that is not simulated.
         arrays: all arrays of the file except the names of the joints, as stored.
     """
 
@@ -449,9 +451,12 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         **(SPACE_SHAPES if arm.dimension == 3 else SHAPES),
         **(FEED_SHAPES if arm.feed is not None else {}),
         **(AXES_SHAPES if arm.carrier else {}),
+        **({} if arm.sections is None else {"simulated_torques": ("samples", len(drive_names(arm)))}),
         **({} if arm.tool is None else {TOOL_TIP: ("samples", arm.dimension)}),
         **(CLEARANCE_SHAPES if CLEARANCE_SHAPES.keys() & arrays.keys() else {}),
     }
+    if arm.unsimulated:
+        shapes = {name: shape for name, shape in shapes.items() if not name.startswith("simulated")}
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
@@ -492,9 +497,9 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         trajectory,
         joints,
         np.column_stack((keyframes, of_base("keyframe_feeds", "keyframes"))),
-        numbers["simulated_angles"],
-        numbers["simulated_torques"],
-        of_base("simulated_feed"),
+        numbers.get("simulated_angles", np.zeros((0, 3 * arm.links))),
+        numbers.get("simulated_torques", np.zeros((0, len(drive_names(arm))))),
+        of_base("simulated_feed") if not arm.unsimulated else np.zeros((0, len(arm.base_axes))),
         numbers,
     )
     for name, values in drive_arrays(arm, trajectory.bend_angles, joints.torques).items():

@@ -252,8 +252,14 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "feed_accelerations": trajectory.base_accelerations,
         "feed_forces": solution.joints.base_forces,
         "keyframe_feeds": solution.path.keyframes[:, coordinates.base],
-        "simulated_feed": solution.simulation.base_positions,
     }
+    simulated: dict[str, FloatArray] = {}
+    if not solution.problem.arm.unsimulated:
+        simulated = {
+            "simulated_angles": solution.simulation.angles,
+            "simulated_torques": solution.simulation.torques,
+        }
+        of_base["simulated_feed"] = solution.simulation.base_positions
     return {
         "time": trajectory.time,
         "bend_angles": by_joint(trajectory.bend_angles, coordinates),
@@ -266,8 +272,7 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         **_tool_tip(solution),
         "keyframes": by_joint(solution.path.keyframes[:, coordinates.bends], coordinates),
         **({} if solution.problem.dimension == 3 else curve_arrays(solution.path.curves)),
-        "simulated_angles": solution.simulation.angles,
-        "simulated_torques": solution.simulation.torques,
+        **simulated,
         "stops": np.array(trajectory.stops, dtype=np.int64),
         # A fixed base has no columns here, and gaps are present only where they were measured.
         **_of_base(of_base, solution.problem.arm),
@@ -307,7 +312,6 @@ AXIS_NAMES: Mapping[str, str] = MappingProxyType(
         "feed_accelerations": "axis_accelerations",
         "feed_forces": "axis_efforts",
         "keyframe_feeds": "keyframe_axes",
-        "simulated_feed": "simulated_axes",
     }
 )
 """Names of arrays of several base axes, with a column for each, by the names of those of a feed axis."""
@@ -365,7 +369,7 @@ def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.
         arrays: arrays of a plan, by name as in ``solution.npz``.
     """
     of_revolutes = {"joint_names"} | {f"joint_{what}" for what in ("angles", "velocities", "accelerations", "torques")}
-    of_revolutes |= {"simulated_angles", "simulated_torques"}
+    of_revolutes |= {"simulated_angles"} | ({"simulated_torques"} if "drive_names" not in arrays else set())
     kept = [1] if arrays["bend_angles"].ndim == 2 else [0, 1]
     columns = np.flatnonzero(np.isin(np.arange(len(arrays["joint_names"])) % 3, kept))
     return {name: array[..., columns] if name in of_revolutes else array for name, array in arrays.items()}

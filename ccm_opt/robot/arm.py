@@ -206,6 +206,11 @@ class Arm(LinkLayout):
         return None if self.sections is None else self.sections.arcs
 
     @property
+    def unsimulated(self) -> str:
+        """Reason why the closed loop of an arm of this kind is not modelled; empty if it is."""
+        return "the dynamics of base axes other than a feed axis are not simulated" if self.carrier else ""
+
+    @property
     def longest_link(self) -> float:
         """Greatest length of a link within the joint limits [m]."""
         return float(np.max(self.lengths if self.sections is None else self.sections.longest_links()))

@@ -77,6 +77,26 @@ def coupling_of_revolutes(arm: Arm) -> FloatArray | None:
     return None if arm.sections is None else revolute_angles(arm, arm.sections.coupling.T).T
 
 
+def drive_values(arm: Arm, angles: FloatArray) -> FloatArray:
+    """Return the values of the m drives that bend an arm, from the angles of all revolutes, shape (..., 3 * links).
+
+    They are the same unless drives move several revolutes together; then the shape is (..., m). The map is linear, so
+    it also applies to velocities and accelerations.
+    """
+    return angles if arm.sections is None else arm.sections.drives(bends_from_revolutes(arm, angles))
+
+
+def angles_from_drives(arm: Arm, values: FloatArray) -> FloatArray:
+    """Return the angles of all revolutes for values of the drives that bend an arm, the inverse of ``drive_values``."""
+    coupling = coupling_of_revolutes(arm)
+    return values if coupling is None else np.asarray(values @ coupling.T)
+
+
+def drive_names(arm: Arm) -> tuple[str, ...]:
+    """Return the names of the m drives that bend an arm: those of the revolutes, or of the bends of its sections."""
+    return joint_names(arm) if arm.sections is None else arm.sections.drive_names
+
+
 def drive_torques(arm: Arm, torques: FloatArray) -> FloatArray:
     """Return the torques of the m drives that bend an arm, from those of all revolutes, shape (..., 3 * links) [N m].
 
@@ -173,12 +193,16 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
 
 
 def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-    """Return the positions of the ball joints and of the tip in the world, shape (..., links + 1, 3) [m].
+    """Return the positions of the joints and of the tip in the world, shape (..., links + 1, 3) [m].
 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
         feed: displacement of the base along its heading, shape (...) [m].
     """
+    if arm.sections is not None:
+        bends = bends_from_revolutes(arm, angles)
+        moved = np.broadcast_to(np.asarray(feed)[..., None], (*bends.shape[:-1], len(arm.base_axes)))
+        return arm.joint_positions_at(np.concatenate((bends, moved), axis=-1))
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
     return positions + np.asarray(feed)[..., None, None] * arm.base_rotation[:, 0]

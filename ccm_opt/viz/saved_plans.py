@@ -127,14 +127,16 @@ def plan_drawing(plan: Solution | SavedPlan) -> "PlanDrawing":
     if not isinstance(plan, SavedPlan):
         return PlanDrawing.from_solution(plan)
     arm, motion = plan.problem.arm, plan.motion
-    simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base.sum(axis=1))
+    simulated = None
+    if arm.dimension == 2 and not arm.unsimulated:
+        simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base.sum(axis=1))
     return PlanDrawing(
         problem=plan.problem,
         trajectory=plan.trajectory,
         points=points_with_tool(arm, plan.trajectory.positions),
         curves=recorded_curves(motion.arrays, arm),
         nearest=recorded_nearest(plan.folder),
-        simulated=simulated if arm.dimension == 2 else None,
+        simulated=simulated,
     )
 
 

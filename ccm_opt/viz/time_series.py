@@ -229,13 +229,18 @@ def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[S
         return
     bends = bends_from_revolutes(solution.problem.arm, simulated.angles)
     away = np.rad2deg(bends - solution.trajectory.bend_angles)
-    coordinates = solution.trajectory.coordinates
-    drives = coordinates.drive_numbers[coordinates.bends]
-    free = np.full(len(joints), np.inf)
+    arm, coordinates = solution.problem.arm, solution.trajectory.coordinates
+    names, torques = joints, simulated.torques
     torque = solution.problem.limits.torque
-    bounds = free if torque is None else torque[drives]
+    bounds = drive_torque_limits(arm, np.full(coordinates.revolutes, np.inf) if torque is None else torque)
+    if arm.sections is not None:
+        names = arm.sections.drive_names
+    else:
+        drives = coordinates.drive_numbers[coordinates.bends]
+        torques, bounds = torques[:, drives], bounds[drives]
+    free = np.full(len(joints), np.inf)
     yield SeriesGroup("tracking", "Simulated minus planned bends", "°", joints, away, free, least=_LEAST_TRACKING)
-    yield SeriesGroup("simulated-torques", "Torques in simulation", "N m", joints, simulated.torques[:, drives], bounds)
+    yield SeriesGroup("simulated-torques", "Torques in simulation", "N m", names, torques, bounds)
 
 
 def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict[str, object]:

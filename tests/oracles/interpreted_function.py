@@ -13,6 +13,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.aba import aba_steps
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, Structure
 from ccm_opt.dynamics.algorithms.rnea import rnea_steps
+from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction
 
 
 class ModelSymbols(NamedTuple):
@@ -198,3 +199,33 @@ class InterpretedFunction:
             out[i] = result[:-1]
             out_feed[i] = result[-1]
         return out, out_feed
+
+
+class DrivenFunction:
+    """Dynamics of drives that move revolutes together, from the inverse dynamics of the revolutes, in numpy.
+
+    Args:
+        kind: ``inverse_dynamics`` or ``forward_dynamics``.
+        model: the arm's model.
+    """
+
+    def __init__(self, kind: str, model: ArmModel) -> None:
+        self._inverse = DynamicsFunction("inverse_dynamics", model)
+        self._model, self._kind = model, kind
+
+    def both(self, first: FloatArray, second: FloatArray, third: FloatArray, feed: float = 0.0) -> FloatArray:
+        """The function at one state of the drives; the result for the feed axis stands last."""
+        if self._kind == "inverse_dynamics":
+            return self._needed(first, second, np.append(third, feed))
+        rest = np.zeros(len(first) + 1)
+        size = len(rest) if self._model.world[4] else len(first)
+        still = self._needed(first, rest[:-1], rest)
+        mass = np.stack([self._needed(first, rest[:-1], unit) - still for unit in np.eye(len(rest))])[:size, :size]
+        wanted = np.append(third, feed) - self._needed(first, second, rest)
+        return np.append(np.linalg.solve(mass, wanted[:size]), rest[size:])
+
+    def _needed(self, values: FloatArray, rates: FloatArray, gains: FloatArray) -> FloatArray:
+        coupling, added = self._model.coupling, self._model.armature
+        assert coupling is not None
+        torques, thrust = self._inverse.with_feed(*(coupling @ each for each in (values, rates, gains[:-1])), gains[-1])
+        return np.append(coupling.T @ torques + (0.0 if added is None else added * gains[:-1]), thrust)

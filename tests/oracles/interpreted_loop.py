@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.simulation.controller import stiffened
 
-from .interpreted_function import InterpretedFunction
+from .interpreted_function import DrivenFunction, InterpretedFunction
 
 
 class InterpretedLoop:
@@ -22,8 +22,9 @@ class InterpretedLoop:
     """
 
     def __init__(self, plant: ArmModel, model: ArmModel, numbers: Mapping[str, Any]) -> None:
-        self._forward = InterpretedFunction("forward_dynamics", plant)
-        self._inverse = InterpretedFunction("inverse_dynamics", model)
+        function = InterpretedFunction if plant.coupling is None else DrivenFunction
+        self._forward = function("forward_dynamics", plant)
+        self._inverse = function("inverse_dynamics", model)
         self._step = numbers["step"]
         self._computed = numbers["computed"]
         self._limit = np.append(numbers["limit"], numbers["feed_limit"])
@@ -31,7 +32,7 @@ class InterpretedLoop:
         self._proportional = np.append(numbers["kp"], numbers["feed_kp"])
         self._derivative = np.append(numbers["kd"], numbers["feed_kd"])
         if not self._computed:
-            self._predicted = InterpretedFunction("forward_dynamics", stiffened(model, self._step, numbers["kd"]))
+            self._predicted = function("forward_dynamics", stiffened(model, self._step, numbers["kd"]))
 
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int

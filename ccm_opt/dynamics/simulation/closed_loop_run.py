@@ -33,7 +33,7 @@ from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.frames import angles_from_drives, drive_names, drive_torque_limits, drive_torques, drive_values
 
 _LARGE_ERROR = 0.1
 """Tracking error of a joint above which the arm counts as not following its plan [rad]. Heuristic."""
@@ -212,14 +212,14 @@ def simulate(
     if trajectory.duration <= 0.0:
         return SimulatedMotion(
             joints.angles,
-            joints.torques,
+            drive_torques(arm, joints.torques),
             tracking_error=0.0,
             saturated=False,
             base_positions=trajectory.base_positions,
             verdict=SimulationVerdict("followed", options.step),
         )
     run, state = _prepared(arm, trajectory, joints, options, limits)
-    most = _most_efforts(limits, arm.coordinates)
+    most = _most_efforts(limits, arm)
     record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most)
     full: RunFault | None = None
     large_error: RunFault | None = None
@@ -236,7 +236,7 @@ def simulate(
     if full or large_error or divergence:
         plant = disturbed_arm(arm, options.disturbances)
         needs = largest_need(plant, trajectory, joints, options.gravity, most)
-    return record.motion(arm.coordinates, judge_run(record, joints.names, full, large_error, divergence, needs))
+    return record.motion(arm, judge_run(record, drive_names(arm), full, large_error, divergence, needs))
 
 
 def simulated_states(
@@ -262,16 +262,17 @@ def simulated_states(
     """
     run, state = _prepared(arm, trajectory, joints, options, limits)
     for steps in run.steps(state, options, max(1, round(interval / options.step))):
-        check_finite(steps, joints.names, options.step)
+        check_finite(steps, drive_names(arm), options.step)
         last = steps.states[-1, 0]
-        yield (steps.first + steps.count) * options.step, last[:-1], float(last[-1])
+        yield (steps.first + steps.count) * options.step, angles_from_drives(arm, last[:-1]), float(last[-1])
 
 
-def _most_efforts(limits: Limits, coordinates: Coordinates) -> FloatArray:
-    """Return the effort limits of all revolutes and, last, of the feed axis, shape (3 * links + 1,) [N m, N]."""
-    efforts = limits.of_drives(coordinates).effort
+def _most_efforts(limits: Limits, arm: Arm) -> FloatArray:
+    """Return the effort limits of the drives that bend the arm and, last, of the feed axis, shape (n + 1,) [N m, N]."""
+    efforts = limits.of_drives(arm.coordinates).effort
+    revolutes = arm.coordinates.revolutes
     # A fixed base has a column in the loop, but no drive.
-    return np.append(efforts, np.full(coordinates.revolutes + 1 - len(efforts), np.inf))
+    return np.append(drive_torque_limits(arm, efforts[:revolutes]), np.append(efforts[revolutes:], np.inf)[:1])
 
 
 def _prepared(
@@ -289,7 +290,7 @@ def _prepared(
     check_axes(arm, joints.angles, planar=planar)
     check_stability(plant, joints.angles, options, planar=planar, believed=arm)
 
-    positions, velocities = _coordinates(trajectory, joints)
+    positions, velocities = _coordinates(arm, trajectory, joints)
     reference = step_reference(trajectory.time, positions, velocities, options.step)
     run = _Run(
         closed_loop(plant, arm, options, limits, planar=planar), reference, Noise(options.disturbances, planar=planar)
@@ -297,11 +298,11 @@ def _prepared(
     return run, np.stack((positions[0], velocities[0]))
 
 
-def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[FloatArray, FloatArray]:
-    """Return positions and velocities of all revolutes and, last, of the base, each of shape (T, 3 * links + 1)."""
+def _coordinates(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> tuple[FloatArray, FloatArray]:
+    """Return positions and velocities of the drives that bend the arm and, last, of its base, each (T, n + 1)."""
     advance = trajectory.coordinates.advance
-    positions = np.column_stack((joints.angles, advance(trajectory.positions)))
-    velocities = np.column_stack((joints.velocities, advance(trajectory.velocities)))
+    positions = np.column_stack((drive_values(arm, joints.angles), advance(trajectory.positions)))
+    velocities = np.column_stack((drive_values(arm, joints.velocities), advance(trajectory.velocities)))
     return positions, velocities
 
 
@@ -327,6 +328,8 @@ def closed_loop(
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
     """Return whether reference and gravity keep the simulated arm exactly in its plane."""
+    if arm.sections is not None:
+        return False
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
     return still and falls_in_plane(arm, options.gravity)

@@ -1,8 +1,8 @@
 """Controller of a simulated arm, its reference, and disturbances.
 
-The loop is computed by ``simulation.c``. Positions x = (q, x_b) and velocities ẋ are those of all revolutes and, last,
-of the base on its feed axis; the efforts are their torques and the thrust, u = (τ, F). A step of length h has three
-parts.
+The loop is computed by ``simulation.c``. Positions x = (q, x_b) and velocities ẋ are those of all revolutes, or of the
+bends of sections that bend evenly, and, last, of the base on its feed axis; the efforts are their torques and the
+thrust, u = (τ, F). A step of length h has three parts.
 
 1. *Measure.* q and q̇ with noise, x_b and ẋ_b without. With the reference x_r at the start of the step, the errors are
    e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, with separate gains for the feed axis.
@@ -31,7 +31,8 @@ PD gains are derived from the arm. With M(0) the mass matrix of the straight arm
 and Kd = 2 ωn D. No lever is longer than along the straight arm, so that in the plane |M(q)ᵢⱼ| ≤ M(0)ᵢⱼ in every pose,
 and D − M(q) is diagonally dominant: xᵀ D x ≥ xᵀ M(q) x. So every mode of the errors, M ë + Kd ė + Kp e = M q̈_r, is
 damped critically or more, and while the arm moves slowly compared with ωn the errors of all joints are at most
-max |q̈_r| / ωn², whatever the number and mass of the links.
+max |q̈_r| / ωn², whatever the number and mass of the links. Sections that bend evenly have twice the row sums for D: a
+bend of one may move the arm across that of another, by no longer lever than along the straight arm.
 """
 
 from collections.abc import Mapping
@@ -47,11 +48,14 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix, arm_for_c
 from ccm_opt.problem import Disturbances, Limits, SimulationOptions
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import drive_names, drive_torque_limits
 from ccm_opt.robot.tool import RigidBody
 
 
 def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
     """Return a controller's model with rotor inertias raised by step length times Kd, as stable PD requires."""
+    if model.coupling is not None:
+        return replace(model, armature=step * kd)
     drives = model.drives.copy()
     drives[:, :3] += step * kd.reshape(-1, 3)
     return replace(model, drives=drives)
@@ -60,7 +64,8 @@ def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
 class CompiledLoop:
     """Compiled simulation of an arm under its controller, as described in this module's docstring.
 
-    The last of the W = 3 * links + 1 columns of arrays is the feed axis, which stays at rest if there is none.
+    Arrays have W columns, one for each drive that bends the arm and, last, the feed axis, which stays at rest if there
+    is none.
 
     Args:
         plant: model of the simulated arm.
@@ -70,13 +75,13 @@ class CompiledLoop:
 
     def __init__(self, plant: ArmModel, model: ArmModel, numbers: Mapping[str, Any]) -> None:
         believed = arm_for_c(model)
-        self._width = plant.structure.joints + 1
+        self._width = plant.coordinates + 1
         variant = plant.structure.variant
         self._call = NativeCall(
             f"simulate__{variant}",
             plant=arm_for_c(plant), model=believed,
             stiffened=believed if numbers["computed"] else arm_for_c(stiffened(model, numbers["step"], numbers["kd"])),
-            work=np.zeros((native_constant(f"loop_rows__{variant}"), plant.structure.joints + 1)),
+            work=np.zeros((native_constant(f"loop_rows__{variant}"), self._width)),
             **numbers,
         )  # fmt: skip
 
@@ -111,12 +116,12 @@ class CompiledLoop:
 
 
 def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the gains Kp and Kd of the joints for the chosen control law, each of shape (3 * links,).
+    """Return the gains Kp and Kd of the drives that bend the arm for the chosen control law, each of shape (n,).
 
     For computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn², Kd = 2 ωn;
     for PD on torques [N m/rad, N m s/rad].
     """
-    joints = np.ones(3 * arm.links)
+    joints = np.ones(len(drive_names(arm)))
     bandwidth = options.bandwidth
     if options.controller == "computed-torque":
         return bandwidth**2 * joints, 2.0 * bandwidth * joints
@@ -134,12 +139,14 @@ def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]
 
 
 def inertia_at_most(arm: Arm) -> FloatArray:
-    """Return an upper bound on the inertia seen by each joint when all bends move, shape (3 * links,) [kg m²].
+    """Return an upper bound on the inertia seen by each drive when all bends move, shape (n,) [kg m²].
 
     The bound is the row sum, over the bends, of the straight arm's mass matrix. Yaw and roll get the value of their
     ball joint's bend, since the arm beyond a ball joint has no greater inertia about any other axis through the joint.
     """
     straight = MassMatrix(arm)(np.zeros(3 * arm.links))
+    if arm.sections is not None:
+        return np.asarray(2.0 * np.sum(np.abs(straight), axis=1))
     bends = np.sum(np.abs(straight[1::3, 1::3]), axis=1)
     return np.repeat(bends, 3)
 
@@ -157,9 +164,9 @@ def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
 def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
     """Return the parameters of the control loop under their names in ``simulation.c``.
 
-    The parameters are the step [s], whether the law is computed torque rather than PD, Kp and Kd of every joint, shape
-    (3 * links,), and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,)
-    [N m], and on the thrust of the feed axis [N]; inf where unlimited.
+    The parameters are the step [s], whether the law is computed torque rather than PD, Kp and Kd of every drive that
+    bends the arm, shape (n,), and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape
+    (n,) [N m], and on the thrust of the feed axis [N]; inf where unlimited.
     """
     kp, kd = gains(arm, options)
     feed_kp, feed_kd = feed_gains(arm, options)
@@ -170,7 +177,7 @@ def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[s
         "kd": kd,
         "feed_kp": feed_kp,
         "feed_kd": feed_kd,
-        "limit": np.full(3 * arm.links, np.inf) if limits.torque is None else limits.torque,
+        "limit": np.full(len(kp), np.inf) if limits.torque is None else drive_torque_limits(arm, limits.torque),
         "feed_limit": np.inf if limits.feed_force is None else limits.feed_force,
     }
 
@@ -185,6 +192,11 @@ def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
     payload = arm.payload + disturbances.payload
     if arm.tool is not None:
         bodies, payload = (*bodies, RigidBody(mass=payload, centre=arm.tool.tip)), 0.0
+    rubbing: FloatArray | float = disturbances.friction
+    if arm.sections is not None:
+        rubbing = np.repeat(
+            arm.sections.at_joints(disturbances.friction * arm.sections.counts.astype(np.float64)), 3
+        )  # of a section that of all joints
     return replace(
         arm,
         bodies=bodies,
@@ -193,7 +205,7 @@ def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
         inertia_axial=heavier * arm.inertia_axial,
         inertia_transverse=heavier * arm.inertia_transverse,
         payload=payload,
-        friction=np.asarray(arm.friction) + disturbances.friction,
+        friction=np.asarray(arm.friction) + rubbing,
     )
 
 

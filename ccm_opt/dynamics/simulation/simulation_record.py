@@ -13,7 +13,7 @@ from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.frames import angles_from_drives, drive_torques
 
 _LARGEST_BEND = 1.3
 """Largest bend for which an arm with Z-Y-X ball joints is simulated out of its plane [rad].
@@ -25,7 +25,9 @@ The 3.7 is chosen by hand.
 
 @dataclass(frozen=True)
 class SimulatedSteps:
-    """States and efforts of N consecutive simulation steps; the feed axis is the last of W = 3 * links + 1 columns.
+    """States and efforts of N consecutive simulation steps; the feed axis is the last of W columns.
+
+    The others are of the drives that bend the arm.
 
     Attributes:
         first: index of the first step.
@@ -113,18 +115,19 @@ class SimulationRecord:
         full = np.any(np.abs(steps.efforts) >= self.limit, axis=1)
         self.full_steps += int(np.count_nonzero(full))
 
-    def motion(self, coordinates: Coordinates, verdict: SimulationVerdict) -> SimulatedMotion:
-        """Return the whole simulated motion with a given verdict, after all steps have been added."""
-        drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
+    def motion(self, arm: Arm, verdict: SimulationVerdict) -> SimulatedMotion:
+        """Return the whole simulated motion of an arm with a given verdict, after all steps have been added."""
+        bending = self.positions.shape[1] - 1
+        base = slice(bending, bending + len(arm.base_axes))  # a fixed base has a column in the loop, but no drive
         if self._last is not None:
             # If the run was stopped, the arm is assumed to stand still from then on.
             self.positions[self.places > self.end + ROUNDING] = self._last
         return SimulatedMotion(
-            angles=self.positions[:, : coordinates.revolutes].copy(),
-            torques=self.efforts[:, : coordinates.revolutes].copy(),
+            angles=angles_from_drives(arm, self.positions[:, :bending].copy()),
+            torques=self.efforts[:, :bending].copy(),
             tracking_error=self.tracking_error,
             saturated=self.full_steps > 0,
-            base_positions=self.positions[:, coordinates.revolutes : drives].copy(),
+            base_positions=self.positions[:, base].copy(),
             saturated_time=self.full_steps * self.step,
             verdict=verdict,
         )
@@ -140,7 +143,7 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
     Raises:
         ProblemError: the options are unsuitable; the message names the setting and a remedy.
     """
-    if arm.sections is not None:  # is not simulated
+    if arm.unsimulated:
         return
     straight = np.zeros((1, 3 * arm.links))
     # An arm with two bends per joint may leave any plane; one with a single bend per joint does not leave its own.
@@ -170,6 +173,8 @@ def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
     Raises:
         SimulationError: a ball joint is singular on the motion; the message names a remedy.
     """
+    if arm.sections is not None:
+        return  # arcs are nowhere singular
     if arm.axes == "zyz":
         raise SimulationError(
             Diagnosis(
@@ -254,15 +259,18 @@ def largest_need(
         trajectory: the plan.
         joints: angles, velocities and accelerations of the revolutes in the plan.
         gravity: gravitational acceleration, shape (3,) [m/s²].
-        limit: effort limits of all revolutes and, last, of the feed axis, shape (3 * links + 1,) [N m, N].
+        limit: effort limits of the drives that bend the arm and, last, of the feed axis, shape (n + 1,) [N m, N].
     """
     if not np.isfinite(limit).any():
         return None
     dynamics = InverseDynamics(plant, gravity)
     rest = np.zeros_like(joints.angles)
     feed = trajectory.coordinates.advance(trajectory.accelerations)
-    moving = np.abs(np.column_stack(dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed)))
-    still = np.abs(np.column_stack(dynamics.efforts(joints.angles, rest, rest)))
+    efforts = (
+        dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed),
+        dynamics.efforts(joints.angles, rest, rest),
+    )
+    moving, still = (np.abs(np.column_stack((drive_torques(plant, torques), force))) for torques, force in efforts)
     # Without a limit the fraction is zero; with a limit of zero it is huge for any effort.
     share = moving / np.maximum(limit, np.finfo(np.float64).tiny)
     row, column = np.unravel_index(int(np.argmax(share)), share.shape)

@@ -22,6 +22,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix
 from ccm_opt.dynamics.simulation.controller import feed_gains, gains
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import coupling_of_revolutes, drive_names
 
 _CHECKED_POSES = 9
 """Number of poses along the motion at which gains and friction are compared with the mass matrix.
@@ -76,7 +77,7 @@ def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
         poses: angles of all revolutes, shape (N, 3 * links) [rad].
         planar: whether the arm stays in its plane, so that only the bends count.
     """
-    return fastest_rate(arm, poses, np.ones(3 * arm.links), planar=planar)
+    return fastest_rate(arm, poses, np.ones(len(drive_names(arm))), planar=planar)
 
 
 def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
@@ -85,7 +86,7 @@ def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bo
     Args:
         arm: the arm.
         poses: angles of all revolutes, shape (N, 3 * links) [rad].
-        damping: viscous damping of every joint, shape (3 * links,) [N m s/rad].
+        damping: viscous damping of every drive that bends the arm, shape (n,) [N m s/rad].
         planar: whether the arm stays in its plane, so that only the bends count.
     """
     mass_matrix = MassMatrix(arm)
@@ -183,6 +184,9 @@ def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, plan
 def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """Raise an error for friction that damps the fastest mode at a rate that the integrator cannot follow."""
     friction = float(np.max(arm.friction))
+    coupling = coupling_of_revolutes(arm)
+    if coupling is not None:
+        friction = float(np.max(np.broadcast_to(arm.friction, len(coupling)) @ coupling**2))
     if friction == 0.0:
         return
     value = friction * fastest_mode(arm, poses, planar=planar) * options.step

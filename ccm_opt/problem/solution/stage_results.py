@@ -185,7 +185,8 @@ class SimulatedMotion:
 
     Attributes:
         angles: angles of the revolute joints, shape (T, 3 n) [rad]; the last pose is repeated after an early stop.
-        torques: applied torques, shape (T, 3 n) [N m]; 0 after an early stop.
+        torques: applied torques, shape (T, 3 n), or of the m drives of sections that bend evenly, shape (T, m) [N m]; 0
+            after an early stop.
         tracking_error: maximum joint error at any integration step [rad].
         saturated: whether any drive reached its effort limit.
         base_positions: positions of the base on its feed axis, shape (T, 1) [m]; by default (T, 0), a fixed base.
