@@ -156,3 +156,13 @@ def test_arm_of_sections_follows_its_plan_within_torque_limits(
     assert CommandLine(capsys)("check", folder).code == 0
     weak = next(within_torque_limits(read(text.replace("0.5, 0.4", "0.05, 0.4"))))
     assert "start: section 1 (section1_b) needs" in weak.reason
+
+
+@pytest.mark.planning
+def test_tendons_keep_their_travel_and_speed() -> None:
+    """A motion that begins at 98 % of the travel is planned and timed within both limits."""
+    text = TEXT.replace("velocity = 0.5", "velocity = 5.0").replace("[1.0, 2.0]", "100.0")
+    solution = ccm_opt.solve(read(text.replace("number = 3", "number = 3, travel = 1.6, speed = 2.0")), explain=False)
+    shown = {check.name: check for check in solution.checks}
+    assert shown["tendon travel"].worst <= 1.6e-3
+    assert 0.8 * 2e-3 < shown["tendon speed"].worst <= 2e-3

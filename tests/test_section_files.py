@@ -105,6 +105,8 @@ def test_problem_is_written_as_it_was_read() -> None:
         ("velocity = 0.5", "velocity = 0.5\ntorque = [1, 2, 3]", "expected one value per section or revol"),
         (LIMIT, "joint_limit_deg = [14.0, 2.0]", r"sections\[1\].joint_limit_deg: expected one"),
         (LIMIT, "joint_limit_deg = 80.0", r"arm.sections\[1\].links: links turn by up to 113°; expected 11"),
+        ("radius = 9.0", "radius = 12.1", r"sections\[0\].tendons.radius: expected at most 12 mm"),
+        ("number = 3", "number = 3, travel = 1.0", r"start.joints_deg: takes 157.1 % of the travel of a tendon"),
         ("link_length = 20.0", "link_length = 20.0\nlength = 160.0", r"arm.sections\[1\].length"),
         ("links = 8", 'links = 8\ndrive = "joints"', "drive"),
         ("acceleration = [1.0, 2.0]", "acceleration = [1.0, 2.0, 3.0]", "expected one value per section or revol"),

@@ -23,7 +23,7 @@ from ccm_opt.io.schema import (
     SpaceWorkspaceTable,
     WorkspaceTable,
 )
-from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable
+from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable, TendonTable
 from ccm_opt.io.tool_tables import build_bodies, build_tool
 from ccm_opt.problem import (
     Disturbances,
@@ -397,8 +397,14 @@ def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:
         counts * np.array([each.link_length for each in rows]),
         counts * np.array([float(np.max(each.joint_limit_deg)) for each in rows]),
         np.array([(each.radius[0], each.radius[-1]) for each in rows]),
-        tuple(None if each.tendons is None else Tendons(**each.tendons.values) for each in rows),
+        tuple(None if each.tendons is None else _tendons(each.tendons) for each in rows),
     )
+
+
+def _tendons(table: TendonTable) -> Tendons:
+    """Return the tendons of a section from their table."""
+    limits = (math.inf if limit is None else limit for limit in (table.travel, table.speed))
+    return Tendons(table.radius, table.number, table.angle_deg, *limits)
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:

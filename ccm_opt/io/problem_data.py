@@ -53,7 +53,7 @@ from ccm_opt.io.tool_tables import (
     SpaceToolTable,
 )
 from ccm_opt.problem import Goal, Limits, Problem, SimulationOptions, Tolerances
-from ccm_opt.robot.arc_sections import ArcSections
+from ccm_opt.robot.arc_sections import ArcSections, Tendons
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.tool import RigidBody, Tool
 from ccm_opt.scene.bodies import Body, MeshBody
@@ -242,7 +242,7 @@ def _driven_arm(arm: Arm, sections: ArcSections, limits: Limits | None, entries:
             link_length=float(sections.lengths[k]) / count,
             radius=sections.radii[k].tolist(),
             joint_limit_deg=float(sections.limits[k]) / count,
-            tendons=TendonTable.from_object(tendons, angle_deg=tendons.angle) if tendons is not None else None,
+            tendons=None if tendons is None else _tendon_table(tendons),
         )
         for k, (count, tendons) in enumerate(
             zip(sections.counts.tolist(), sections.tendons or (None,) * len(sections.counts), strict=True)
@@ -250,6 +250,13 @@ def _driven_arm(arm: Arm, sections: ArcSections, limits: Limits | None, entries:
     ]
     entries = {**entries, "base_limit_deg": None, "sections": rows}
     return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries)
+
+
+def _tendon_table(tendons: Tendons) -> TendonTable:
+    """Return the tendons of a section as a table; a limit of inf is none."""
+    limits = {key: getattr(tendons, key) for key in ("travel", "speed")}
+    given = {key: limit if np.isfinite(limit) else None for key, limit in limits.items()}
+    return TendonTable.from_object(tendons, angle_deg=tendons.angle, **given)
 
 
 def _pair(limits: FloatArray) -> float | list[float]:

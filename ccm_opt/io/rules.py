@@ -164,13 +164,14 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
 
 
 _NEEDS_PATH = 'for sections with drive = "section" only together with goal.path; leave it out'
+_NOT_ALONG_PATH = "not supported along goal.path; leave it out"
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
 _UNSUPPORTED = (
     *(("arm", key) for key in ("base_limit_deg", "feed", "tool", "bodies")),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
     ("tolerance", "joint_error_deg"),
 )
-_UNLESS_ALONG_PATH = (("arm", "base", "axes"), ("planner", "follow_within"))
+_ALONG_PATH = (("arm", "base", "axes"), ("planner", "follow_within"))
 """What sections that bend evenly support only where the goals are paths."""
 
 
@@ -201,7 +202,8 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
                 issues.add((*where, k, key), str(words))
     along = _are_paths(data)
     given: list[tuple[KeyPath, str]] = [(path, _LEAVE_OUT) for path in _UNSUPPORTED]
-    given += [(path, _NEEDS_PATH) for path in _UNLESS_ALONG_PATH if not along]
+    travels: list[KeyPath] = [(*where, k, "tendons", "travel") for k in range(len(rows))]
+    given += [(path, _NOT_ALONG_PATH) for path in travels] if along else [(path, _NEEDS_PATH) for path in _ALONG_PATH]
     for path, words in given:
         if lookup(data, path):  # zeros, which other arms have by default, change nothing
             issues.add(path, words)
@@ -367,7 +369,12 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
         if turn > MOST_ARC_TURN:
             least = int(np.ceil(turn * count / MOST_ARC_TURN))
             issues.add((*where, k, "links"), f"links turn by up to {np.rad2deg(turn):.3g}°; expected {least} or more")
+    thinnest = math.inf
     for k, each in enumerate(sections):
+        thinnest = min(thinnest, *each.radius)
+        if each.tendons is not None and each.tendons.radius > thinnest:
+            words = f"expected at most {file_length(thinnest, 6)}, the least radius of the body up to the section's end"
+            issues.add((*where, k, "tendons", "radius"), words)
         if each.locked and arm.base_axes and arm.dimension == 2:
             issues.add((*where, k, "locked"), LOCKED_ON_FEED)
 

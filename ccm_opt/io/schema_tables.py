@@ -399,6 +399,13 @@ class TendonTable(Table):
     angle_deg: Degrees = Field(
         default=0.0, description="Angle of the first about the axis, from left (y) towards up (z) of the straight arm."
     )
+    travel: PositiveLength | None = Field(
+        default=None,
+        description="Limit on how far the length of a tendon differs from that along the straight arm. Default: none.",
+    )
+    speed: PositiveSpeed | None = Field(
+        default=None, description="Limit on the rate of change of the length of a tendon. Default: none."
+    )
 
 
 class SectionTable(Table):

@@ -232,6 +232,7 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
         check_pose(table, pose, path, issues)
         if arm_is_whole:
             _check_built_pose(table, pose, mapping, path, issues)
+            _check_travel(table, pose, path, issues)
     room = found["workspace"]
     walled = isinstance(room, SpaceWorkspaceTable) or (room is not None and (room.bounds or room.boundary))
     if arm_is_whole and found["start"] is not None and walled:
@@ -247,6 +248,16 @@ def _has_shape(table: Table) -> bool:
     """Return whether an obstacle's table gives a shape for which no file is needed."""
     given = [getattr(table, kind) for kind in table.rules.exactly_one if kind != "mesh"]
     return any(value is not None and not isinstance(value, str) for value in given)
+
+
+def _check_travel(table: ArmTable | SpaceArmTable, pose: _Pose, path: KeyPath, issues: Issues) -> None:
+    """Report a pose that takes more than the travel of a tendon."""
+    arm = build_arm(table)
+    if arm.sections is None or not pose.joints_deg or issues.at((*path, "joints_deg")):
+        return
+    used = arm.sections.travel_used(np.ravel(build_pose(pose, arm, "least-squares").bends))
+    if used > 1.0 + ANGLE_TOLERANCE:
+        issues.add((*path, "joints_deg"), f"takes {100.0 * used:.4g} % of the travel of a tendon")
 
 
 def _check_built_pose(

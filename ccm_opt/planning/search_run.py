@@ -287,7 +287,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         """Return the record of a stalled candidate, with the obstruction nearest to its last pose."""
         pose = stalled.poses[-1]
         limit = self.goal.describe_limits(pose)
-        bends = self.stepper.space.bends(pose.q).reshape(self.task.arm.links, -1)
+        bends = pose.q[self.task.arm.coordinates.bends].reshape(self.task.arm.links, -1)
         return Failure(name, str(stalled), self._remaining(pose), self.tightest(pose), pose.q, bends, limit)
 
     def _remaining(self, pose: Pose) -> float:

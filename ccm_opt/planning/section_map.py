@@ -12,6 +12,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
+from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 
@@ -66,7 +67,37 @@ class SectionMap(CurveMap):
         spread = rng.uniform(0.2, 1.0, (count, 1))
         shares = np.clip(spread * rng.normal(size=(count, bends)), -1.0, 1.0)
         bent = _MOST_DRAWN * shares * (np.tile(self.sections.limits, 2) / self.scale[:bends])
+        travel = np.abs(bent @ (self.sections.travel_rows @ self._bend_rows[:, :bends]).T)
+        bent = bent / np.maximum(np.max(travel, axis=1, initial=0.0) / _MOST_DRAWN, 1.0)[:, None]
         return np.hstack((bent, self.drawn_axes(rng, count)))
+
+    # ------------------------------------------------------------ bends, and travels of tendons in units of them
+    @property
+    def bend_limits(self) -> FloatArray:
+        """Upper bound on every joint bend and, last, on the travel of every tendon that has a limit, shape (b,) [rad].
+
+        A travel counts as the bend of a joint that has the same fraction of its limit.
+        """
+        travels = np.full(len(self.sections.travel_rows), self._travel_bend)
+        return np.concatenate((self.arm.bend_limits, travels))
+
+    def bends(self, q: FloatArray) -> FloatArray:
+        """Return the joint bends and travels, shape (..., b) [rad], of configurations, shape (..., c)."""
+        own = q[..., : 2 * self.arm.links]
+        return np.concatenate((own, self._travel_bend * own @ self.sections.travel_rows.T), axis=-1)
+
+    def bend_slopes(self, pose: Pose) -> FloatArray:
+        """Return the derivatives of bends and travels with respect to the unknowns at a pose, shape (b, p)."""
+        own = pose.slopes[: 2 * self.arm.links]
+        return np.concatenate((own, self._travel_bend * self.sections.travel_rows @ own))
+
+    @property
+    def _travel_bend(self) -> float:
+        return float(np.max(self.arm.bend_limits))
+
+    @cached_property
+    def _bend_rows(self) -> FloatArray:
+        return np.asarray(self.slopes(np.zeros(self.dimension))[: 2 * self.arm.links])
 
     @property
     def curvature_rows(self) -> FloatArray:

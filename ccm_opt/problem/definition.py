@@ -191,6 +191,9 @@ def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
             misfit = sections.misfit(np.ravel(joints.bends))
             if misfit > _MISFIT:
                 yield f"{name}.bends differ by up to {np.rad2deg(misfit):.3g}° from those of sections that bend evenly"
+            used = sections.travel_used(np.ravel(joints.bends))
+            if used > 1.0 + _MISFIT:
+                yield f"{name}.bends take {100.0 * used:.4g} % of the travel of a tendon"
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:

@@ -32,11 +32,15 @@ class Tendons:
         radius: distance of the tendons from the axis [m].
         number: number of tendons.
         angle: angle of the first tendon about the axis, from left (y) towards up (z) of the straight arm [rad].
+        travel: bound on how far the length of a tendon differs from that along the straight arm [m]; inf for no limit.
+        speed: bound on the rate of change of the length of a tendon [m/s]; inf for no limit.
     """
 
     radius: float
     number: int = 3
     angle: float = 0.0
+    travel: float = np.inf
+    speed: float = np.inf
 
     @property
     def sides(self) -> FloatArray:
@@ -158,6 +162,28 @@ class ArcSections:
             if tendons is not None
         ]
         return np.concatenate(found, axis=-1) if found else np.zeros((*drives.shape[:-1], 0))
+
+    @cached_property
+    def tendon_slopes(self) -> FloatArray:
+        """Derivatives of the lengths of all tendons by the bends of the sections, shape (count, 2 s) [m/rad]."""
+        straight = self.tendon_lengths(np.zeros(2 * len(self.counts)))
+        return np.stack([self.tendon_lengths(bends) - straight for bends in np.eye(2 * len(self.counts))], axis=-1)
+
+    def of_tendons(self, name: str) -> FloatArray:
+        """Return an attribute of ``Tendons`` for each tendon, shape (count,)."""
+        return np.array([getattr(each, name) for each in self.tendons if each is not None for _ in range(each.number)])
+
+    @cached_property
+    def travel_rows(self) -> FloatArray:
+        """Fraction of its travel that each limited tendon takes for a unit of each joint's bends, (k, 2 links)."""
+        travel = self.of_tendons("travel")
+        limited = np.isfinite(travel)
+        slopes = self.tendon_slopes[limited] / travel[limited, None]
+        return np.asarray(slopes @ np.linalg.pinv(self.coupling))
+
+    def travel_used(self, bends: FloatArray) -> float:
+        """Return the greatest fraction of its travel by which bends of the joints, (..., 2 links), move a tendon."""
+        return float(np.max(np.abs(bends @ self.travel_rows.T), initial=0.0))
 
     def tendon_tensions(self, torques: FloatArray) -> FloatArray:
         """Return the least tensions of all tendons that give the torques of the drives, shape (..., count) [N].

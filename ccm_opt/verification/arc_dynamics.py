@@ -81,7 +81,7 @@ class ArcMotion:
         (_, ds, _), (f, df, _), _ = self._functions
         by_a = np.stack((2.0 * a * ds, f + 2.0 * a * a * df, -2.0 * a * b * df), axis=-1)
         by_b = np.stack((2.0 * b * ds, 2.0 * a * b * df, -f - 2.0 * b * b * df), axis=-1)
-        return arc_lengths(self.arm)[:, None] * np.stack((by_a, by_b))
+        return np.asarray(arc_lengths(self.arm)[:, None] * np.stack((by_a, by_b)))
 
 
 def arc_efforts(

@@ -6,6 +6,8 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import arc_turns
+from ccm_opt.verification.limits import largest_magnitude, less_rounding
+from ccm_opt.verification.verification_settings import VerificationSettings
 
 _EVEN = 1e-9
 """Largest difference of the bends of a section's joints that is attributed to rounding [rad]."""
@@ -49,6 +51,49 @@ def check_even_sections(arm: Arm, trajectory: JointTrajectory) -> list[Check]:
         Check("even bends of sections", worst, _EVEN, "rad", where, passed=bool(worst <= _EVEN)),
         Check("true arcs beyond links", max(beyond, 0.0), slack, "m", thin, passed=bool(beyond <= slack)),
     ]
+
+
+def check_tendons(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
+    """Check travels and speeds of tendons that have limits; there are no checks for others.
+
+    A tendon at the distance r and the angle γ about the axis is shortened by r (cos γ a − sin γ b) for the bends a and
+    b of every section that it runs through. Bends are linear in time between samples, so that the greatest travel is at
+    a sample, and the speed is constant in between.
+
+    Args:
+        arm: the arm.
+        trajectory: the motion.
+        settings: the tolerance of limits.
+    """
+    if arm.sections is None:
+        return []
+    columns = [trajectory.positions, trajectory.velocities]
+    bent, rates = (each[:, 2 : 2 * arm.links].reshape(len(each), -1, 2).cumsum(axis=1) for each in columns)
+    ends = np.cumsum(arm.sections.counts) - 1
+    time = trajectory.time
+    checks = []
+    moved: dict[str, list[tuple[float, float, str]]] = {"travel": [], "speed": []}
+    for section, tendons in enumerate(arm.sections.tendons):
+        if tendons is None:
+            continue
+        for number in range(tendons.number):
+            angle = tendons.angle + 2.0 * np.pi * number / tendons.number
+            side = tendons.radius * np.array([np.cos(angle), -np.sin(angle)])
+            travel, speed = bent[:, ends[section]] @ side, rates[:, ends[section]] @ side
+            steps = less_rounding(np.diff(travel) / np.diff(time), largest_magnitude(travel), np.diff(time))
+            speeds = np.maximum(np.abs(speed), np.append(np.abs(steps), 0.0))
+            for kind, values, limit in (("travel", np.abs(travel), tendons.travel), ("speed", speeds, tendons.speed)):
+                if np.isfinite(limit):
+                    k = int(np.argmax(values))
+                    where = f"section {section + 1}, tendon {number + 1} at t = {time[k]:.4f} s"
+                    moved[kind].append((float(values[k]), limit, where))
+    for kind, found in moved.items():
+        if found:
+            worst, limit, where = max(found, key=lambda each: each[0] / each[1])
+            unit = "m" if kind == "travel" else "m/s"
+            passed = worst <= limit * (1.0 + settings.limit_tolerance)
+            checks.append(Check(f"tendon {kind}", worst, limit, unit, where, passed=passed))
+    return checks
 
 
 def _beside_tangents(length: float, turns: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.robot.arc_sections import Tendons
 from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.tool import Tool, ToolBody
 from ccm_opt.scene.bodies import BoxBody, SphereBody
@@ -132,6 +133,33 @@ def weak_section(number: int) -> SpacePlan:
     return plan.asking(limits=replace(plan.problem.limits, torque=np.repeat(arm.sections.at_joints(limits), 3)))
 
 
+def with_tendons(**limits: float) -> SpacePlan:
+    """Return a motion for a problem in which the second section has tendons with limits."""
+    plan = even()
+    assert plan.problem.arm.sections is not None
+    tendons = (None, Tendons(0.008, 4, 0.3, **limits))
+    return built(plan, sections=replace(plan.problem.arm.sections, tendons=tendons))
+
+
+def tendon_rates(plan: SpacePlan, values: FloatArray) -> float:
+    """Return the greatest change of the length of a tendon for bends of the joints or their rates, (T, 2 links)."""
+    sections = plan.problem.arm.sections
+    assert sections is not None
+    return float(np.max(np.abs(sections.drives(values) @ sections.tendon_slopes.T)))
+
+
+def displaced() -> SpacePlan:
+    """Return a motion in which a tendon is displaced by slightly more than its travel."""
+    plan = with_tendons()
+    return with_tendons(travel=0.999 * tendon_rates(plan, plan.trajectory.positions))
+
+
+def hauled() -> SpacePlan:
+    """Return a motion in which a tendon is slightly faster than its limit."""
+    plan = with_tendons()
+    return with_tendons(speed=0.999 * tendon_rates(plan, plan.trajectory.velocities))
+
+
 def tooled(tool: Tool = TOOL, first: float = 0.15) -> SpacePlan:
     """Return a motion of an arm with a tool, to position and direction of the tool at its end.
 
@@ -207,6 +235,8 @@ EQUIPPED_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "stop N axis_N": (lambda: stopping(carried(), axes_at(-1, 0, 0.01)),),
     "joint torque": (lambda: weak_section(0), lambda: weak_section(1)),
     "torques against dynamics": (lambda: told(even(), torques=1.001 * even().joints.torques),),
+    "tendon travel": (displaced,),
+    "tendon speed": (hauled,),
     "even bends of sections": (uneven,),
     "true arcs beyond links": (lambda: even(0.3),),
     "joint limit": (lambda: built(even(), joint_limit=0.15),),

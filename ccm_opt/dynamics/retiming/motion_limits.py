@@ -21,6 +21,7 @@ itself. In space p' and p'' span a plane at every point of the path, and the pol
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -38,6 +39,7 @@ from ccm_opt.dynamics.retiming.motion_samples import (
 )
 from ccm_opt.dynamics.retiming.timed_path import TimedPath
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates, planned_share
 from ccm_opt.robot.frames import coupling_of_revolutes, drive_torque_limits
 from ccm_opt.robot.points import MovingPoint, point_at_arc_length
@@ -361,6 +363,41 @@ class DriveEffort(MotionLimit):
             raise too_weak(self._names[drive], int(drive), share, float(s[point]), limit)
 
 
+class TendonSpeed(MotionLimit):
+    """Limits on the rates of change of the lengths of tendons, which are linear in the bends.
+
+    Args:
+        slopes: rates of the tendons as fractions of their limits, for the rates of the coordinates, shape (k, n).
+    """
+
+    def __init__(self, slopes: FloatArray) -> None:
+        self._slopes = slopes
+
+    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
+        """Return 1/ṡ at the maximum path speed, the maximum fraction of a limit at ṡ = 1, shape (P,) [s]."""
+        return self._share(np.asarray(spline(s, 1)))
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """Return the factors on the duration that bring the rates at T samples, and between them, within the limits."""
+        between = of_samples(self._share(mean_rates(samples.place, samples.steps)))
+        return np.maximum(between, self._share(samples.velocity))
+
+    def _share(self, rates: FloatArray) -> FloatArray:
+        return np.asarray(np.max(np.abs(rates @ self._slopes.T), axis=1))
+
+
+def _tendon_speeds(arm: Arm, share: float) -> Iterator[TendonSpeed]:
+    """Yield the limit on the speeds of an arm's tendons, of which a fraction may be used, if there is any."""
+    if arm.sections is None:
+        return
+    speeds = arm.sections.of_tendons("speed")
+    limited = np.isfinite(speeds)
+    if np.any(limited):
+        slopes = arm.sections.tendon_slopes[limited] / (share * speeds[limited, None])
+        of_bends = slopes @ np.linalg.pinv(arm.sections.coupling)
+        yield TendonSpeed(np.pad(of_bends, ((0, 0), (0, len(arm.base_axes)))))
+
+
 class PointSpeed(MotionLimit):
     """Limits on the velocity and acceleration of one point of the arm.
 
@@ -466,6 +503,8 @@ def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.pro
     effort = DriveEffort(path)
     if effort.limited:
         limits.append(effort)
+    if path.arm is not None:
+        limits += _tendon_speeds(path.arm, path.share)
     for limit in path.limits.points:
         if path.arm is None:
             raise ProblemError("limits on points of the arm need the arm: hand it to the timing")

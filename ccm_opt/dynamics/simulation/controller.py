@@ -192,11 +192,9 @@ def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
     payload = arm.payload + disturbances.payload
     if arm.tool is not None:
         bodies, payload = (*bodies, RigidBody(mass=payload, centre=arm.tool.tip)), 0.0
-    rubbing: FloatArray | float = disturbances.friction
-    if arm.sections is not None:
-        rubbing = np.repeat(
-            arm.sections.at_joints(disturbances.friction * arm.sections.counts.astype(np.float64)), 3
-        )  # of a section that of all joints
+    rubbing = np.full(3 * arm.links, disturbances.friction)
+    if arm.sections is not None:  # a section has that of all of its joints
+        rubbing *= np.repeat(arm.sections.at_joints(arm.sections.counts.astype(np.float64)), 3)
     return replace(
         arm,
         bodies=bodies,

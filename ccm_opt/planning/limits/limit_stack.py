@@ -412,7 +412,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
         # afterwards. Nor does a bend that is held at 0.
         near = (np.abs(bends) + _NEAR_JOINT_LIMIT > limits) & (limits > 0.0)
         pose, joint = np.nonzero(near)
-        slopes = np.stack([pose.slopes for pose in poses])[pose, joint]
+        slopes = np.stack([space.bend_slopes(pose) for pose in poses])[pose, joint]
         lower = np.minimum((-limits - bends)[near], 0.0)
         upper = np.maximum((limits - bends)[near], 0.0)
         if share is None:
@@ -436,12 +436,17 @@ class JointLimit(LimitOf[CurveUnknowns]):
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Return the sorted indices of intervals of a motion at an end of which a bend or the base exceeds its limits.
 
+        Travels of tendons, which are linear in the bends, count likewise.
+
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
             depth: unused.
         """
         del depth
         beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
+        if self.arm.sections is not None:
+            travels = np.abs(q[:, self.arm.coordinates.bends] @ self.arm.sections.travel_rows.T)
+            beyond |= np.any(travels > 1.0 + _BEYOND, axis=1)
         return np.flatnonzero(beyond[:-1] | beyond[1:])
 
     def _accepted(self, space: CurveUnknowns) -> FloatArray:
