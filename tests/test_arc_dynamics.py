@@ -1,5 +1,6 @@
 """Dynamics of sections that bend evenly, against MuJoCo, Pinocchio and the verifier's own."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -158,11 +159,28 @@ def test_arm_of_sections_follows_its_plan_within_torque_limits(
     assert "start: section 1 (section1_b) needs" in weak.reason
 
 
+CARRIAGE = """
+[arm.base]
+position = [0.0, 0.0, 0.0]
+direction = [1.0, 0.0, 0.0]
+
+[[arm.base.axes]]
+kind = "prismatic"
+axis = [0.0, 1.0, 0.0]
+range = [-200.0, 200.0]
+velocity = 100.0
+acceleration = 500.0
+"""
+"""A base on an axis across the arm."""
+
+
 @pytest.mark.planning
-def test_tendons_keep_their_travel_and_speed() -> None:
-    """A motion that begins at 98 % of the travel is planned and timed within both limits."""
-    text = TEXT.replace("velocity = 0.5", "velocity = 5.0").replace("[1.0, 2.0]", "100.0")
+def test_tendons_keep_their_travel_and_speed_on_a_carriage() -> None:
+    """An arm on a base axis, which begins at 98 % of the travel, is planned and timed within both limits."""
+    text = re.sub(r"\[arm\]\nbase = .*\n", CARRIAGE, TEXT).replace("[220.0, -60.0", "[220.0, -200.0")
+    text = text.replace("velocity = 0.5", "velocity = 5.0").replace("[1.0, 2.0]", "100.0")
     solution = ccm_opt.solve(read(text.replace("number = 3", "number = 3, travel = 1.6, speed = 2.0")), explain=False)
+    assert abs(solution.trajectory.base_positions[-1, 0] + 0.14) < 0.1
     shown = {check.name: check for check in solution.checks}
     assert shown["tendon travel"].worst <= 1.6e-3
     assert 0.8 * 2e-3 < shown["tendon speed"].worst <= 2e-3

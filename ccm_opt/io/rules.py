@@ -171,7 +171,7 @@ _UNSUPPORTED = (
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
     ("tolerance", "joint_error_deg"),
 )
-_ALONG_PATH = (("arm", "base", "axes"), ("planner", "follow_within"))
+_ALONG_PATH = (("planner", "follow_within"),)
 """What sections that bend evenly support only where the goals are paths."""
 
 

@@ -182,7 +182,12 @@ class CarrierMotions:
 
     @property
     def fed(self) -> bool:
-        """Whether the last axis moves the arm along its straight direction, and the start is straight."""
+        """Whether the last axis moves the arm along its straight direction, and the start is straight.
+
+        Sections that bend evenly do not follow their tip on an axis: it brings them to a place like the others.
+        """
+        if self.arm.sections is not None:
+            return False
         last = self.arm.carrier[-1]
         along = not last.revolute and float(np.linalg.norm(last.direction - self.arm.direction)) < _ALIGNED
         return along and not np.any(self.start[self.arm.coordinates.bends])

@@ -169,11 +169,9 @@ _MISFIT = 1e-9
 def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
     """Yield a sentence for everything in a problem that sections that bend evenly do not support."""
     arm, limits = problem.arm, problem.limits
-    along = all(stop.goal.path is not None for stop in problem.goals)
     yield from _broken(
         (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
         (arm.feed is None, "arm.feed is not supported for sections that bend evenly; leave it out"),
-        (along or not arm.carrier, "arm.base.axes are supported for sections that bend evenly only along goal.path"),
         (arm.tool is None, "arm.tool is not supported for sections that bend evenly; leave it out"),
         (not limits.points, "limits of points of the arm are not supported for sections that bend evenly"),
         (problem.joint_error == 0.0, "tolerance.joint_error is not supported for sections that bend evenly"),
