@@ -22,6 +22,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.robot.points import MovingPoint, point_at_arc_length
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -355,10 +356,11 @@ class _Choice:
         limits = problem.limits.of_drives(problem.arm.coordinates).effort
         if not np.any(np.isfinite(limits)):
             return 0.0, 0.0
-        efforts = np.column_stack(drive_efforts(problem.arm, problem.simulation.gravity, *states))
-        shares = np.max(np.abs(efforts) / limits, axis=0) / _USED
+        torques, on_axes = drive_efforts(problem.arm, problem.simulation.gravity, *states)
         revolutes = problem.arm.coordinates.revolutes
-        return float(np.max(shares[:revolutes])), float(np.max(shares[revolutes:], initial=0.0))
+        of_arm = drive_torque_limits(problem.arm, limits[:revolutes])
+        bending = np.max(np.abs(drive_torques(problem.arm, torques)) / of_arm) / _USED
+        return float(bending), float(np.max(np.abs(on_axes) / limits[revolutes:], initial=0.0)) / _USED
 
 
 def _unit_curve(orders: int) -> FloatArray:

@@ -24,7 +24,15 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.verification.attached_masses import PointMasses, all_masses
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.base_motion import axis_levers, base_reach
-from ccm_opt.verification.drives import axis_limits, bend_revolutes, bends_a_ball, describe_bend_joints, largest_bends
+from ccm_opt.verification.drives import (
+    axis_limits,
+    bend_revolutes,
+    bends_a_ball,
+    describe_bend_joints,
+    largest_bends,
+    of_drives,
+    torque_limits,
+)
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
@@ -244,22 +252,26 @@ def _time(steps: _Steps, k: int) -> str:
 def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     """Return the greatest used fractions of the torque limits and of the base-force limit, each with its time.
 
-    The fractions include the largest possible increase of an effort between the ends of a step. The list is empty if
-    no effort is limited.
+    The fractions include the largest possible increase of an effort between the ends of a step, unless sections bend
+    evenly. The list is empty if no effort is limited.
     """
     limits = problem.limits
     on_axes = axis_limits(problem).effort
-    bounds = [np.inf if limits.torque is None else limits.torque, on_axes]
+    bounds = [np.inf if limits.torque is None else torque_limits(problem.arm, limits.torque), on_axes]
     if limits.torque is None and not np.any(np.isfinite(on_axes)):
         return []
     gravity = problem.simulation.gravity
     at_ends = [drive_efforts(problem.arm, gravity, *(steps.ends[order][end] for order in range(3))) for end in (0, 1)]
     found = []
     of_base = "feed force" if problem.arm.feed is not None else "effort of a base axis"
-    for name, bound, values in zip(("torque", of_base), bounds, zip(*at_ends, strict=True), strict=True):
+    torques, on_base = zip(*at_ends, strict=True)
+    efforts = (tuple(of_drives(problem.arm, each) for each in torques), on_base)
+    for name, bound, values in zip(("torque", of_base), bounds, efforts, strict=True):
         if values[0].shape[-1] == 0:
             continue
-        beyond = steps.length**2 / 8.0 * _effort_bow(problem, steps)
+        # How the efforts of arcs vary within a step is not bounded.
+        bow = np.zeros(len(values[0])) if problem.arm.sections is not None else _effort_bow(problem, steps)
+        beyond = steps.length**2 / 8.0 * bow
         greatest = np.max(np.abs(values), axis=0)
         share = np.max((greatest.T + beyond).T.reshape(len(beyond), -1) / bound, axis=1)
         k = int(np.argmax(share))
