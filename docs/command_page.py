@@ -97,6 +97,7 @@ A constraint that depends on `q.path_parameter` cannot be checked, as the folder
 | 2 | bad input: all defects are listed with key path and line, nothing is written |
 | 3 | no plan, with [the reason and what would help](no-plan.md); or a plan that the verifier rejects |
 | 4 | a verified plan, written, that [the simulated arm did not follow](dynamics.md#the-verdict) |
+| 5 | a verified plan, written, that leaves out [goals in free order](problem-file.md#goals-in-free-order) |
 | 130 | cancelled |
 """
 SHARED = ("as_json", "quiet", "verbose")
