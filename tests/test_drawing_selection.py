@@ -13,12 +13,12 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.core.errors import ProblemError
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import PLACES, ImportedScene, ImportOptions, import_scene
-from ccm_opt.io.reading import load_problem
+from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.io.schema import DrawingPlace
 
-from .conftest import SMALL_PROBLEM
+from .conftest import PROBLEMS, SMALL_PROBLEM
 
 LAYERS = ("Walls", "furniture", "notes")
 
@@ -179,3 +179,11 @@ def test_a_scale_beside_the_unit_of_the_file_is_refused(tmp_path: Path) -> None:
     path.write_text(SMALL_PROBLEM.replace("[workspace]\n", keys))
     with pytest.raises(ProblemError, match="leave scale out"):
         load_problem(path)
+
+
+def test_a_key_of_drawings_in_space_is_said_to_be_of_the_plane() -> None:
+    """The message does not send the reader to the place where the key already stands."""
+    text = (PROBLEMS / "space" / "elbow.toml").read_text().replace("bounds =", 'layers = ["a"]\nbounds =')
+    with pytest.raises(ProblemFileError) as refused:
+        parse_problem(text)
+    assert refused.value.issues[0].message == "'layers' is a key of problems in the plane; this one has space = 3"

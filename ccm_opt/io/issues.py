@@ -250,7 +250,10 @@ class Issues:
                 listed = len(self.found) < MOST_LISTED
                 guess = closest(name, known) if listed else None
                 elsewhere = CONCEPTS.get(name) or _key_locations().get(name) if listed and not guess else ()
-                if elsewhere:
+                here = ".".join(str(part) for part in (*path, *key))
+                if elsewhere and here in elsewhere:
+                    unknown = f"'{name}' is a key of problems in the plane; this one has space = 3"
+                elif elsewhere:
                     unknown = f"unknown key '{name}' here; expected {' or '.join(elsewhere)}"
                 else:
                     unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
