@@ -134,8 +134,9 @@ def _of_fixed_masses(
     gain = rates.ends[:, link] + np.cross(growth, out) + np.cross(rate, np.cross(rate, out))
     forces, moments = np.zeros((2, *frames.along.shape))
     each = masses.mass[:, None] * (gain - gravity)
-    np.add.at(forces, (slice(None), link), each)
-    np.add.at(moments, (slice(None), link), np.cross(out, each))
+    # Several masses may be on one link, whose index comes first here.
+    np.add.at(forces.swapaxes(0, 1), link, each.swapaxes(0, 1))
+    np.add.at(moments.swapaxes(0, 1), link, np.cross(out, each).swapaxes(0, 1))
     return forces, moments
 
 

@@ -231,7 +231,8 @@ class SampleMeans:
         """Add up values of the masses (T, masses, 3) by link, with the payload's last, shape (T, links + 1, 3)."""
         links = self.problem.arm.links
         summed = values[:, : links + 1].copy()
-        np.add.at(summed, (slice(None), mass_links(self.problem.arm)[links + 1 :]), values[:, links + 1 :])
+        added = values[:, links + 1 :].swapaxes(0, 1)
+        np.add.at(summed.swapaxes(0, 1), mass_links(self.problem.arm)[links + 1 :], added)
         return summed
 
     @property
