@@ -228,4 +228,4 @@ def test_what_misses_most_of_its_margin_is_the_tightest(seed: int) -> None:
     assert tightest is not None
     missing = [margin - gap for margin, gap in zip(margins, found.gap, strict=True)]
     worst = missing.index(max(missing))
-    assert (tightest[0], tightest[2]) == (found.first[worst] + 1, found.gap[worst])
+    assert (tightest[0], tightest[2]) == (f"link {found.first[worst] + 1}", found.gap[worst])

@@ -17,7 +17,7 @@ from tests.scenes import clutter, motion_task
 
 def failure(name: str, remaining: float, wall: str) -> Failure:
     """A candidate that ended somewhere."""
-    return Failure(name, "the tip stopped", remaining, (3, wall, 1e-3), np.full(24, remaining), np.zeros(24))
+    return Failure(name, "the tip stopped", remaining, ("link 3", wall, 1e-3), np.full(24, remaining), np.zeros(24))
 
 
 EXHAUSTED = (StrategyInVain("candidates", 3, exhausted=True), StrategyInVain("trees", 1, exhausted=True))
@@ -56,7 +56,7 @@ def test_evidence_is_ranked_and_plain() -> None:
     plain = json.loads(json.dumps(found))
     assert [item["name"] for item in plain["candidates"]] == ["near", "middle", "far"]
     assert plain["in_the_way"] == {"'post'": 2, "'door'": 1}
-    assert plain["candidates"][0]["link"] == 3
+    assert plain["candidates"][0]["link"] == "link 3"
     assert plain["nearest_pose"] == [0.1] * 24
 
 

@@ -15,17 +15,20 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import ProblemError, ProblemFileError
+from ccm_opt.core.errors import ProblemError, ProblemFileError, UnreachableGoal
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, InverseDynamics
 from ccm_opt.io.problem_data import arm_table
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.io.tool_tables import box_capsules
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.robot.tool import RigidBody, Tool, ToolBody
+from ccm_opt.scene.bad_pose import joints_at_limits
 from ccm_opt.scene.tool_links import colliding_at_rest, drawn_radii, own_joints, points_with_tool, with_tool_links
 from ccm_opt.verification.chain_motion import chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -245,6 +248,31 @@ def test_a_body_that_runs_back_along_the_arm_is_compared_or_refused(beside: floa
     whole = with_tool_links(arm)
     body = arm.links + int(np.flatnonzero(whole.radii[arm.links :] > 0.0)[0])
     assert all(whole.distant_links[link, body] for link in range(arm.links - 2))
+
+
+@pytest.mark.parametrize(
+    ("post", "expected"),
+    [
+        ("[0.52, 0.0]", "link 7 is .* too near to 'post'"),
+        ("[0.2, -0.09]", "the body on link 3 is .* too near to 'post'"),
+        ("[1.02, 0.02]", "the tool is .* too near to 'post'"),
+    ],
+)
+def test_messages_number_links_and_joints_of_the_arm(post: str, expected: str, tmp_path: Path) -> None:
+    """What touches or is bent is named by its number in the file, or as the body on a link, wherever bodies are."""
+    body = (
+        "[[arm.bodies]]\nlink = 3\nbodies = [{ capsule = { from = [-0.04, -0.04], to = [0, -0.05], radius = 0.01 } }]"
+    )
+    text = FILE.replace("[limits]", f"{body}\n[limits]", 1)
+    whole = problem_with_tool_links(_problem(text.replace("[0.9, 0.35]", post, 1), tmp_path))
+    with pytest.raises(UnreachableGoal, match=expected):
+        resolve_ends(whole)
+    assert whole.arm.tool_links is not None
+    bends = np.zeros(whole.arm.links)
+    bends[np.flatnonzero(whole.arm.tool_links.own)[8]] = np.deg2rad(60.0)
+    words, advice = joints_at_limits(whole.arm, bends)
+    assert words == "joint 9 at the limit of 60°"
+    assert advice[0].startswith("raise arm.joint_limit_deg ")
 
 
 def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:

@@ -347,7 +347,7 @@ def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
     if found is None:
         return contact
     number = first + found.number
-    point = "the tip" if number == task.arm.links else f"joint {number + 1}"
+    point = "the tip" if number == task.arm.links else task.arm.joint_name(number)
     point = "the end of the mount" if found.number == len(joints) - first else point
     deep = f"{point} is {_depth_words(found)}"
     ways = enclosure_advice(problem.workspace, found.name, "the arm")[1:] if found.name else ()
@@ -378,12 +378,13 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
         if gap[k] < -ROUNDING:
             missing = short_length(-float(gap[k]))
             name = task.names[near.owner[k]]
-            return f"link {first + k + 1} is {missing} too near to '{name}' at {place(near.point[k])}"
+            return f"{arm.link_name(first + k)} is {missing} too near to '{name}' at {place(near.point[k])}"
     if arm.self_collision:
         nearest = nearest_links(arm, points[None], beyond)
         if nearest.first[0] >= 0:
             missing = short_length(beyond - float(nearest.gap[0]))
-            return f"link {nearest.first[0] + 1} is {missing} too near to link {nearest.second[0] + 1}"
+            one, other = (arm.link_name(link) for link in (nearest.first[0], nearest.second[0]))
+            return f"{one} is {missing} too near to {other}"
     return ""
 
 
@@ -408,12 +409,14 @@ class GapsAtSamples:
     """Gaps at samples of a motion, between the arm and the scene and between links; clearance is not subtracted.
 
     Attributes:
+        arm: the arm.
         walls: gaps of links to the nearest surface of the scene.
         itself: gaps between links that must not touch.
         names: names of the objects to which the surfaces belong.
         reach: search distance, at which gaps to walls are capped [m].
     """
 
+    arm: Arm
     walls: NearestOfSamples
     itself: NearestOfSamples
     names: tuple[str, ...]
@@ -435,7 +438,8 @@ class GapsAtSamples:
         triangle_soup = problem.workspace.triangle_soup
         far = arm.link_length if reach is None else reach
         walls = _walls(problem, SurfaceTree.from_triangles(triangle_soup), points, far)
-        return cls(walls, _itself(problem, points, far if own_reach is None else own_reach), triangle_soup.names, far)
+        itself = _itself(problem, points, far if own_reach is None else own_reach)
+        return cls(arm, walls, itself, triangle_soup.names, far)
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
@@ -446,7 +450,8 @@ class GapsAtSamples:
         near = gaps.walls if to_walls <= to_itself else gaps.itself
         if not near.link[0]:
             return ""
-        return describe_clearance(int(near.link[0]), gaps.other(near, 0), min(to_walls, to_itself))
+        link = problem.arm.link_name(near.link[0] - 1)
+        return describe_clearance(link, gaps.other(near, 0), min(to_walls, to_itself))
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
         """Return the name of the body that is nearest to a link at the sample with a given index.
@@ -454,7 +459,7 @@ class GapsAtSamples:
         ``near`` is either ``walls`` or ``itself``.
         """
         number = int(near.other[sample])
-        return f"'{self.names[number]}'" if near is self.walls else f"link {number}"
+        return f"'{self.names[number]}'" if near is self.walls else self.arm.link_name(number - 1)
 
 
 def _walls(problem: Problem, tree: SurfaceTree, points: FloatArray, reach: float) -> NearestOfSamples:

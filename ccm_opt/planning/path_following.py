@@ -105,6 +105,9 @@ def _refuse_beyond_limits(arm: Arm, q: FloatArray) -> None:
     if over[worst] <= _STRAIGHT:
         return
     name, unit = arm.coordinates.names[worst], arm.coordinates.units[worst]
+    if worst < arm.coordinates.joints:
+        joint = worst // arm.bends_a_joint
+        name = name.replace(f"joint {joint + 1}", arm.joint_name(joint))
     amount = short_length(float(over[worst])) if unit == "m" else f"{np.rad2deg(over[worst]):.2g}°"
     raise MotionNotFound(
         Diagnosis(

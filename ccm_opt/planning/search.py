@@ -46,8 +46,8 @@ class Failure:
         candidate: name of the candidate.
         message: description of how far the candidate came.
         remaining: distance from the goal of the tip or, with a goal for the whole arm, of the farthest joint [m].
-        tightest: number of a link, counted from 1, name of the nearest obstruction, and the gap between them [m]; None
-            if nothing is near.
+        tightest: name of a link, name of the nearest obstruction, and the gap between them [m]; None if nothing is
+            near.
         pose: configuration in which the candidate ended, shape (c,) [rad, m].
         bends: bends of the joints in that configuration, k per joint, shape (links, k) [rad].
         limit: name of the user's constraint that stopped the candidate, or empty.
@@ -56,7 +56,7 @@ class Failure:
     candidate: str
     message: str
     remaining: float
-    tightest: tuple[int, str, float] | None
+    tightest: tuple[str, str, float] | None
     pose: FloatArray
     bends: FloatArray
     limit: str = ""
@@ -363,10 +363,10 @@ def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
     if not tried or tried[0].tightest is None:
         return ()
     link, name, gap = tried[0].tightest
-    if name.startswith("link ") or gap > _CLOSE * task.kept:
+    if not name.startswith("'") or gap > _CLOSE * task.kept:
         return ()
-    thinner = f" or reduce {task.arm.key('radius')}" if task.arm.radius > 0.0 else ""
-    where = f"link {link} had a clearance of {short_length(gap)} to it where the best attempt ended"
+    thinner = f" or reduce {task.arm.key('radius')}" if task.arm.radius > 0.0 and link.startswith("link") else ""
+    where = f"{link} had a clearance of {short_length(gap)} to it where the best attempt ended"
     return (f"widen the passage at {name}{thinner} (not tried): {where}",)
 
 

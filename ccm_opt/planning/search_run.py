@@ -332,8 +332,8 @@ class SearchRun(Generic[TaskType, CurveType]):
             raise Stalled(guide.describe(poses[-1]), poses)
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
-    def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """Return the least gap of a pose: link (counted from 1), obstruction's name, gap [m]; None if none is near."""
+    def tightest(self, pose: Pose) -> tuple[str, str, float] | None:
+        """Return the least gap of a pose: names of link and obstruction, gap [m]; None if none is near."""
         finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
         return finder.tightest(finder.find(pose.points))
 

@@ -217,7 +217,16 @@ class Arm(LinkLayout):
 
     def key(self, name: str) -> str:
         """Return the key of problem files, for messages, that gives a value of links: the arm's or its sections'."""
-        return f"arm.{name}" if self.proportions is None else f"{name} in arm.sections"
+        return f"arm.{name}" if self._has_equal_links else f"{name} in arm.sections"
+
+    @property
+    def _has_equal_links(self) -> bool:
+        """Whether all links are equal but for those that stand for bodies."""
+        if self.proportions is None or self.tool_links is None:
+            return self.proportions is None
+        own = self.tool_links.own
+        each = (self.lengths[own], self.radii[own], self.proportions.limits.reshape(self.links, -1)[own])
+        return all(np.ptp(values) <= ROUNDING * np.max(values) for values in each)
 
     def with_links(self, links: int) -> "Arm":
         """Return an arm of the same length and total mass with another number of links, all of them equal."""

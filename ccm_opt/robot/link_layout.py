@@ -108,6 +108,10 @@ class LinkLayout:
         """Return the name in messages of a link given by its index: its number, or the body for which it stands."""
         return (self.tool_links is not None and self.tool_links.names[link]) or f"link {self.link_number(link)}"
 
+    def joint_name(self, joint: int) -> str:
+        """Return the name in messages of a joint, by its index: its number, or the body that has a corner there."""
+        return (self.tool_links is not None and self.tool_links.names[joint]) or f"joint {self.link_number(joint)}"
+
     @cached_property
     def joint_places(self) -> FloatArray:
         """Arc lengths of the joints and the tip from the base, shape (links + 1,) [m]."""

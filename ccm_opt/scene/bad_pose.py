@@ -50,15 +50,15 @@ def joints_at_limits(arm: Arm, bends: FloatArray) -> tuple[str, tuple[str, ...]]
     bent = np.abs(bends.reshape(len(bends), -1))
     allowed = arm.bend_limits.reshape(bent.shape)
     # A locked joint is at its limit in all poses.
-    held = np.flatnonzero(((bent >= AT_LIMIT * allowed) & (allowed > 0.0)).any(axis=1)) + 1
+    held = np.flatnonzero(((bent >= AT_LIMIT * allowed) & (allowed > 0.0)).any(axis=1))
     if len(held) == 0:
         return "", ()
-    named = [str(number) for number in held[:MOST_NAMED]]
+    named = [str(arm.link_number(joint)) for joint in held[:MOST_NAMED]]
     rest = f"{len(held) - MOST_NAMED} more" if len(held) > MOST_NAMED else named.pop()
     which = f"joints {', '.join(named)} and {rest}" if named else f"joint {rest}"
-    limit = float(np.rad2deg(allowed[held[-1] - 1].max()))
+    limit = float(np.rad2deg(allowed[held[-1]].max()))
     words = f"{which} at the limit of {limit:.4g}°"
-    limited = (("arm.base_limit_deg", held == 1), (arm.key("joint_limit_deg"), held > 1))
+    limited = (("arm.base_limit_deg", held == 0), (arm.key("joint_limit_deg"), held > 0))
     keys = [key for key, joints in limited if joints.any()]
     are = "is" if len(held) == 1 else "are"
     return words, tuple(f"raise {key} (not tried): {which} {are} at it where the best attempt ended" for key in keys)
@@ -100,7 +100,10 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
         # If link axes meet walls, or each other, a thinner arm would not help.
         overlap = -float(contacts.gap.min())
         met = crossing or inside or overlap >= arm.radius + workspace.clearance
-        room = () if met else clearance_advice(arm.radius, workspace.clearance, overlap, key=arm.key("radius"))
+        tightest = finder.tightest(contacts)
+        # No thinner arm helps a body on it.
+        radius = arm.radius if tightest is not None and tightest[0].startswith("link") else 0.0
+        room = () if met else clearance_advice(radius, workspace.clearance, overlap, key=arm.key("radius"))
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
         raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))
@@ -113,7 +116,7 @@ def _refuse_sharp_bends(arm: Arm, bends: FloatArray, which: str) -> None:
         return
     angle = np.rad2deg(bends[joint])
     limit = np.rad2deg(arm.bend_limits[joint])
-    reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, but its limit is {limit:.2f}°"
+    reason = f"the {which} bends joint {arm.link_number(joint)} by {angle:.2f}°, but its limit is {limit:.2f}°"
     key = arm.key("joint_limit_deg") if joint else "arm.base_limit_deg"
     more = (f"raise {key} to {abs(angle):.4g} at least",) if limit > 0.0 else ()
     advice = (f"change the {which}", *more)
@@ -139,8 +142,8 @@ def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
         return None
     depth = np.where(out, shapely.distance(shapely.points(behind_mount), workspace.boundary), 0.0)
     worst = int(np.argmax(depth))
-    number = link + max(worst, 1)
+    name = arm.link_name(link + max(worst, 1) - 1)
     return (
-        f"leaves the workspace: link {number} is {short_length(depth[worst])} outside its boundary at "
+        f"leaves the workspace: {name} is {short_length(depth[worst])} outside its boundary at "
         f"{place(behind_mount[worst])}"
     )

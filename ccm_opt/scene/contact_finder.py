@@ -128,24 +128,24 @@ class ContactFinder(ABC):
             return "nothing near"
         return describe_clearance(*tightest)
 
-    def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
+    def tightest(self, contacts: Contacts) -> tuple[str, str, float] | None:
         """Return the contact with the least gap beyond its margin; None without contacts.
 
-        The contact is given as the link, counted from 1, the name of the obstacle or link near it, and the gap [m].
+        The contact is given as the name of the link, that of the obstacle or link near it, and the gap [m].
         """
         if len(contacts) == 0:
             return None
         k = int(np.argmin(contacts.gap - contacts.margin))
         wall = contacts.second[k] == WALL
-        other = f"'{self.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
-        return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
+        other = f"'{self.names[contacts.wall[k]]}'" if wall else self.arm.link_name(contacts.second[k])
+        return self.arm.link_name(contacts.first[k]), other, float(contacts.gap[k])
 
 
-def describe_clearance(link: int, other: str, gap: float) -> str:
-    """Return text on the gap [m] between a link, counted from 1, and a named body; a negative gap is "too near"."""
+def describe_clearance(link: str, other: str, gap: float) -> str:
+    """Return text on the gap [m] between a link and a body, given by their names; a negative gap is "too near"."""
     if gap < 0.0:
-        return f"link {link} is {short_length(-gap)} too near to {other}"
-    return f"link {link} to {other}, clearance {short_length(gap)}"
+        return f"{link} is {short_length(-gap)} too near to {other}"
+    return f"{link} to {other}, clearance {short_length(gap)}"
 
 
 class WallFinder(ContactFinder):
