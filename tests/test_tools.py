@@ -16,6 +16,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError, UnreachableGoal
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, InverseDynamics
 from ccm_opt.io.problem_data import arm_table
@@ -24,6 +25,7 @@ from ccm_opt.io.tool_tables import box_capsules
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Limits, Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.link_layout import Proportions
@@ -273,6 +275,23 @@ def test_messages_number_links_and_joints_of_the_arm(post: str, expected: str, t
     words, advice = joints_at_limits(whole.arm, bends)
     assert words == "joint 9 at the limit of 60°"
     assert advice[0].startswith("raise arm.joint_limit_deg ")
+
+
+def test_the_record_of_clearance_tells_what_gap_a_body_should_keep(tmp_path: Path) -> None:
+    """The preferred gap between a body and a neighbour of its link is that of the body, not that of the two links."""
+    body = (
+        "[[arm.bodies]]\nlink = 3\nbodies = [{ capsule = { from = [0.01, 0.04], to = [0.03, 0.04], radius = 0.01 } }]"
+    )
+    problem = _problem(FILE.replace("[limits]", f"{body}\n[limits]", 1), tmp_path)
+    # The least gap is between two of the 240 recorded samples, so that it comes from the checks.
+    time = np.linspace(0.0, 1.0, 1001)
+    still = np.zeros((len(time), problem.arm.links))
+    positions = still.copy()
+    positions[:, 3] = 0.1 - 0.2 * np.abs(time - 0.5)
+    trajectory = JointTrajectory(time, positions, still, still, problem.arm.coordinates)
+    room = clearance_over_time(problem, trajectory, 0.01)
+    assert (room.nearest.link, room.nearest.second_link) == (3, 4)
+    assert room.nearest.wanted > 0.0
 
 
 def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:

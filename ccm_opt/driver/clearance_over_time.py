@@ -17,8 +17,7 @@ from ccm_opt.planning.tool_problem import motion_with_tool_links, problem_with_t
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, ClearanceRecord, JointTrajectory, NearPlace, ShortStretch
 from ccm_opt.problem.solution.records import ShortCause
-from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.chain_motion import ChainMotion, chain_points
 from ccm_opt.verification.selfcollision import check_self_collision, distant_pairs, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_walls
@@ -212,9 +211,19 @@ class _Room:
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted
             if place.second_link:
-                wanted = _wanted_pair_gap(self.problem.arm, place.link, place.second_link, wanted)
+                wanted = self._wanted_pair_gap(place)
             known.append(replace(place, wanted=wanted))
         return min(known, key=lambda place: place.gap)
+
+    def _wanted_pair_gap(self, place: NearPlace) -> float:
+        """Return the preferred gap between the two links, or bodies on links, that are nearest at a place [m]."""
+        arm = self.problem.arm
+        if arm.tool_links is None:
+            pair = np.array([place.link - 1]), np.array([place.second_link - 1])
+            return float(arm.link_margins(*pair, self.wanted)[0])
+        # The numbers of links do not tell their bodies apart.
+        q = np.array([np.interp(place.time, self.trajectory.time, column) for column in self.trajectory.positions.T])
+        return float(self._self_gaps(chain_points(arm, q[None]))[0].wanted[0])
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
         """Return bodies, clearance and time of the nearest pair at one recorded sample."""
@@ -294,9 +303,3 @@ def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
     """Return the numbers at given indices, increased by one, shape (N,); 0 where the index is -1."""
     counted: IntArray = np.append(numbers + 1, 0)[best]
     return counted
-
-
-def _wanted_pair_gap(arm: Arm, first: int, second: int, wanted: float) -> float:
-    """Return the preferred gap between two of the arm's own links, given by their numbers from 1 [m]."""
-    own = np.arange(arm.links) if arm.tool_links is None else np.flatnonzero(arm.tool_links.own)
-    return float(arm.link_margins(own[[first - 1]], own[[second - 1]], wanted)[0])
