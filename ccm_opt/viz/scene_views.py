@@ -16,7 +16,7 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, Side, draw_body, draw_workspace
 from ccm_opt.viz.shading import Faces, ShadedView, Tube
 
-_MOST_TRIANGLES = 6000
+_MOST_TRIANGLES = 30000
 """Maximum number of triangles of all obstacles together; with more, surfaces are simplified. Heuristic."""
 _CELL = 0.008
 """Width of the grid cells in which vertices are merged to simplify surfaces, as a fraction of the scene's extent.

@@ -143,7 +143,7 @@ class Sheet:
         wide, high = np.ptp(view_window(side, box), axis=0)
         main_width = min(MAIN_SIDE, _MAIN_HEIGHT * wide / high)
         spans = np.stack([np.ptp(view_window(each, box), axis=0) for each in SIDES])
-        across = MAIN_SIDE - 1.5
+        across = MAIN_SIDE - 1.7
         scale = min(across / spans[:, 0].sum(), _SIDES_HEIGHT / spans[:, 1].max())
         sides_height = scale * spans[:, 1].max()
         main_height = main_width * high / wide
@@ -154,7 +154,7 @@ class Sheet:
             return figure.add_axes((left / size[0], bottom / size[1], width / size[0], height / size[1]))
 
         main = axes_at(0.5 * (size[0] - main_width), sides_height + 1.4, main_width, main_height)
-        gap = (across - scale * spans[:, 0].sum()) / 3.0 + 0.5
+        gap = (across - scale * spans[:, 0].sum()) / 3.0 + 0.6
         left, views = 0.6, []
         for each, (width, height) in zip(SIDES, scale * spans, strict=True):
             views.append((axes_at(left, 0.85 + sides_height - height, width, height), each))
