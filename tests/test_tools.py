@@ -16,6 +16,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError, UnreachableGoal
+from ccm_opt.diagnosis.sizes import Proofs, size_of
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, InverseDynamics
@@ -292,6 +293,21 @@ def test_the_record_of_clearance_tells_what_gap_a_body_should_keep(tmp_path: Pat
     room = clearance_over_time(problem, trajectory, 0.01)
     assert (room.nearest.link, room.nearest.second_link) == (3, 4)
     assert room.nearest.wanted > 0.0
+
+
+def test_sizes_are_sought_where_bodies_allow_arms(tmp_path: Path) -> None:
+    """No arm is tried whose links are so short that a body touches others, and none without the link of a body."""
+    body = "[[arm.bodies]]\nlink = 3\nbodies = [{ capsule = { from = [-0.08, 0], to = [0, 0], radius = 0.025 } }]"
+    problem = _problem(FILE.replace("[limits]", f"{body}\n[limits]", 1), tmp_path)
+    size = size_of(problem, "length")
+    with pytest.raises(ProblemError, match="its link belongs to the mount"):
+        size.at(problem, size.hardest * 0.08)
+    shortest = size.farthest(problem, size.hardest)
+    assert size.hardest * 0.08 < shortest <= 0.08
+    proofs = Proofs(problem, size, shortest, 0.0, 1.0)
+    assert proofs.holds(shortest) == (False, ())
+    with pytest.raises(ProblemError, match=r"arm\.bodies\[0\]\.link: the body is on link 3 of 12"):
+        size_of(problem, "links")
 
 
 def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:

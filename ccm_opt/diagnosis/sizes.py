@@ -22,7 +22,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding, ProblemError
 from ccm_opt.diagnosis.axis_paths import axis_path_exists
-from ccm_opt.diagnosis.checks import Check, failed, is_goal_closed_off
+from ccm_opt.diagnosis.checks import Check, failed, is_covered, is_goal_closed_off
 from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips
 from ccm_opt.diagnosis.named_goals import named_poses
 from ccm_opt.diagnosis.parameters import LENGTH, RADIUS, Parameter
@@ -70,6 +70,22 @@ class Size:
         if not self.step:
             return self.parameter.rounded(problem, value)
         return float(max(self.step * np.ceil(value / self.step - 1e-9), self.step))
+
+    def farthest(self, problem: Problem, share: float) -> float:
+        """Return a multiple of the given value, or a value nearer to the given one if bodies on links allow no other.
+
+        Bodies keep their size, and touch other links where links are too short or too thick.
+        """
+        given = self.parameter.read(problem)
+        value = self.rounded(problem, share * given)
+        for _ in range(_MOST_PROBES if problem.arm.rigid_bodies else 0):
+            try:
+                self.at(problem, value)
+            except ProblemError:
+                value = self.rounded(problem, 0.5 * (value + given))
+            else:
+                break
+        return value
 
     def harder(self, one: float, other: float) -> bool:
         """Return whether a plan for the first value is harder to find than for the second."""
@@ -189,6 +205,10 @@ def _ties_to_links(problem: Problem) -> Iterator[str]:
     if arm.proportions is not None:
         yield "arm.links: the links differ; search for the length instead, which lengthens all in proportion"
         return
+    for k, body in enumerate(arm.bodies):
+        if body.link >= 0:
+            where = f"the body is on link {body.link + 1} of {arm.links}"
+            yield f"arm.bodies[{k}].link: {where}; search for the length instead"
     for pose in named_poses(problem):
         if np.any(pose.q[arm.coordinates.bends]):
             yield f'{pose.key}: {pose.name} bends the joints of {arm.links} links; make it shape = "straight"'
@@ -225,11 +245,15 @@ class Proofs:
 
     def findings(self, value: float) -> tuple[Finding, ...]:
         """Return the findings that prove that no arm of a size, nor any beyond it, has a plan; with their causes."""
+        if not is_covered(self.problem.arm):
+            return ()
         found = failed(self.relaxed(value), self.size.checks, Deadline.after(self.seconds))
         return tuple(each for each in found if each.proved)
 
     def holds(self, value: float) -> tuple[bool, tuple[float, ...]]:
         """Return whether there is a proof for a value, and at what values it may end; without causes in space."""
+        if not is_covered(self.problem.arm):
+            return False, ()
         if self.problem.dimension == 3:
             quick = tuple(each for each in self.size.checks if each is not axis_path_exists)
             relaxed = self.relaxed(value)

@@ -149,12 +149,12 @@ class _Search:
     @cached_property
     def hardest(self) -> float:
         """Value beyond which no harder one is tried."""
-        return self.size.rounded(self.problem, self.size.hardest * self.given)
+        return self.size.farthest(self.problem, self.size.hardest)
 
     @cached_property
     def easiest(self) -> float:
         """Value beyond which no easier one is tried."""
-        return self.size.rounded(self.problem, self.size.nearest * self.given)
+        return self.size.farthest(self.problem, self.size.nearest)
 
     @cached_property
     def proofs(self) -> Proofs:
