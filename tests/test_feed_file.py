@@ -99,6 +99,7 @@ def test_what_is_written_back_is_the_same_problem(text: str) -> None:
         ("feed = 0.1\n", "feed = 0.2\n", "goal[1].feed", "outside the range of the feed axis, -0.2 m to 0.15 m"),
         ("pause = 0.5", "pause = -0.5", "goal[0].pause", "at least 0"),
         ("pause = 0.5", "feed = 0.1", "goal[0].feed", "with a tip goal the feed is planned"),
+        ("feed = 0.1\n", "feed = 0.1\npause = 1", "goal[1].pause", "no goal follows"),
         ("position = [0.3, 0.1]\n", "", "goal[0]", "expected exactly one of position"),
     ],
 )

@@ -129,6 +129,35 @@ def test_paths_that_cannot_be_followed_say_why(path: list[list[float]], changes:
     assert failure.value.diagnosis.advice
 
 
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("feed = 0.1", r"line \d+: goal\.feed: only allowed with a whole-arm goal"),
+        (
+            "direction_tolerance_deg = 3",
+            r"line \d+: goal\.direction_tolerance_deg: only allowed together with position",
+        ),
+        *(
+            (f"[planner]\n{key}", rf"line \d+: planner\.{key.split()[0]}: goal\.path fixes the motion")
+            for key in (
+                "wanted_gap = 0.01",
+                "seed = 2",
+                "tries = 3",
+                'optimiser = "none"',
+                "weights = { bending = 0.5 }",
+            )
+        ),
+    ],
+)
+def test_keys_without_effect_beside_a_path_are_refused(lines: str, words: str) -> None:
+    """By key and line; none is silently ignored."""
+    text = PROBLEM.replace("PATH", str(BEND)).replace(
+        "[planner]", lines if "[planner]" in lines else f"{lines}\n[planner]"
+    )
+    with pytest.raises(ccm_opt.ProblemError, match=words):
+        parse_problem(text)
+
+
 def test_bad_paths_are_named_by_key_and_line() -> None:
     """A path stands in the place of a position, and has two points or more."""
     for lines, words in (

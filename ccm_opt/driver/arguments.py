@@ -59,11 +59,13 @@ def refuse_without_effect(problem: Problem) -> None:
     Raises:
         ProblemError: an option has no effect; the message names all such options and the reasons.
     """
-    found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
+    along = all(stop.goal.path is not None for stop in problem.goals)
+    found = options_without_effect(problem.planner, in_space=problem.dimension == 3, along_paths=along)
     lines = [f"planner.{name}: {why}" for name, why in found]
+    if problem.pause and problem.planner.order != "free":
+        lines.append("goal.pause: no goal follows, so that it has no effect; leave it out")
     arm = problem.arm
-    along = bool(arm.carrier) and all(stop.goal.path is not None for stop in problem.goals)
-    if problem.planner.follow_within is not None and arm.feed is None and not along:
+    if problem.planner.follow_within is not None and arm.feed is None and not (arm.carrier and along):
         lines.append(
             "planner.follow_within: only allowed together with arm.feed, or with arm.base.axes and goal.path; "
             "leave it out"

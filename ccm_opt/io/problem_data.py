@@ -341,7 +341,8 @@ def goal_table(
         entries["angle_deg"] = None if look_at.normal is None else look_at.angle
     elif tolerances:
         angle = "direction" if in_space else "heading"
-        entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}
+        turned = tolerances.heading if goal.path is None else None
+        entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": turned}
     if (pose := goal.for_joints) is not None:
         entries["feed"] = pose.feed if fed else None
         if in_space and np.ndim(pose.feed):

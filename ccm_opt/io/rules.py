@@ -79,6 +79,9 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
         for key, others in table.rules.needs.items():
             if lookup(data, (*path, key)) is not None and not _given(data, path, others):
                 issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
+    last = (*goal_paths(data)[-1], "pause") if data.get("goal") else ()
+    if last and lookup(data, last) and lookup(data, ("planner", "order")) != "free":
+        issues.add(last, "no goal follows, so that it has no effect; leave it out")
     _check_feed_keys(data, issues)
     _check_base_axes(data, issues)
     _check_sections(data, issues)
@@ -106,7 +109,7 @@ def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
     return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
 
 
-def _are_paths(data: Mapping[str, object]) -> bool:
+def are_paths(data: Mapping[str, object]) -> bool:
     """Return whether every goal of a problem file is a path of the tip."""
     return all(lookup(data, (*path, "path")) is not None for path in goal_paths(data))
 
@@ -200,7 +203,7 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
         for key, words in refused.items():
             if words:
                 issues.add((*where, k, key), str(words))
-    along = _are_paths(data)
+    along = are_paths(data)
     given: list[tuple[KeyPath, str]] = [(path, _LEAVE_OUT) for path in _UNSUPPORTED]
     travels: list[KeyPath] = [(*where, k, "tendons", "travel") for k in range(len(rows))]
     given += [(path, _NOT_ALONG_PATH) for path in travels] if along else [(path, _NEEDS_PATH) for path in _ALONG_PATH]
@@ -226,8 +229,7 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
         if lookup(data, path) is None and isinstance(data.get("limits"), Mapping):
             issues.add(path, "missing; an arm with a feed axis needs this limit")
     for path in poses[1:]:
-        place = path[:-1]
-        if lookup(data, path) is not None and lookup(data, (*place, "position")) is not None:
+        if lookup(data, path) is not None and _given(data, path[:-1], ("position", "path", "look_at")):
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the feed is planned")
 
 
@@ -237,7 +239,7 @@ def _check_paths(data: Mapping[str, object], issues: Issues) -> None:
     for path in [] if moves else [(*each, "path") for each in goal_paths(data)]:
         if lookup(data, path) is not None:
             issues.add(path, "only allowed together with arm.feed or arm.base.axes; a fixed base follows no path")
-    if lookup(data, within) is not None and not (moves and _are_paths(data)):
+    if lookup(data, within) is not None and not (moves and are_paths(data)):
         issues.add(within, "only allowed together with arm.feed, or with arm.base.axes and goal.path; leave it out")
 
 
@@ -273,7 +275,7 @@ def _check_positions_of_axes(data: Mapping[str, object], count: int, issues: Iss
             issues.add(path, "only allowed together with arm.base.axes")
         elif isinstance(given, list) and len(given) != count:
             issues.add(path, f"expected one number for each of the {count} axes of arm.base, got {len(given)}")
-        if lookup(data, (*path[:-1], "position")) is not None:
+        if _given(data, path[:-1], ("position", "path", "look_at")):
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the axes are planned")
 
 

@@ -634,7 +634,8 @@ class SpaceGoalTable(SpacePoseTable):
         exactly_one=("position", "look_at", "path", "joints_deg", "shape"),
         needs={
             **dict.fromkeys(("direction", "via"), ("position",)),
-            **dict.fromkeys(TOLERANCE_KEYS, ("position", "path", "joints_deg", "shape")),
+            **dict.fromkeys(TOLERANCE_KEYS, ("position", "joints_deg", "shape")),
+            "position_tolerance": ("position", "path", "joints_deg", "shape"),
             **VIEW_NEEDS,
         },
     )

@@ -24,6 +24,7 @@ from ccm_opt.io.issues import Issues, KeyPath, lookup
 from ccm_opt.io.mesh_obstacles import mesh_bodies, plane_scans
 from ccm_opt.io.rules import (
     ANGLE_TOLERANCE,
+    are_paths,
     check_alternatives,
     check_arm,
     check_base,
@@ -134,7 +135,8 @@ def _validate(
             table = issues.validate(model, values, (name,), scale)
         found[name] = table if isinstance(table, Table) else None
     if found["planner"] is not None:
-        for name, why in options_without_effect(build_options(found["planner"]), in_space=in_space):
+        options, along = build_options(found["planner"]), are_paths(data)
+        for name, why in options_without_effect(options, in_space=in_space, along_paths=along):
             issues.add(("planner", name), why)
     found["obstacles"] = _obstacles(data, issues, scale, TABLES[in_space]["workspace.obstacles"])
     found["goals"] = _goals(data, issues, scale, TABLES[in_space]["goal"])

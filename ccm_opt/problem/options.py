@@ -105,22 +105,27 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
         (name, None, ("hill-climbing",), '"hill-climbing" does not use it; leave it out')
         for name in ("optimiser", "weights", "wanted_gap", "follow_within")
     ),
+    *(
+        (name, None, ("along paths",), "goal.path fixes the motion; leave it out")
+        for name in ("optimiser", "weights", "wanted_gap", "seed", "tries")
+    ),
 )
 """Planner options without effect: (option, value without effect, kinds of problem, reason). None as the value stands
 for every value other than the default."""
 
 
-def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:
+def options_without_effect(options: PlannerOptions, *, in_space: bool, along_paths: bool) -> Iterator[tuple[str, str]]:
     """Yield the planner options that were set although they have no effect.
 
     Args:
         options: options of the problem; a default value counts as not set.
         in_space: whether the arm moves in three dimensions.
+        along_paths: whether every goal is a path of the tip.
 
     Yields:
         Name of the option, and the reason why it has no effect.
     """
-    kinds = {options.method, *(("in space",) if in_space else ())}
+    kinds = {options.method, *(["in space"] * in_space), *(["along paths"] * along_paths)}
     for name, idle, where, why in _WITHOUT_EFFECT:
         value = getattr(options, name)
         given = value != getattr(PlannerOptions(), name) if idle is None else value == idle
