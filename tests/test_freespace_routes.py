@@ -54,6 +54,18 @@ def test_first_route_is_the_shortest_path(seed: int, count: int) -> None:
     assert route.length == pytest.approx(path_length(route.taut))
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.02, 0.04))
+@example(0.03)  # octagons about the two walls have corners that differ by rounding
+def test_beside_walls_at_right_angles_no_route_is_lost(inflation: float) -> None:
+    """The way past an open line with a right angle is straight, whatever the width of the arm."""
+    cell = shapely.LineString([[-0.15, 0.0], [-0.15, 0.25], [-0.35, 0.25]])
+    room = Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("cell", PlaneShape(cell, 0.005)),))
+    ends = np.zeros(2), np.array([-0.1, 0.5])
+    route = FreeSpace(room, inflation).routes(*ends, 1)[0]
+    assert route.length == pytest.approx(np.linalg.norm(ends[1]), abs=1e-9)
+
+
 @settings(max_examples=15, deadline=None)
 @given(seeds, st.sampled_from([10, 30]))
 def test_routes_are_sorted_different_and_free(seed: int, count: int) -> None:

@@ -317,7 +317,7 @@ def free_set(
     pieces = shapely.get_parts(shapely.difference(room, grown))
     dent = settings.dent * inflation
     # Smaller pieces of free space [m²] are artefacts of rounding.
-    polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > TINY]
+    polygons = [_without_dents(_with_vertices_apart(piece), dent) for piece in pieces if shapely.area(piece) > TINY]
     return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
 
 
@@ -343,6 +343,12 @@ def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
     angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
     corners = radius / np.cos(np.pi / 8) * unit_vector(angles)
     return shapely.Polygon(np.concatenate((b + corners, a - corners)))
+
+
+def _with_vertices_apart(polygon: shapely.Polygon) -> shapely.Polygon:
+    """Return a polygon without vertices that differ from their neighbours by rounding, which break triangulations."""
+    fewer = shapely.remove_repeated_points(polygon, ROUNDING)
+    return fewer if fewer.is_valid and isinstance(fewer, shapely.Polygon) and not fewer.is_empty else polygon
 
 
 def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
