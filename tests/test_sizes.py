@@ -18,6 +18,8 @@ from ccm_opt.cli.commands import app
 from ccm_opt.cli.sizing import front_lines, size_sentence
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.diagnosis.sizes import SIZES, Proofs, size_of
+from ccm_opt.driver.settings import DEFAULT_SETTINGS
+from ccm_opt.driver.sizing import _Search
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.size_files import front_files
 from ccm_opt.problem import Problem
@@ -129,6 +131,21 @@ def test_what_is_tied_to_the_size_is_named() -> None:
     with pytest.raises(ProblemError, match="start: the start bends the joints of 12 links"):
         size_of(bent, "links")
     assert size_of(bent, "length").name == "length"
+
+
+def test_a_search_ends_at_the_hardest_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm with room to grow is made no thicker than the thickest of the search, beyond which nothing is tried."""
+    problem = fence()
+    solution = make_solution(problem, np.zeros(12))
+    monkeypatch.setattr("ccm_opt.driver.sizing.held", lambda *_: solution)
+    monkeypatch.setattr("ccm_opt.driver.sizing._room_to_grow", lambda _: 1.0)
+    trials: list[SizeTrial] = []
+    search = _Search(problem, SIZES["radius"], 1.0, pytest.fail, lambda _: None, 1, DEFAULT_SETTINGS, trials)
+    search.proved = None
+    search.keep(0.03, solution, long=True)
+    assert search.easy == search.hardest == pytest.approx(0.08)
+    search.easy *= 1.1
+    search.narrow()
 
 
 @pytest.mark.parametrize(

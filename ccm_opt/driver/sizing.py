@@ -220,6 +220,8 @@ class _Search:
             return
         self.easy, self.best, self.best_is_long = value, solution, long
         thicker = self.size.rounded(self.problem, value + _GAP_KEPT * _room_to_grow(solution))
+        if self.size.harder(thicker, self.hardest):
+            thicker = self.hardest
         if self.size.name != "radius" or not self.size.harder(thicker, value):
             return
         again = held(self.at(thicker), solution, self.settings)
@@ -251,7 +253,7 @@ class _Search:
 
     def narrow(self, share: float = _SHARE, *, long: bool = False) -> None:
         """Halve the interval between the plan and what has none, until it is narrow; by short trials, or long ones."""
-        while not self.size.close(self.easy, self.hard, share):
+        while self.size.harder(self.hard, self.easy) and not self.size.close(self.easy, self.hard, share):
             hard = self.hard
             parts = np.arange(1, self.width + 1) / (self.width + 1)
             values = [self.size.rounded(self.problem, float(self.easy + part * (hard - self.easy))) for part in parts]
