@@ -28,7 +28,7 @@ for one run:
 ```sh
 ccm-opt solve problems/swan-neck.toml --set arm.radius=0.02 --set "goal.position=[0.4, 0.1]"
 ccm-opt new own
-ccm-opt solve own.toml --set "workspace.obstacles[pump].circle.radius=70" --set goal.pause=2
+ccm-opt solve own.toml --set "workspace.obstacles[pump].circle.radius=70" --set goal.heading_deg=90
 ```
 
 An entry of a list is given by its index, from 0, or by its name. Values are written as in the file; what is no TOML
