@@ -33,7 +33,7 @@ from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.robot.tool import RigidBody, Tool, ToolBody
 from ccm_opt.scene.bad_pose import joints_at_limits
 from ccm_opt.scene.tool_links import colliding_at_rest, drawn_radii, own_joints, points_with_tool, with_tool_links
-from ccm_opt.verification.chain_motion import chain_points
+from ccm_opt.verification.chain_motion import chain_points, pointing
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.tool_chain import arm_with_bodies, motion_of
 
@@ -139,6 +139,18 @@ def test_the_verifiers_chain_places_bodies_as_the_planners_links_do(seed: int, d
         solid = slice(None) if links is None else ~links.bare
         pairs.append((whole.distant_links if links is None else links.distant)[solid][:, solid])
     assert np.array_equal(*pairs)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_tool_without_length_may_point_aside(dimension: int) -> None:
+    """The verifier's chain points as a tool does that is nothing but a direction."""
+    aside = np.eye(dimension)[1]
+    arm = replace(Arm.snake(length=1.0, links=4, radius=0.01), base=np.zeros(dimension))
+    if dimension == 3:
+        arm = replace(arm, direction=np.eye(3)[0], up=np.eye(3)[2])
+    arm = replace(arm, tool=Tool(tip=np.zeros(dimension), direction=aside))
+    motion = motion_of(arm, np.array([0.0, 1.0]), np.zeros((2, len(arm.coordinates))))
+    np.testing.assert_allclose(pointing(motion, 1), aside, atol=1e-12)
 
 
 def _weighed(rng: np.random.Generator, dimension: int, link: int) -> dict[str, Any]:

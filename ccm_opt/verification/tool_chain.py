@@ -128,7 +128,9 @@ def arm_with_bodies(arm: Arm) -> Arm:
     if arm.tool is not None:
         parts.add_body(arm.links - 1, TOOL, arm.tool)
     count = len(parts.carrier)
-    if count == arm.links:
+    ahead = np.eye(arm.dimension)[0]
+    direction = ahead if arm.tool is None else arm.tool.direction
+    if count == arm.links and np.array_equal(direction, ahead):
         return replace(arm, bodies=(), tool=None)
     own = np.array([not name for name in parts.name])
     each = arm.bends_a_joint
@@ -147,7 +149,7 @@ def arm_with_bodies(arm: Arm) -> Arm:
         distant=_compared(parts, own),
         near_starts=0.0 * one,
         near_ends=one,
-        direction=np.eye(arm.dimension)[0] if arm.tool is None else arm.tool.direction,
+        direction=direction,
     )
     return replace(
         arm,
