@@ -24,6 +24,7 @@ from ccm_opt.problem import PlannerOptions, Problem, Stop, TipGoal, Tolerances, 
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.verification.tour import in_order
+from ccm_opt.viz.tour_section import tour_sentences
 
 from .command_runs import CommandLine
 from .conftest import SMALL_PROBLEM
@@ -134,6 +135,19 @@ def test_the_order_of_the_file_makes_no_difference(bends: list[int], end: TourEn
     assert [stop.goal for stop in planned.goals] == [stop.goal for stop in expected.goals]
 
 
+def test_no_bound_is_known_for_goals_planned_one_after_the_other() -> None:
+    """A tour that such a motion replaces neither claims a bound nor that no order is shorter."""
+    problem = free_order("free", [10, 30, 20])
+    legs, tour = toured(problem)
+    assert 0.0 < tour.bound <= tour.duration
+    assert "no order is shorter" in " ".join(tour_sentences(tour))
+    planner = TourPlanner(problem, Lines(), lambda _: 0.1, lambda _: None, Stages(), share=1.0)
+    _, replaced = planner._compared(legs, replace(tour, as_given=9.0), Deadline.after(60.0))
+    assert replaced.duration == pytest.approx(0.3)
+    assert replaced.bound == 0.0
+    assert "shorter" not in " ".join(tour_sentences(replaced))
+
+
 def test_what_is_not_reached_is_left_out_unless_the_motion_ends_there() -> None:
     """A goal that the planner does not reach is named with its reason; the last one, where it must be, is refused."""
     problem = free_order("free", [10, 110, 20])
@@ -206,6 +220,10 @@ def test_a_motion_that_leaves_out_a_goal_says_so(tmp_path: Path, capsys: pytest.
     assert changed(order=record["tour"]["order"][::-1]) == NO_PLAN
     assert changed(order=[1, 2, 3]) == NO_PLAN
     assert changed(order=[1, 2, 4, 4]) == NO_PLAN
+    tour = record["tour"]
+    assert changed(duration=1.01 * tour["duration"], as_given=2.0 * tour["as_given"]) == NO_PLAN
+    assert changed(bound=1.01 * tour["duration"]) == NO_PLAN
+    assert changed(as_given=0.99 * tour["duration"]) == NO_PLAN
 
 
 def test_a_pause_at_the_last_goal_of_the_file_is_kept() -> None:

@@ -102,7 +102,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
             console.print(f"and {len(words) - len(shown_checks)} checks of the plan's consistency passed")
         print_clearance(console, room, result_units(problem))
         print_not_checked(console, left_out)
-        print_tour(console, tour)
+        print_tour(console, tour if passed else None)
 
     def data() -> dict[str, object]:
         return {

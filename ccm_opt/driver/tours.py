@@ -297,8 +297,8 @@ class TourPlanner:
             make(found.places)
             if deadline.passed() or (known.sum() == before and not improve(found.places)):
                 break
-        bound = found.bound
         best = min(found.places, as_given, key=lambda order: tour_cost(costs, order, end))
+        duration = tour_cost(costs, best, end)
         tour = Tour(
             self.problem,
             tuple(self.rests[nodes[k]].number + 1 for k in best),
@@ -306,8 +306,8 @@ class TourPlanner:
                 UnvisitedGoal(number + 1, failure.status, failure.diagnosis.reason)
                 for number, failure in sorted(self.failures.items())
             ),
-            duration=tour_cost(costs, best, end),
-            bound=bound,
+            duration=duration,
+            bound=min(found.bound, duration),
             as_given=tour_cost(costs, as_given, end),
         )
         way = [0, *(nodes[k] for k in best), *([0] if end == "start" else [])]
@@ -317,7 +317,8 @@ class TourPlanner:
     def _compared(self, legs: tuple[Leg, ...], tour: Tour, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
         """Return the fastest of a tour, of the same order planned leg by leg, and of the given order likewise.
 
-        Leg by leg, the arm comes to rest at each goal where that suits the goal before it.
+        Leg by leg, the arm comes to rest at each goal where that suits the goal before it. No bound is known for orders
+        of such motions.
         """
         for order in dict.fromkeys((tour.order, tuple(sorted(tour.order)))):
             if deadline.passed():
@@ -332,7 +333,7 @@ class TourPlanner:
             if order == tuple(sorted(tour.order)):
                 tour = replace(tour, as_given=min(tour.as_given, duration))
             if duration < tour.duration:
-                legs, tour = found, replace(tour, order=order, duration=duration)
+                legs, tour = found, replace(tour, order=order, duration=duration, bound=0.0)
         return legs, tour
 
     def _leg(self, one: int, other: int) -> Leg:

@@ -158,6 +158,7 @@ def timed_and_verified(
         timed = [_leg_in_time(leg, dynamics, retimer, terms, settings) for leg in legs]
         trajectory = retiming.joined(timed, [stop.pause for stop in problem.stops]) if len(timed) > 1 else timed[0]
         joints = joint_states(problem.arm, trajectory, dynamics)
+        tour = None if tour is None else tour.lasting(sum(motion.duration for motion in timed))
     with stages("verification"):
         checks = verified(problem, trajectory, joints, settings.verification, tour)
         # Constraints apply to each leg by itself, because its path parameter runs from 0 to 1.

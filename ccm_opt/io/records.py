@@ -197,7 +197,7 @@ def tour_data(tour: Tour) -> dict[str, object]:
         "order": list(tour.order),
         "left_out": [asdict(goal) for goal in tour.left_out],
         "duration": tour.duration,
-        "bound": tour.bound,
+        "bound": tour.bound or None,
         "as_given": tour.as_given,
     }
 

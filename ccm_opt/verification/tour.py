@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.problem import Problem, Stop, Tolerances
-from ccm_opt.problem.solution import Check, Tour
+from ccm_opt.problem.solution import Check, JointTrajectory, Tour
+from ccm_opt.verification.verification_settings import VerificationSettings
 
 
 def check_order(problem: Problem, tour: Tour | None) -> list[Check]:
@@ -36,6 +37,35 @@ def check_order(problem: Problem, tour: Tour | None) -> list[Check]:
     elif problem.planner.end == "last" and tour.order[-1] != count:
         wrong, where = [*wrong, count], f"the motion ends at goal {tour.order[-1]}, not at the last one"
     return [Check("order of goals", float(len(wrong)), 0.0, "goals", where, passed=not wrong)]
+
+
+def check_tour_times(
+    problem: Problem, tour: Tour | None, trajectory: JointTrajectory, settings: VerificationSettings
+) -> list[Check]:
+    """Check the duration that a tour states against the motion, and what it states of other orders against that.
+
+    The worst value is the largest amount by which a statement is off [s].
+
+    Args:
+        problem: the problem of the goals that are visited, in the order of the visits.
+        tour: order of the visits; None for goals in given order, which need no check.
+        trajectory: the motion.
+        settings: tolerances of the verifier.
+    """
+    if tour is None:
+        return []
+    moving = float(trajectory.time[-1] - trajectory.time[0]) - sum(stop.pause for stop in problem.stops)
+    longer = tour.duration - tour.as_given
+    off = {
+        f"{tour.duration:.6g} s stated, the motion has {moving:.6g} s": abs(tour.duration - moving),
+        f"the bound of {tour.bound:.6g} s for all orders": tour.bound - tour.duration,
+        f"{tour.as_given:.6g} s stated for the given order": abs(longer) if tour.in_given_order else longer,
+    }
+    where = max(off, key=lambda words: off[words])
+    worst = max(off[where], 0.0)
+    # Stated durations are sums over the motions, rounded like the times of their samples.
+    limit = settings.time_rounding * len(trajectory.time)
+    return [Check("duration of the tour", worst, limit, "s", where, passed=worst <= limit)]
 
 
 def in_order(problem: Problem, tour: Tour | None) -> Problem:

@@ -22,7 +22,7 @@ from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.tolerated_errors import tolerated_error
 from ccm_opt.verification.tool_chain import motion_of, uncompared_bodies
-from ccm_opt.verification.tour import check_order, in_order
+from ccm_opt.verification.tour import check_order, check_tour_times, in_order
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls, exposed_starts
 
@@ -73,7 +73,7 @@ def verify(
         return form, names
 
     motion = motion_of(problem.arm, trajectory.time, trajectory.positions)
-    checks = [form, names, *of_order]
+    checks = [form, names, *of_order, *check_tour_times(problem, tour, trajectory, settings)]
     # The wall check only sees surfaces, so which side of them the arm is on needs a check of its own.
     checks.append(check_free_side(motion, problem.workspace))
     checks.append(check_walls(motion, problem.workspace, settings))

@@ -16,13 +16,10 @@ def tour_sentences(tour: Tour) -> Iterator[str]:
     some = f"{len(tour.order)} of {goals} goals" if tour.left_out else f"{goals} goals"
     back = ", and back to the start" if tour.posed.planner.end == "start" else ""
     yield f"{some} in the order {', '.join(map(str, tour.order))}{back}; checks number them as visited"
-    excess = "no order is shorter"
+    bound = ", with the motions found no order is shorter" if tour.bound else ""
     if tour.excess > _NO_EXCESS:
-        excess = f"at most {100.0 * tour.excess:.2g} % longer than any order"
-    yield (
-        f"{tour.duration:.4g} s of motion between goals, with the motions found {excess}; in the given order "
-        f"{tour.as_given:.4g} s"
-    )
+        bound = f", with the motions found at most {100.0 * tour.excess:.2g} % longer than any order"
+    yield f"{tour.duration:.4g} s of motion between goals{bound}; in the given order {tour.as_given:.4g} s"
 
 
 def tour_section(solution: Solution) -> Markup | None:

@@ -210,13 +210,17 @@ def stopping(goal: JointPose, rest: float = 0.1, pause: float = 0.1) -> Case:
 AT_STOP = JointPose(np.full(LINKS, 0.2))
 
 
-def touring(*order: int, end: TourEnd = "free") -> Case:
-    """Return a case with two goals in free order, the first visited last, and the order that is said to be theirs."""
+def touring(*order: int, end: TourEnd = "free", longer: float = 0.0) -> Case:
+    """Return a case with two goals in free order, the first visited last, and the order that is said to be theirs.
+
+    Its duration is said to be longer than it is, by a time [s].
+    """
     case = pausing()
     goals = case.problem.goal, Stop(AT_STOP, Tolerances())
     planner = replace(FULL, order="free", end=end)
     case = case.asked(stops=(Stop(goals[0], Tolerances()),), goal=goals[1].goal, planner=planner)
-    return replace(case, tour=Tour(case.problem, order))
+    duration = float(case.trajectory.time[-1]) + longer
+    return replace(case, tour=Tour(case.problem, order, (), duration, 0.0, duration))
 
 
 def stopping_bowed(wanted: float) -> Case:
@@ -396,6 +400,7 @@ MUTATIONS: dict[str, Mutation] = {
     "stop N tip": lambda: stopping_bowed(1.1),
     "stop N pause": lambda: stopping(AT_STOP, rest=0.06),
     "order of goals": lambda: touring(2, 1, 2),
+    "duration of the tour": lambda: touring(2, 1, longer=1e-3),
     "survived joint error": lambda: fixed().asked(
         joint_error=0.4, workspace=Workspace(ROOM, (Obstacle("wall", PlaneShape(shapely.box(0.8, -1.0, 0.9, 1.0))),))
     ),

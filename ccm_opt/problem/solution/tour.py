@@ -30,7 +30,8 @@ class Tour:
         order: numbers of the goals in the problem, from 1, in the order of the visits.
         left_out: the other goals, with reasons.
         duration: sum of the durations of the motions from goal to goal, without pauses [s].
-        bound: lower bound on this sum for every order of the motions that were found between the goals [s].
+        bound: lower bound on this sum for every order of the motions that were found between the goals [s]; 0 if none
+            is known, as for goals that were planned for one after the other.
         as_given: this sum for the order of the problem [s].
     """
 
@@ -45,6 +46,16 @@ class Tour:
     def excess(self) -> float:
         """Largest fraction by which the duration exceeds that of the best order."""
         return max(self.duration / self.bound - 1.0, 0.0) if self.bound > 0.0 else 0.0
+
+    @property
+    def in_given_order(self) -> bool:
+        """Whether the goals are visited in the order of the problem."""
+        return self.order == tuple(sorted(self.order))
+
+    def lasting(self, duration: float) -> "Tour":
+        """Return the tour with another duration of the same motions [s]."""
+        as_given = duration if self.in_given_order else max(self.as_given, duration)
+        return replace(self, duration=duration, bound=min(self.bound, duration), as_given=as_given)
 
     @property
     def visited(self) -> Problem:
