@@ -238,6 +238,16 @@ def _problem(text: str, folder: Path) -> Problem:
         ),
         ("direction = [0, 1]", "direction = [0, 0]", r"line \d+: arm.tool.direction: expected numbers"),
         ("to = [0.06, 0]", "to = [-0.5, 0]", r"line \d+: arm.tool.bodies\[0\]: it touches or nearly touches link \d+"),
+        (
+            "{ box = [0.05, 0.0, 0.07, 0.04] }]",
+            "{ bax = [0.05, 0.0, 0.07, 0.04] }]\nmass = 0.1",
+            r"line \d+: arm.tool.bodies\[1\].bax: unknown key",
+        ),
+        (
+            "tip = ",
+            "mass = 0.0\ncentre = [0, 0]\ntip = ",
+            r"line \d+: arm.tool.centre: no effect without a mass above 0",
+        ),
         ("{ box = [0.05, 0.0, 0.07, 0.04] }", "{}", r"line \d+: arm.tool.bodies\[1\]: expected exactly one"),
     ],
 )

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.schema_tables import Box, NonNegative, Point, PositiveLength, Rules, Table, exactly
@@ -120,6 +120,13 @@ class _RigidTable(Table):
 
     mass: NonNegative = Field(default=0.0, description="Its mass [kg].")
 
+    @field_validator("centre", "inertia", check_fields=False)
+    @classmethod
+    def _of_a_mass(cls, value: Any, info: ValidationInfo) -> Any:
+        if info.data.get("mass") == 0.0:
+            raise ValueError("no effect without a mass above 0")
+        return value
+
 
 class PlaneRigidTable(_RigidTable):
     """Table of a rigid body on a link of a planar arm, in the frame of that link: x along it, from its end."""
@@ -216,15 +223,16 @@ def box_capsules(low: FloatArray, high: FloatArray) -> Iterator[ToolBody]:
 
 def _rigid(table: PlaneRigidTable | SpaceRigidTable) -> dict[str, Any]:
     """Return the fields of the ``RigidBody`` that a table describes, without its link; solid unless it says else."""
-    rows: Sequence[PlaneToolBodyTable | SpaceToolBodyTable] = table.bodies
-    parts: dict[str, Any] = {"bodies": tuple(body for each in rows for body in each.capsules()), "mass": table.mass}
-    if table.mass == 0.0:
+    # Bodies of no known kind are reported as they are read.
+    rows = [each for each in table.bodies if any(True for _ in each.capsules())]
+    parts: dict[str, Any] = {"bodies": tuple(body for each in rows for body in each.capsules())}
+    if table.mass == 0.0 or (table.centre is None and not rows):
         return parts
     whole = SolidMoments.of_all([each.moments for each in rows]) if rows else None
     centre: FloatArray | None = None if table.centre is None else np.array(table.centre)
     if centre is None and whole is not None:
         centre = whole.centre if isinstance(table, SpaceRigidTable) else whole.centre[[0, 2]]
-    return parts | {"centre": centre, "inertia": table.tensor(whole)}
+    return parts | {"mass": table.mass, "centre": centre, "inertia": table.tensor(whole)}
 
 
 def build_tool(table: PlaneToolTable | SpaceToolTable) -> Tool:
