@@ -24,10 +24,11 @@ from ccm_opt.problem import PlannerOptions, Problem, Stop, TipGoal, Tolerances, 
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.verification.tour import in_order
+from ccm_opt.viz.document import plan_badges
 from ccm_opt.viz.tour_section import tour_sentences
 
 from .command_runs import CommandLine
-from .conftest import SMALL_PROBLEM
+from .conftest import SMALL_PROBLEM, make_solution
 from .snakes_in_space import snake
 from .test_legs import KNOTS, Straight, in_space
 
@@ -135,6 +136,13 @@ def test_the_order_of_the_file_makes_no_difference(bends: list[int], end: TourEn
     assert [stop.goal for stop in planned.goals] == [stop.goal for stop in expected.goals]
 
 
+def test_a_report_says_what_is_solved_in_part(small_problem: Problem) -> None:
+    """The badge of a plan that leaves out goals is not that of one that visits all."""
+    solution = make_solution(small_problem, np.zeros(small_problem.arm.links))
+    for left_out, words in (((), "solved and verified"), ((UnvisitedGoal(2, "", ""),), "solved in part, and verified")):
+        assert words in str(plan_badges(replace(solution, tour=Tour(small_problem, (1,), left_out))))
+
+
 def test_no_bound_is_known_for_goals_planned_one_after_the_other() -> None:
     """A tour that such a motion replaces neither claims a bound nor that no order is shorter."""
     problem = free_order("free", [10, 30, 20])
@@ -203,7 +211,7 @@ def test_a_motion_that_leaves_out_a_goal_says_so(tmp_path: Path, capsys: pytest.
     (tmp_path / "tour.toml").write_text(FREE.replace('"small"', '"tour"'))
     solved = run("solve", tmp_path / "tour.toml", "--out", tmp_path, "--no-pictures")
     assert solved.code == IN_PART
-    assert "goal 3: goal.position: out of reach" in solved.err
+    assert "goal 3 of the file: goal.position: out of reach" in solved.err
     assert "3 of 4 goals in the order" in solved.out
     folder = tmp_path / "tour"
     record = json.loads((folder / "solution.json").read_text())

@@ -42,7 +42,7 @@ _ORDER = (
 """Prefixes of the names of checks that matter to a user, the most important first."""
 _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
-    r"|even bends of sections|true arcs beyond links"
+    r"|duration of the tour|even bends of sections|true arcs beyond links"
 )
 """Pattern of the names of checks that concern only the consistency of a plan's data, or the fraction of the limits that
 plans may use."""

@@ -312,7 +312,9 @@ def plan_badges(solution: Solution) -> Markup:
     """Return badges with the verdicts of verifier and simulation on a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
-    first = badge("solved and verified" if verified else "rejected by the verifier", good=verified)
+    partly = solution.tour is not None and bool(solution.tour.left_out)
+    passed = "solved in part, and verified" if partly else "solved and verified"
+    first = badge(passed if verified else "rejected by the verifier", good=verified and not partly)
     # A plan that the simulated arm follows needs no second badge.
     return joined((first, badge(f"simulation: {verdict.outcome}", good=False))) if verdict.is_failure else first
 

@@ -15,7 +15,7 @@ def tour_sentences(tour: Tour) -> Iterator[str]:
     goals = len(tour.order) + len(tour.left_out)
     some = f"{len(tour.order)} of {goals} goals" if tour.left_out else f"{goals} goals"
     back = ", and back to the start" if tour.posed.planner.end == "start" else ""
-    yield f"{some} in the order {', '.join(map(str, tour.order))}{back}; checks number them as visited"
+    yield f"{some} in the order {', '.join(map(str, tour.order))} of the file{back}; checks number them as visited"
     bound = ", with the motions found no order is shorter" if tour.bound else ""
     if tour.excess > _NO_EXCESS:
         bound = f", with the motions found at most {100.0 * tour.excess:.2g} % longer than any order"
@@ -33,7 +33,7 @@ def tour_section(solution: Solution) -> Markup | None:
         (str(visit), f"goal {goal}", f"{time[sample]:.2f} s")
         for visit, (goal, sample) in enumerate(zip(tour.order, samples, strict=False), start=1)
     ]
-    missing = [element("li", f"goal {goal.goal}: {goal.reason}") for goal in tour.left_out]
+    missing = [element("li", f"goal {goal.goal} of the file: {goal.reason}") for goal in tour.left_out]
     left_out = (element("h3", "Goals left out"), element("ul", *missing)) if missing else ()
     sentences = (element("p", f"{sentence[0].upper()}{sentence[1:]}.") for sentence in tour_sentences(tour))
     return element(
@@ -41,5 +41,5 @@ def tour_section(solution: Solution) -> Markup | None:
         element("h2", "Order of the goals"),
         *left_out,
         *sentences,
-        table(("visit", "in the problem", "time"), visits, numbers=(0, 2)),
+        table(("visit", "in the file", "time"), visits, numbers=(0, 2)),
     )
