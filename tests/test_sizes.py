@@ -233,6 +233,10 @@ def test_what_is_proved_and_what_was_not_found_are_told_apart(small_problem: Pro
     )
     words = size_sentence(made_up_size(small_problem, 0.5, proved=True), "there")
     assert words == "0.5 m is enough (plan in there); 0.4 m is too short: the way is longer (proved)"
+    close = made_up_size(small_problem, 0.5, proved=True)
+    bound = replace(close.trials[1], length=0.499996)
+    words = size_sentence(replace(close, following=bound, bound=bound), "there")
+    assert words.startswith("0.5 m is enough (plan in there); 0.499996 m is too short")
 
 
 @pytest.mark.planning

@@ -29,6 +29,9 @@ from ccm_opt.problem.solution import ArmSize, SizeFront, SizeName
 _SPOTS = 5
 """Default number of places along a line, and along each side of a rectangle."""
 
+_LEAST_FIGURES, _MOST_FIGURES = 4, 9
+"""Least and greatest number of significant digits of sizes, of which as many are shown as tell them apart."""
+
 
 def size_problems(
     files: Sequence[Path],
@@ -200,7 +203,8 @@ def _pictures(found: ArmSize | SizeFront, best: ArmSize) -> Mapping[str, bytes]:
 def size_sentence(found: ArmSize, folder: str) -> str:
     """Return what was found about the size of an arm: what is enough, and what is proved or not known of the next."""
     size = SIZES[found.find]
-    words = f"{found.enough.words(found.find)} {size.enough} (plan in {folder})"
+    figures = _figures(found)
+    words = f"{found.enough.words(found.find, figures)} {size.enough} (plan in {folder})"
     if found.places > 1:
         words += f", with the base at {at(found.enough.base)}, the best of {found.places} places"
         left = found.places - 1 - found.places_proved
@@ -210,15 +214,25 @@ def size_sentence(found: ArmSize, folder: str) -> str:
     following, bound = found.following, found.bound
     if following is None:
         return f"{words}; nothing beyond was tried"
-    name = following.words(found.find)
+    name = following.words(found.find, figures)
     if following.outcome == "impossible":
         words += f"; {name} {size.beyond}: {following.reason} (proved)"
     else:
         why = sentences(following.reason)[0]
         words += f"; with {name} no plan was found within {following.limit:.3g} s of CPU time: {why}"
     if bound is not None and bound != following:
-        words += f"; {bound.words(found.find)} {size.beyond}: {bound.reason} (proved)"
+        words += f"; {bound.words(found.find, figures)} {size.beyond}: {bound.reason} (proved)"
     return words
+
+
+def _figures(found: ArmSize) -> int:
+    """Return the number of significant digits by which the sizes that are told differ."""
+    told = [each for each in (found.enough, found.following, found.bound) if each is not None]
+    values = {getattr(each, found.find) for each in told}
+    enough = (
+        k for k in range(_LEAST_FIGURES, _MOST_FIGURES) if len({t.words(found.find, k) for t in told}) == len(values)
+    )
+    return next(enough, _MOST_FIGURES)
 
 
 def front_lines(found: SizeFront, folder: Path) -> list[str]:

@@ -46,11 +46,13 @@ class SizeTrial:
         base = tuple(float(each) for each in arm.base)
         return cls(arm.length, arm.links, arm.radius, base, outcome, reason, cpu, limit)
 
-    def words(self, find: SizeName) -> str:
-        """Return text for the size of the arm, with its unit."""
+    def words(self, find: SizeName, figures: int = 4) -> str:
+        """Return text for the size of the arm, with its unit; lengths with a number of significant digits."""
         if find == "links":
             return f"{self.links} links"
-        return file_length(self.length) if find == "length" else f"a radius of {file_length(self.radius)}"
+        if find == "length":
+            return file_length(self.length, figures)
+        return f"a radius of {file_length(self.radius, figures)}"
 
 
 @dataclass(frozen=True)
