@@ -135,7 +135,9 @@ def test_free_cones_of_sight_are_those_of_a_ray_caster(seed: int) -> None:
         aside = np.tan(free) * away * np.sqrt(rng.uniform(size=60))
         rays = sight + aside[:, None] * (np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1])
         assert not np.any(_shares_hit(place, rays, triangles) > 0.01 + 1e-9)
-    if free < 0.999 * 10.0 * SIGHT_HALF_ANGLE:
+    if np.any(_shares_hit(place, sight[None], triangles) > 1e-4 + 1e-9):
+        assert free == 0.0
+    elif free < 0.999 * 10.0 * SIGHT_HALF_ANGLE:
         shares = np.geomspace(0.01, 1.0, 400)
         points = place + shares[:, None] * sight
         nearest = trimesh.triangles.closest_point(
@@ -185,13 +187,28 @@ def test_from_all_of_a_view_the_place_is_seen(seed: int, dimension: int) -> None
         assert free_half_angle(surfaces, _looking(tip, look_at.place), 1, look_at.place)[0] >= SIGHT_HALF_ANGLE
 
 
-def _scene(rng: np.random.Generator, dimension: int) -> Problem:
-    """Return a problem with a few random boxes."""
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_place_behind_a_thin_sheet_is_hidden(dimension: int) -> None:
+    """Neither planner nor verifier looks through a sheet of 2 mm whose other side is looked at, but at this side."""
+    low, high = np.full(dimension, -0.9), np.full(dimension, 0.9)
+    low[0], high[0] = 0.55, 0.552
+    problem = _scene(np.random.default_rng(0), dimension, np.stack((low, high))[None])
+    surfaces = CheckedSurfaces.from_workspace(problem.workspace)
+    tip = np.array([0.05, 0.0, 0.0][:dimension])
+    for x, seen in ((0.55, True), (0.552, False)):
+        place = np.array([x, 0.02, 0.01][:dimension])
+        assert np.any(SampledViews.of(problem, LookAt(place, (0.4, 0.55), 1.0)).seeing) == seen
+        assert (free_half_angle(surfaces, _looking(tip, place), 1, place)[0] >= SIGHT_HALF_ANGLE) == seen
+
+
+def _scene(rng: np.random.Generator, dimension: int, boxes: FloatArray | None = None) -> Problem:
+    """Return a problem with a few random boxes, or given ones."""
     arm: dict[str, Any] = {"links": 10, "link_length": 0.06, "radius": 0.005, "joint_limit_deg": 60.0}
     arm["base"] = [0.0, 0.0] if dimension == 2 else {"position": [0.0, 0.0, 0.0]}
-    low = rng.uniform(-0.5, 0.4, (6, dimension))
-    boxes = np.stack((low, low + rng.uniform(0.02, 0.2, low.shape)), axis=1)
-    boxes = boxes[np.linalg.norm(np.clip(0.0, boxes[:, 0], boxes[:, 1]), axis=1) > 0.1]
+    if boxes is None:
+        low = rng.uniform(-0.5, 0.4, (6, dimension))
+        boxes = np.stack((low, low + rng.uniform(0.02, 0.2, low.shape)), axis=1)
+        boxes = boxes[np.linalg.norm(np.clip(0.0, boxes[:, 0], boxes[:, 1]), axis=1) > 0.1]
     return ccm_opt.make_problem(
         "scene",
         arm=arm,

@@ -23,12 +23,22 @@ from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import enclosed, segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.tool_links import points_with_tool, with_tool_links
+from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Workspace
 
 _HALF_ANGLE = float(np.deg2rad(1.0))
 """Half angle of the cone about the line of sight that views keep free [rad]. Derived: twice what is verified."""
 _END = 0.01
-"""Fraction of the line of sight, at the place, that does not count, since the place lies on a surface."""
+"""Fraction of the cone about the line of sight, at the place, that is not kept free, since the place lies on a
+surface."""
+_ROUNDED = 5e-5
+"""Fraction of the line of sight itself, at the place, that does not count. Derived: half of what verifiers omit."""
+_ERRORS = 3.0
+"""Length of the line of sight, at the place, within which a surface does not count, in multiples of the surface's
+error. Derived: less than what verifiers leave out."""
+_PIECES_AT_END = 16
+"""Number of pieces of the line of sight between the end of the cone and its own."""
 _PIECES = 48
 """Number of pieces of the line of sight; each piece is a tenth longer than the one before it."""
 _DIRECTIONS = {2: 180, 3: 500}
@@ -150,9 +160,11 @@ def hidden_by_arm(arm: Arm, q: FloatArray, place: FloatArray) -> bool:
     one, other, radii = one[ahead], other[ahead], radii[ahead]
     starts, ends, shares = _pieces(place, tip[None])
     away = float(np.linalg.norm(tip - place))
-    for start, end, share in zip(starts[0], ends[0], shares, strict=True):
+    wide = shares * away * np.tan(_HALF_ANGLE)
+    line = place + _ROUNDED * (tip - place), place + _END * (tip - place), 0.0
+    for start, end, width in (line, *zip(starts[0], ends[0], wide, strict=True)):
         every = np.broadcast_to(start, one.shape), np.broadcast_to(end, one.shape)
-        if np.any(segment_distances(*every, one, other)[2] < radii + share * away * np.tan(_HALF_ANGLE)):
+        if np.any(segment_distances(*every, one, other)[2] <= radii + width):
             return True
     return False
 
@@ -192,7 +204,8 @@ class SampledViews:
         clear: mask of the positions within reach where the tip keeps clear of the obstacles, shape (m,).
         room: radius of the ball of positions about each from which the place is seen, shape (m,) [m]; not positive if
             it is hidden, and for positions that are not clear.
-        limiting: index of the piece of each line of sight with the least room, shape (m,).
+        limiting: index of the piece of each line of sight with the least room, or -1 less that of the obstacle that
+            limits it next to the place, shape (m,).
     """
 
     problem: Problem
@@ -224,6 +237,9 @@ class SampledViews:
         room = np.minimum.reduce((away - least, most - away, away * turn, away * np.sin(look_at.angle - off)))
         lit, limiting = np.full(len(tips), -np.inf), np.zeros(len(tips), dtype=np.intp)
         lit[clear], limiting[clear] = _sight_room(tree, look_at.place, tips[clear], float(np.max(room)))
+        at_end, hiding = _room_at_end(problem.workspace, look_at.place, tips[clear], float(np.max(room)))
+        limiting[clear] = np.where(at_end < lit[clear], -1 - hiding, limiting[clear])
+        lit[clear] = np.minimum(lit[clear], at_end)
         return cls(problem, look_at, tree, tips, beyond, clear, np.minimum(room, lit), limiting)
 
     @property
@@ -279,21 +295,29 @@ class SampledViews:
             return
         far = 2.0 * float(np.linalg.norm(np.ptp(self.tips, axis=0))) + self.problem.arm.length
         near = self.tree.nearest(np.repeat(in_space(place)[None, None], 2, axis=1), far)
-        if near.gap[0] <= _END * self.look_at.distance[0]:
+        owner = int(near.owner[0])
+        error = _ERRORS * float(self.problem.workspace.surface_errors[owner])
+        if near.gap[0] <= max(_ROUNDED * self.look_at.distance[0], error):
             return
-        name = self.problem.workspace.triangle_soup.names[near.owner[0]]
+        name = self.problem.workspace.triangle_soup.names[owner]
         depth = short_length(float(near.gap[0]))
-        reason = f"goal.look_at: the place is {depth} inside '{name}' and is seen from nowhere"
-        raise UnreachableGoal(Diagnosis(reason, "views", ("move goal.look_at to the surface",)))
+        where = f"outside the {name}" if name in (ROOM_NAME, BOUNDARY_NAME) else f"inside '{name}'"
+        reason = f"goal.look_at: the place is {depth} {where} and is seen from nowhere"
+        advice = (
+            "move goal.look_at into the room" if where.startswith("outside") else "move goal.look_at to the surface"
+        )
+        raise UnreachableGoal(Diagnosis(reason, "views", (advice,)))
 
     def _hiding(self) -> Counter[str]:
         """Return how many of the lines of sight from clear positions each obstacle hides, by its name."""
         hidden = np.flatnonzero(self.clear)
         start, end, _ = _pieces(self.look_at.place, self.tips[hidden])
-        at = np.arange(len(hidden)), self.limiting[hidden]
+        at = np.arange(len(hidden)), np.maximum(self.limiting[hidden], 0)
         pieces = np.stack((in_space(start[at]), in_space(end[at])), axis=1)
         owners = self.tree.nearest(pieces, float(self.look_at.distance[1])).owner
         names = self.problem.workspace.triangle_soup.names
+        limiting = self.limiting[hidden]
+        owners = np.where(limiting < 0, -1 - limiting, owners)
         return Counter(names[owner] if owner >= 0 else "the sight's own limits" for owner in owners)
 
     def chosen(self) -> Iterator[View]:
@@ -411,3 +435,33 @@ def _sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: fl
     gaps = tree.distances(segments, reach).reshape(len(tips), -1)
     rooms = gaps / shares - cone[:, None]
     return np.min(rooms, axis=1), np.argmin(rooms, axis=1)
+
+
+def _room_at_end(workspace: Workspace, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
+    """Return the rooms of lines of sight, without a cone, next to the place, and the obstacle that limits each.
+
+    Arguments and rooms are those of ``_sight_room``; the end counts up to a rounding of the place, and for surfaces
+    with errors up to a few times these.
+    """
+    rooms, limiting = np.full(len(tips), np.inf), np.zeros(len(tips), dtype=np.intp)
+    if len(tips) == 0:
+        return rooms, limiting
+    away = np.linalg.norm(tips - place, axis=1)
+    soup = workspace.triangle_soup
+    middle, reach = in_space(place), _END * (float(np.max(away)) + most) + soup.rounding[:, None]
+    near = np.all(
+        (soup.triangles.min(axis=1) <= middle + reach) & (soup.triangles.max(axis=1) >= middle - reach), axis=1
+    )
+    for owner in np.unique(soup.owner[near]):
+        mine = np.flatnonzero(near & (soup.owner == owner))
+        part = TriangleSoup(soup.triangles[mine], soup.rounding[mine], soup.owner[mine], soup.names)
+        first = np.clip(_ERRORS * float(workspace.surface_errors[owner]) / away, _ROUNDED, _END)
+        shares = np.geomspace(first, _END, _PIECES_AT_END + 1, axis=1)
+        ends = place + shares[:, :, None] * (tips - place)[:, None]
+        segments = np.stack((in_space(ends[:, :-1]), in_space(ends[:, 1:])), axis=2).reshape(-1, 2, 3)
+        gaps = SurfaceTree.from_triangles(part).distances(segments, _END * most + 1e-9).reshape(len(tips), -1)
+        # A line that touches is hidden.
+        room = np.min(np.where(gaps > 0.0, gaps / shares[:, 1:], -1.0), axis=1)
+        limiting[room < rooms] = owner
+        rooms = np.minimum(rooms, room)
+    return rooms, limiting

@@ -221,6 +221,21 @@ class Workspace:
         return TriangleSoup.joined(named)
 
     @cached_property
+    def surface_errors(self) -> FloatArray:
+        """How far true surfaces may be from those of the obstacles, and of the room as the last, shape (n + 1,) [m].
+
+        It is that of meshes and scans, and of prisms that stand for cylinders; other shapes are exact.
+        """
+        found = []
+        for obstacle in self.obstacles:
+            shape = cast("PlaneShape | Body", obstacle.shape)
+            if isinstance(shape, PlaneShape):
+                found.append(shape.rounding if shape.scan is not None else 0.0)
+            else:
+                found.append(shape.rounding if shape.kind == "mesh" else shape.error)
+        return np.array([*found, 0.0])
+
+    @cached_property
     def extent(self) -> FloatArray:
         """Lower and upper corner of the box around everything in space, shape (2, 3) [m]; zeros if empty."""
         if len(self.triangle_soup) == 0:

@@ -1,8 +1,9 @@
 """Checks of goals from which the arm looks at a place: distance, field of view, surface normal, and line of sight.
 
-The line of sight runs from the tip to the place. It is free if a cone about it, with its apex at the place, touches
-neither obstacles nor the arm. The place usually lies on a surface, so that the last hundredth of the line, where the
-cone is thinner than the errors of meshes, does not count.
+The line of sight runs from the tip to the place. It is free if it and a cone about it, with its apex at the place,
+touch neither obstacles nor the arm. The place usually lies on a surface, so that the last hundredth of the cone, where
+it is thinner than the errors of meshes, does not count; of the line itself, only a rounding of the place does not
+count, and, for surfaces with errors, a few times these.
 """
 
 import numpy as np
@@ -21,7 +22,14 @@ SIGHT_HALF_ANGLE = float(np.deg2rad(0.5))
 _SEEN = 10.0
 """Largest half angle that is measured, in multiples of the required one."""
 _END = 0.01
-"""Fraction of the line of sight, at the place, that does not count; see above."""
+"""Fraction of the cone, at the place, that does not count; see above."""
+_ROUNDED = 1e-4
+"""Fraction of the line itself, at the place, that does not count: rounding of coordinates in files. Heuristic."""
+_ERRORS = 4.0
+"""Length of the line, at the place, within which a surface does not count, in multiples of the surface's error. A line
+at 60° to the normal crosses twice the error within this."""
+_PIECES_AT_END = 16
+"""Number of pieces of the line between both ends."""
 _RATIO = 1.1
 """Ratio of the distances from the place of both ends of a piece of the line. The cone about a piece is taken to be as
 wide as at its farther end, so that half angles are underestimated by up to a tenth."""
@@ -30,7 +38,12 @@ _ROUNDING = 1e-9
 
 
 def check_view(
-    name: str, surfaces: CheckedSurfaces | None, motion: ChainMotion, sample: int, look_at: LookAt
+    name: str,
+    surfaces: CheckedSurfaces | None,
+    motion: ChainMotion,
+    sample: int,
+    look_at: LookAt,
+    errors: FloatArray | None = None,
 ) -> list[Check]:
     """Check that the arm looks at a place in a sample: distance, field of view, angle to the normal, line of sight.
 
@@ -40,6 +53,7 @@ def check_view(
         motion: motion of the arm, with its tool.
         sample: index of the sample.
         look_at: the place, and the conditions.
+        errors: how far true surfaces may be from those of each obstacle [m]; None if all are exact.
     """
     tip = motion.points[sample, -1]
     sight = look_at.place - tip
@@ -60,7 +74,7 @@ def check_view(
         passed = off <= look_at.angle + _ROUNDING
         checks.append(Check(f"{name}normal", off, look_at.angle, "rad", when, passed=passed))
 
-    free, nearest = free_half_angle(surfaces, motion, sample, look_at.place)
+    free, nearest = free_half_angle(surfaces, motion, sample, look_at.place, errors)
     passed = free >= SIGHT_HALF_ANGLE
     checks.append(Check(f"{name}line of sight", free, SIGHT_HALF_ANGLE, "rad", f"{nearest}, {when}", passed=passed))
     return checks
@@ -73,7 +87,11 @@ def _angle(one: FloatArray, other: FloatArray) -> float:
 
 
 def free_half_angle(
-    surfaces: CheckedSurfaces | None, motion: ChainMotion, sample: int, place: FloatArray
+    surfaces: CheckedSurfaces | None,
+    motion: ChainMotion,
+    sample: int,
+    place: FloatArray,
+    errors: FloatArray | None = None,
 ) -> tuple[float, str]:
     """Return a lower bound on the half angle of the free cone about a line of sight [rad], and what limits it.
 
@@ -85,34 +103,49 @@ def free_half_angle(
         motion: motion of the arm, with its tool.
         sample: index of the sample in which the arm looks.
         place: the place that it looks at, shape (d,) [m].
+        errors: how far true surfaces may be from those of each obstacle [m]; None if all are exact.
     """
     arm, points = motion.arm, motion.points[sample]
     tip = points[-1]
     count = int(np.ceil(-np.log(_END) / np.log(_RATIO)))
-    shares = np.geomspace(_END, 1.0, count + 1)
+    shares = np.append(np.geomspace(_ROUNDED, _END, _PIECES_AT_END + 1)[:-1], np.geomspace(_END, 1.0, count + 1))
     ends = place + shares[:, None] * (tip - place)
     start, end = ends[:-1], ends[1:]
-    far = shares[1:] * float(np.linalg.norm(tip - place))
-    reach = far * np.tan(_SEEN * SIGHT_HALF_ANGLE)
+    away = float(np.linalg.norm(tip - place))
+    far = shares[1:] * away
+    rounding = distance_rounding(float(np.max(np.abs(ends), initial=motion.size)))
+    # Gaps of the line itself at its end are compared with rounding only.
+    line = np.arange(len(far)) < _PIECES_AT_END
+    reach = np.where(line, 2.0 * rounding, far * np.tan(_SEEN * SIGHT_HALF_ANGLE))
 
-    gaps, names = reach.copy(), np.full(count, "nothing near", dtype=object)
+    gaps, names = reach.copy(), np.full(len(far), "nothing near", dtype=object)
     if surfaces is not None:
-        _to_surfaces(surfaces, start, end, gaps, names)
+        blind = np.zeros(len(surfaces.names)) if errors is None else _ERRORS * errors[: len(surfaces.names)]
+        _to_surfaces(surfaces, start, end, gaps, names, np.where(line, shares[:-1] * away, np.inf), blind)
     bare = np.zeros(arm.links, dtype=bool) if arm.tool_links is None else arm.tool_links.bare
     for link in np.flatnonzero(~bare):
         one, other = points[link], points[link + 1]
         if float(segment_distances(tip[None], tip[None], one[None], other[None])[0]) <= arm.radii[link]:
             continue
-        apart = segment_distances(start, end, np.tile(one, (count, 1)), np.tile(other, (count, 1))) - arm.radii[link]
+        k = len(far)
+        apart = segment_distances(start, end, np.tile(one, (k, 1)), np.tile(other, (k, 1))) - arm.radii[link]
         names[apart < gaps] = link_word(arm, int(link))
         np.minimum(gaps, apart, out=gaps)
-    slopes = (gaps - distance_rounding(float(np.max(np.abs(ends), initial=motion.size)))) / far
+    if np.any(crossed := gaps[line] <= rounding):
+        return 0.0, str(names[line][crossed][0])
+    slopes = (gaps - rounding)[~line] / far[~line]
     worst = int(np.argmin(slopes))
-    return float(np.arctan(max(float(slopes[worst]), 0.0))), str(names[worst])
+    return float(np.arctan(max(float(slopes[worst]), 0.0))), str(names[~line][worst])
 
 
 def _to_surfaces(
-    surfaces: CheckedSurfaces, start: FloatArray, end: FloatArray, gaps: FloatArray, names: npt.NDArray[np.object_]
+    surfaces: CheckedSurfaces,
+    start: FloatArray,
+    end: FloatArray,
+    gaps: FloatArray,
+    names: npt.NDArray[np.object_],
+    away: FloatArray,
+    blind: FloatArray,
 ) -> None:
     """Lower the gaps of pieces of a line, in place, to those from surfaces, and name the nearest ones.
 
@@ -122,6 +155,8 @@ def _to_surfaces(
         end: ends of the pieces, shape (k, d) [m].
         gaps: gaps that are lowered, shape (k,) [m].
         names: names of what is nearest to each piece, shape (k,).
+        away: distance of each piece from the place, infinite if all surfaces count, shape (k,) [m].
+        blind: distance from the place within which each obstacle does not count, by its number [m].
     """
     piece = np.arange(len(start))
     node = np.zeros(len(start), dtype=np.intp)
@@ -131,7 +166,9 @@ def _to_surfaces(
         piece, node = piece[near], node[near]
         single = surfaces.is_single(node)
         if np.any(single):
-            mine, parts = piece[single], node[single]
+            owner = surfaces.owner[node[single] - surfaces.offsets[-2]]
+            counts = away[piece[single]] >= blind[owner]
+            mine, parts = piece[single][counts], node[single][counts]
             apart = surfaces.separations(parts, start[mine], end[mine])[0] - surfaces.rounding[parts]
             for k in np.argsort(-apart):
                 if apart[k] < gaps[mine[k]]:

@@ -58,7 +58,7 @@ def check_ends(
         goal = stop.goal
         tolerances = stop.tolerances
         if goal.look_at is not None:
-            checks += check_view(name, surfaces, motion, sample, goal.look_at)
+            checks += check_view(name, surfaces, motion, sample, goal.look_at, problem.workspace.surface_errors)
         elif goal.for_tip:
             checks += _tip_checks(name, motion, sample, goal.for_tip, tolerances, settings)
         checks += _places(name, motion, goal.via, (before, sample), tolerances.position)
