@@ -91,6 +91,17 @@ def test_triangles_are_within_the_tolerance_of_the_solids(tolerance: float, weig
         assert np.abs(distances(part.name, points)).max() <= tolerance
 
 
+def test_parts_named_like_numbered_ones_keep_their_names() -> None:
+    """Two parts "bolt" are told apart from parts "bolt_1"."""
+    content = STAND.read_bytes()
+    for name, other in ((b"'plate'", b"'bolt'"), (b"'post'", b"'bolt'"), (b"'ring'", b"'bolt_1'")):
+        content = content.replace(name, other)
+    parts = step_parts(content, 1e-3)
+    rings = [part.name for part in parts if np.abs(distances("ring", part.mesh.vertices)).max() <= 1e-3]
+    assert rings == ["bolt_1", "bolt_1"]
+    assert [part.name for part in parts].count("bolt") == 2
+
+
 def test_parts_are_obstacles_that_grow_by_what_may_be_missing(folder: Path) -> None:
     """Each table has its parts, closed, in metres, with tolerance and error as margin, and says what it leaves out."""
     problem = load_problem(folder / "problem.toml")

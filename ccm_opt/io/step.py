@@ -106,16 +106,31 @@ def _parts(glb: bytes) -> tuple[StepPart, ...]:
     """Return the meshes of a GLB file that the mesher has written, each at its place, with the name of its part."""
     import trimesh  # noqa: PLC0415 - slow to load and seldom needed
 
-    scene: Any = trimesh.load_scene(io.BytesIO(glb), file_type="glb", process=False)
-    (length,) = struct.unpack("<I", glb[12:16])
-    meshes = json.loads(glb[20 : 20 + length]).get("meshes", [])
-    names = sorted((mesh.get("name", "") for mesh in meshes), key=len, reverse=True)
+    content, names = _with_numbered_meshes(glb)
+    scene: Any = trimesh.load_scene(io.BytesIO(content), file_type="glb", process=False)
     found = []
     for node in sorted(scene.graph.nodes_geometry):
         place, key = scene.graph[node]
         mesh = scene.geometry[key]
-        # Where several parts have one name, trimesh appends a number to it.
-        name = next((name for name in names if key == name or key.startswith(f"{name}_")), key)
+        name = names[int(key.split(":")[0])]
         vertices = np.asarray(mesh.vertices, dtype=np.float64) @ place[:3, :3].T + place[:3, 3]
         found.append(StepPart(name, RawMesh(vertices, np.asarray(mesh.faces, dtype=np.intp))))
     return tuple(found)
+
+
+def _with_numbered_meshes(glb: bytes) -> tuple[bytes, list[str]]:
+    """Return a GLB file whose meshes are named by their numbers, as in "3:", and the names that they had.
+
+    Where several meshes have one name, or a mesh has several pieces, trimesh appends a number, as other names may have.
+    """
+    (length,) = struct.unpack("<I", glb[12:16])
+    tree = json.loads(glb[20 : 20 + length])
+    names = []
+    for number, mesh in enumerate(tree.get("meshes", [])):
+        names.append(str(mesh.get("name", number)))
+        mesh["name"] = f"{number}:"
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = glb[20 + length :]
+    whole = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+    return whole + text + rest, names
