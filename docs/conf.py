@@ -56,7 +56,7 @@ nitpick_ignore_regex = [
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.baseline\.distance\.Precision"),
     ("py:class", r"ccm_opt\.scene\.(walls\.Walls|shells\.Shells)"),
-    ("py:class", r"ccm_opt\.viz\.(views\.SceneViews|arm_drawing\.Side)"),
+    ("py:class", r"ccm_opt\.viz\.(scene_views\.SceneViews|arm_drawing\.Side)"),
     ("py:class", r"ccm_opt\.scene\.workspace\.Shape"),
     ("py:class", r"ccm_opt\.io\.reading_back\.SavedMotion"),
     ("py:class", r"ccm_opt\.robot\.configuration\.(Curve|SpaceSegment)"),

@@ -300,7 +300,7 @@ class SphereBody(_Solid):
 
     @property
     def has_inside(self) -> bool:
-        """Whether the triangles enclose a volume: they do not."""
+        """Whether the triangles enclose a volume, which they do not."""
         return False
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
@@ -344,7 +344,7 @@ class CapsuleBody(_Solid):
 
     @property
     def has_inside(self) -> bool:
-        """Whether the triangles enclose a volume: they do not."""
+        """Whether the triangles enclose a volume, which they do not."""
         return False
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
@@ -527,7 +527,7 @@ class MeshBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Distance by which the body may extend beyond its triangles [m]: margin, or radius of the balls of a scan."""
+        """Margin, or radius of the balls of a scan, by which the body may extend beyond its triangles [m]."""
         return self.margin if self.balls is None else self.balls.whole
 
     @property
