@@ -580,8 +580,8 @@ class PlaneArmTable(ArmTable):
     tool: PlaneToolTable | None = Field(
         default=None,
         description=(
-            "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; goals "
-            "are for the end of the link."
+            "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; "
+            "goals are for the end of the link."
         ),
     )
 
@@ -595,8 +595,8 @@ class SpaceArmTable(ChainTable):
     tool: SpaceToolTable | None = Field(
         default=None,
         description=(
-            "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; goals "
-            "are for the end of the link."
+            "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; "
+            "goals are for the end of the link."
         ),
     )
 
