@@ -15,10 +15,12 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import NoPlanFound, ProblemError, ProblemFileError
+from ccm_opt.core.errors import Diagnosis, Finding, NoPlanFound, ProblemError, ProblemFileError, UnreachableGoal
 from ccm_opt.core.polyline import vector_heading
-from ccm_opt.driver.views import SampledViews, hidden_by_arm
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.views import SampledViews, ViewPlanner, hidden_by_arm
 from ccm_opt.problem import LookAt, Obstacle, PlaneShape, Problem, Tolerances
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.sight import SIGHT_HALF_ANGLE, free_half_angle
 from ccm_opt.verification.tool_chain import motion_of
@@ -289,6 +291,21 @@ def test_a_spot_in_space_is_looked_at(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.normal, look_at.normal)
     np.testing.assert_allclose(np.append(again.place, again.distance), np.append(look_at.place, look_at.distance))
     np.testing.assert_allclose((again.angle, again.field_of_view), (look_at.angle, look_at.field_of_view))
+
+
+def test_what_is_proved_of_one_view_is_not_proved_of_the_place(tmp_path: Path) -> None:
+    """Where planning to each view fails, with a proof, no proof is claimed, since other views were not sampled."""
+
+    class Refusing:
+        def plan(self, problem: Problem) -> JointPath:
+            assert problem.goal.look_at is None
+            reason = "the view is too far"
+            raise UnreachableGoal(Diagnosis(reason, "motion", findings=(Finding("too short", reason),)))
+
+    with pytest.raises(NoPlanFound, match=r"of \d+ views") as failure:
+        ViewPlanner(Refusing(), Stages()).plan(_loaded(SPACE, tmp_path))
+    assert not failure.value.diagnosis.proved
+    assert failure.value.diagnosis.findings
 
 
 @pytest.mark.planning

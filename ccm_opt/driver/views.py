@@ -136,7 +136,9 @@ def _not_reached(failures: list[NoPlanFound], tried: int, hidden: int, *, passed
     beside = f" ({hidden} were reached, but there the arm itself hides it)" if hidden else ""
     words = f"of {tried} views of the place none was reached{beside}; the most promising one: {found.reason}"
     kind = TimeLimitReached if passed else MotionNotFound
-    return kind(replace(found, reason=words))
+    # What is proved of one view is not proved of others, or of poses between the sampled ones.
+    findings = tuple(replace(finding, proved=False) for finding in found.findings)
+    return kind(replace(found, reason=words, findings=findings))
 
 
 def hidden_by_arm(arm: Arm, q: FloatArray, place: FloatArray) -> bool:
