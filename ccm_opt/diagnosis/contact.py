@@ -92,7 +92,25 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: NamedTipGoal) -> Iterat
     need = arm.tip_radius + problem.workspace.clearance
     for found in gaps.touched(body, need):
         if found.gaps[0] + found.error + allowance - need < -touching_overlap(arm):
-            yield _touch(problem, place.name, place.key, what, found, 0, allowance, arm.links - 1)
+            if place.goal.look_at is not None:
+                yield _touched_from_near(problem, place, found)
+            else:
+                yield _touch(problem, place.name, place.key, what, found, 0, allowance, arm.links - 1)
+
+
+def _touched_from_near(problem: Problem, place: NamedTipGoal, found: ObstacleGap) -> Finding:
+    """Return the finding of a place to look at from so near that the tip touches an obstacle, or deep inside one."""
+    arm, most = problem.arm, place.tolerances.position
+    touch = _touch(problem, place.name, place.key, "the place", found, 0, most, arm.links - 1)
+    gap = float(found.gaps[0])
+    if gap < (-ROUNDING if found.outside else -float(arm.radii[-1])):
+        return replace(touch, reason=touch.reason.replace(f"{place.name} is in contact: ", ""))
+    need = arm.tip_radius + problem.workspace.clearance
+    reason = (
+        f"{place.key}: the greatest goal.distance, {short_length(most)}, is less than the tip's radius and the "
+        f"clearance, {short_length(need)}, and the place is on or near '{found.name}'"
+    )
+    return replace(touch, reason=reason)
 
 
 def _touch(

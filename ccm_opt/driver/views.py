@@ -284,6 +284,10 @@ class SampledViews:
                 f"move '{names.most_common(1)[0][0]}', or goal.look_at out of it",
                 "widen goal.distance or goal.angle_deg",
             )
+        if np.any(near) and self.look_at.normal is not None:
+            other = SampledViews.of(self.problem, replace(self.look_at, normal=-self.look_at.normal))
+            if np.any(other.seeing):
+                advice = ("reverse goal.normal: from its other side the place is seen", *advice)
         raise UnreachableGoal(Diagnosis(f"goal.look_at: {reason}", "views", advice))
 
     def _refuse_inside(self) -> None:
