@@ -50,7 +50,7 @@ def compressed(picture: bytes) -> bytes:
     image = Image.open(BytesIO(picture)).convert("RGB")
     if image.width > WIDTH:
         image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
-    reduced = image.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    reduced = image.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     buffer = BytesIO()
     reduced.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
