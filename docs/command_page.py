@@ -202,6 +202,8 @@ def _examples(command: CommandInfo) -> str:
         block = [f"<!-- not run: {SERVES} -->", *block]
     elif command.name == "compare":
         block = ["<!-- only read: compares for a minute -->", *block]
+    elif command.name == "size":
+        block = ["<!-- only read: seeks sizes for minutes -->", *block]
     elif replaced:
         block = ["<!-- run with: " + "\n".join(f"{old} => {new}" for old, new in replaced) + " -->", *block]
     return "\n".join(block)
