@@ -75,6 +75,8 @@ SOUND: list[tuple[str, dict[str, Any]]] = [
     ("find_pose", {"problem": FILE}),
     ("pareto", {"problem": FILE}),
     ("reach_map", {"problem": FILE}),
+    ("size", {"problem": FILE, "find": "radius"}),
+    ("size_front", {"problem": FILE}),
     ("LivePlan", {"problem": FILE}),
     ("retarget", {"solution": SOLUTION, "time": 0.1, "goal": ccm_opt.TipGoal.at((0.1, 0.3))}),
     ("tolerance_of", {"solution": SOLUTION}),
@@ -95,6 +97,11 @@ SOUND: list[tuple[str, dict[str, Any]]] = [
 """Public callables with arguments that they take."""
 WRONG_ARGUMENTS: list[tuple[str, str, Sequence[Any]]] = [
     *((name, "problem", WRONG) for name in ("solve", "find_pose", "pareto", "reach_map", "LivePlan", "check")),
+    *((name, part, WRONG[1:6]) for name in ("size", "size_front") for part in ("progress", "settings")),
+    *((name, "problem", WRONG) for name in ("size", "size_front")),
+    *((name, "time_limit", (True, "text", [1], -1.0)) for name in ("size", "size_front")),
+    *((name, "workers", (None, True, "text", [1], 0)) for name in ("size", "size_front")),
+    *(("size", "find", (None, True, "text", 3.5)), ("size", "places", (True, "text", 3.5, {"a": 1}))),
     *((name, "progress", WRONG[1:6]) for name in ("solve", "find_pose", "pareto", "reach_map", "retarget")),
     *(
         (name, "settings", WRONG[1:])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ccm_opt.core.arguments import expect, expect_callable, expect_method
+from ccm_opt.core.arguments import expect, expect_callable, expect_method, expect_that, is_whole
 from ccm_opt.core.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.ik.compiled_terms import UserTerms
@@ -100,6 +100,19 @@ def refuse_sections(arm: Arm, what: str) -> None:
     """
     if arm.sections is not None:
         raise ProblemError(f'{what} do not support arm.sections with drive = "section"')
+
+
+def expect_workers(workers: object) -> None:
+    """Raise an error if a value is neither a number of processes nor an object that opens an executor.
+
+    Raises:
+        ProblemError: the value is neither.
+    """
+    several = is_whole(workers) and workers >= 1
+    opens = callable(getattr(workers, "open", None)) and not isinstance(workers, type)
+    expect_that(
+        lambda: several or opens, workers, "a number of processes of at least 1, or ccm_opt workers, for workers="
+    )
 
 
 def refuse_free_order(problem: Problem, what: str) -> None:

@@ -18,7 +18,7 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.axis_paths import axis_path_exists
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.reach import spread_directions, within_bend_limits
-from ccm_opt.driver.arguments import expect_arguments, refuse_sections
+from ccm_opt.driver.arguments import expect_arguments, expect_workers, refuse_sections
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.planning.ends import contact_words
 from ccm_opt.planning.pose_beginnings import any_motion
@@ -151,11 +151,7 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
     """
     expect_that(lambda: step is None or is_number(step), step, "a cell width [m] for step=")
     expect_that(lambda: headings is None or is_whole(headings), headings, "a whole number for headings=")
-    several = is_whole(workers) and workers >= 1
-    opens = callable(getattr(workers, "open", None)) and not isinstance(workers, type)
-    expect_that(
-        lambda: several or opens, workers, "a number of processes of at least 1, or ccm_opt workers, for workers="
-    )
+    expect_workers(workers)
 
 
 def _width(problem: Problem, usual: float, step: float | None) -> float:

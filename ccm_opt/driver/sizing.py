@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 
-from ccm_opt.core.arguments import expect_that, is_number
+from ccm_opt.core.arguments import expect, expect_that, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import (
     CancelledWithPlan,
@@ -27,7 +27,7 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis.ranking import no_axis_path_error, rank_findings
 from ccm_opt.diagnosis.relaxation import with_short_limit
 from ccm_opt.diagnosis.sizes import SIZES, Proofs, Size, size_of
-from ccm_opt.driver.arguments import expect_arguments, refuse_free_order
+from ccm_opt.driver.arguments import expect_arguments, expect_workers, refuse_free_order
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.solution_assembly import described
@@ -417,6 +417,7 @@ def _sizing(
         time_limit,
         "a CPU time above 0 [s] for time_limit=",
     )
+    expect_workers(workers)
     size_of(problem, find)
     refuse_free_order(problem, "sizes of an arm are")
     return _Sizing(find, time_limit, workers, progress, settings or DEFAULT_SETTINGS)
@@ -424,7 +425,11 @@ def _sizing(
 
 def _places(problem: Problem, places: Sequence[Sequence[float]] | FloatArray) -> FloatArray:
     """Return places of the base as an array (k, d) [m], after checking them."""
-    given = np.asarray(places, dtype=float)
+    expect(places, (list, tuple, np.ndarray), "a list of points for places=")
+    try:
+        given = np.asarray(places, dtype=float)
+    except (TypeError, ValueError):
+        given = np.zeros(0)
     d = problem.dimension
     if given.ndim != 2 or given.shape[1] != d or not len(given) or not np.all(np.isfinite(given)):
         raise ProblemError(f"places must be an array of shape (k, {d}) of finite numbers, got shape {given.shape}")
