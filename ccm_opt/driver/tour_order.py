@@ -168,5 +168,9 @@ def _subtours(first: IntArray, second: IntArray, nodes: int) -> list[list[int]]:
 
 def tour_cost(costs: FloatArray, order: Sequence[int], end: TourEnd) -> float:
     """Return the cost of visiting places in an order from place 0, and of the way back if the tour ends there."""
-    way = [0, *order, *([0] if end == "start" else [])]
-    return float(sum(costs[one, other] for one, other in pairwise(way)))
+    return float(sum(costs[leg] for leg in tour_legs(order, end)))
+
+
+def tour_legs(order: Sequence[int], end: TourEnd) -> list[tuple[int, int]]:
+    """Return the places between which a tour in an order goes, from place 0, and back there if the tour ends there."""
+    return list(pairwise([0, *order, *([0] if end == "start" else [])]))

@@ -14,7 +14,6 @@ given order are; the fastest motion is taken.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import LEAST_TIME, Leg, Planner, end_to_end, plan_legs
-from ccm_opt.driver.tour_order import OrderSolver, tour_cost
+from ccm_opt.driver.tour_order import OrderSolver, tour_cost, tour_legs
 from ccm_opt.planning.joining import PathJoiner
 from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
@@ -261,8 +260,7 @@ class TourPlanner:
         planned = known.copy()
 
         def make(order: Sequence[int]) -> None:
-            for pair in pairwise([0, *order, *([0] if end == "start" else [])]):
-                one, other = sorted(pair)
+            for one, other in map(sorted, tour_legs(order, end)):
                 if known[one, other]:
                     continue
                 first, second = sorted((nodes[one], nodes[other]))
@@ -272,7 +270,7 @@ class TourPlanner:
 
         def improve(order: Sequence[int]) -> bool:
             """Plan for the motions of an order that take much longer than they might, and return whether any gained."""
-            pairs = [sorted(pair) for pair in pairwise([0, *order, *([0] if end == "start" else [])])]
+            pairs = [sorted(pair) for pair in tour_legs(order, end)]
             gained = False
             for one, other in sorted(pairs, key=lambda pair: least[*pair] - costs[*pair]):
                 slow = costs[one, other] > _SLOW * least[one, other] and not planned[one, other]
@@ -310,8 +308,7 @@ class TourPlanner:
             bound=min(found.bound, duration),
             as_given=tour_cost(costs, as_given, end),
         )
-        way = [0, *(nodes[k] for k in best), *([0] if end == "start" else [])]
-        return tuple(self._leg(one, other) for one, other in pairwise(way)), tour
+        return tuple(self._leg(nodes[one], nodes[other]) for one, other in tour_legs(best, end)), tour
 
     # ------------------------------------------------------------ leg by leg
     def _compared(self, legs: tuple[Leg, ...], tour: Tour, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:

@@ -238,13 +238,15 @@ class Workspace:
     @cached_property
     def extent(self) -> FloatArray:
         """Lower and upper corner of the box around everything in space, shape (2, 3) [m]; zeros if empty."""
-        if len(self.triangle_soup) == 0:
-            return np.zeros((2, 3))
+        parts = [part for part in (self.extent_of_bodies, self.bounds) if part is not None]
+        return box_about(np.stack(parts)) if len(self.triangle_soup) else np.zeros((2, 3))
+
+    @cached_property
+    def extent_of_bodies(self) -> FloatArray | None:
+        """Lower and upper corner of the box around all obstacles in space, shape (2, 3) [m]; None without any."""
         bodies = [each.body for each in self.obstacles if len(each.body.triangles)]
         grown = [box_about(body.triangles) + body.rounding * np.array([[-1.0], [1.0]]) for body in bodies]
-        if self.bounds is not None:
-            grown.append(self.bounds)
-        return box_about(np.stack(grown))
+        return box_about(np.stack(grown)) if grown else None
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:

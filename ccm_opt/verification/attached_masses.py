@@ -36,7 +36,7 @@ class PointMasses:
         links: list[int] = []
         masses: list[float] = []
         places: list[FloatArray] = []
-        for body in (*arm.bodies, *(() if arm.tool is None else (arm.tool,))):
+        for body in arm.rigid_bodies:
             if body.mass == 0.0:
                 continue
             centre = np.zeros(arm.dimension) if body.centre is None else body.centre

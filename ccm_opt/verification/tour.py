@@ -77,7 +77,7 @@ def in_order(problem: Problem, tour: Tour | None) -> Problem:
     """
     if tour is None:
         return problem
-    goals = [*problem.stops, Stop(problem.goal, problem.tolerances, problem.pause)]
+    goals = problem.numbered_goals
     visits = [goals[number - 1] for number in tour.order]
     if problem.planner.end == "start":
         visits.append(Stop(problem.start, Tolerances()))

@@ -103,8 +103,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
             draw_base(axes, points[0, 0])
         draw_goals(axes, plan, side, poses=not in_space)
         draw_sights(axes, plan, side)
-        if plan.nearest is not None:
-            _mark_least_gap(axes, side, plan)
+        _mark_least_gap(axes, side, plan)
     gap = ""
     if plan.nearest is not None and in_space:
         with words_in(problem.length_unit):
@@ -119,7 +118,7 @@ def _shown_of(points: FloatArray, stops: list[FloatArray]) -> FloatArray:
 
 
 def _mark_least_gap(axes: Axes, side: Side, plan: PlanDrawing) -> None:
-    """Draw a ring where the clearance of a motion is least."""
+    """Draw a ring where the clearance of a motion is least, if it was measured and anything is near."""
     near = plan.nearest
     if near is None:
         return

@@ -139,9 +139,7 @@ class SceneViews:
             if pose.label:
                 axes.plot([], [], color=LOOKS[pose.look].face, linewidth=_LEGEND_WIDTH, label=pose.label)
 
-    def shaded(
-        self, side: Side, window: FloatArray, pixels: int, shown: Sequence[Tube], oversampling: int = 2
-    ) -> ShadedView:
+    def shaded(self, side: Side, window: FloatArray, pixels: int, shown: Sequence[Tube]) -> ShadedView:
         """Return the shaded view of the obstacles in space from one side, open where they would hide given arms.
 
         Args:
@@ -149,9 +147,8 @@ class SceneViews:
             window: lower and upper corner of the visible box, shape (2, 3) [m].
             pixels: number of pixels of the picture's longer side.
             shown: arms and paths that are not to be hidden.
-            oversampling: rasterised pixels per pixel of the picture in each direction.
         """
-        return ShadedView(self.faces, side, view_window(side, window), pixels, shown, oversampling)
+        return ShadedView(self.faces, side, view_window(side, window), pixels, shown)
 
     def draw_cut(self, axes: Axes, side: Side, across: int, level: float) -> None:
         """Draw the outlines in which an axis-parallel plane intersects the obstacles.
@@ -256,17 +253,14 @@ def work_box(problem: Problem, points: FloatArray, ends: FloatArray | None = Non
         ends: those in poses that must be visible; None for all.
     """
     shown = (points if ends is None else ends).reshape(-1, 3)
-    bodies = [each.body for each in problem.workspace.obstacles if len(each.body.triangles)]
     goals = np.array([stop.goal.tip(problem.arm) for stop in problem.goals])
-    extent = None
-    if bodies:
-        extent = box_about(np.stack([box_about(b.triangles) + b.rounding * np.array([[-1.0], [1.0]]) for b in bodies]))
-        if problem.arm.coordinates.base_names:
-            grown = extent + _NEAR * float(np.max(np.ptp(extent, axis=0))) * np.array([[-1.0], [1.0]])
-            near = shown[np.all((shown >= grown[0]) & (shown <= grown[1]), axis=1)]
-            shown = near if len(near) else shown
-    box = box_about(np.concatenate((shown, goals)))
+    extent = problem.workspace.extent_of_bodies
     sides = np.array([[-1.0], [1.0]])
+    if extent is not None and problem.arm.coordinates.base_names:
+        grown = extent + _NEAR * float(np.max(np.ptp(extent, axis=0))) * sides
+        near = shown[np.all((shown >= grown[0]) & (shown <= grown[1]), axis=1)]
+        shown = near if len(near) else shown
+    box = box_about(np.concatenate((shown, goals)))
     box = box + 2.0 * float(np.max(problem.arm.radii)) * sides
     if extent is not None:
         # Enough is shown of a duct that the arm goes through to see where it leads.
