@@ -21,6 +21,7 @@ from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import LookAt, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.bodies import rotation_to_axis
 from ccm_opt.scene.distances.enclosures import enclosed, segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
@@ -379,9 +380,7 @@ def _sampled_tips(look_at: LookAt) -> tuple[FloatArray, FloatArray]:
         # On a golden-ratio spiral over the cap of the sphere.
         height = 1.0 - (1.0 - np.cos(widest)) * (np.arange(count) + 0.5) / count
         turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
-        beside = np.eye(3)[int(np.argmin(np.abs(axis)))]
-        first = np.cross(axis, beside) / np.linalg.norm(np.cross(axis, beside))
-        second = np.cross(axis, first)
+        first, second = rotation_to_axis(axis).T[1:]
         aside = np.sqrt(np.maximum(1.0 - height**2, 0.0))
         around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
         off = np.arccos(height)

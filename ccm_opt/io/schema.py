@@ -133,6 +133,17 @@ VIEW_NEEDS: Mapping[str, tuple[str, ...]] = {
     "angle_deg": ("normal",),
 }
 """For each key about a place that is looked at, the key that it requires; the first three require each other."""
+_LOOK_AT = (
+    "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from where, is "
+    "left to the planner. Needs `distance` and `field_of_view_deg`."
+)
+_DISTANCE = "`[least, greatest]` distance of the tip from the place that it looks at."
+_FIELD_OF_VIEW = (
+    "Full angle of the field of view about the direction of the last link, or of the tool: the place lies within half "
+    "of it."
+)
+_NORMAL = "Outward normal of the surface at the place that is looked at. Default: any."
+_ANGLE = "Largest angle between `normal` and the line of sight. Default: 90."
 
 
 class GoalTable(PoseTable):
@@ -154,27 +165,15 @@ class GoalTable(PoseTable):
     position: Point | None = Field(default=None, description="Position of the tip.")
     look_at: Point | None = Field(
         default=None,
-        description=(
-            "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from "
-            "where, is left to the planner. Needs `distance` and `field_of_view_deg`."
-        ),
+        description=_LOOK_AT,
     )
-    distance: Distances | None = Field(
-        default=None, description="`[least, greatest]` distance of the tip from the place that it looks at."
-    )
+    distance: Distances | None = Field(default=None, description=_DISTANCE)
     field_of_view_deg: FieldOfView | None = Field(
         default=None,
-        description=(
-            "Full angle of the field of view about the direction of the last link, or of the tool: the place lies "
-            "within half of it."
-        ),
+        description=_FIELD_OF_VIEW,
     )
-    normal: PlaneDirection | None = Field(
-        default=None, description="Outward normal of the surface at the place that is looked at. Default: any."
-    )
-    angle_deg: RightAngle | None = Field(
-        default=None, description="Largest angle between `normal` and the line of sight. Default: 90."
-    )
+    normal: PlaneDirection | None = Field(default=None, description=_NORMAL)
+    angle_deg: RightAngle | None = Field(default=None, description=_ANGLE)
     position_tolerance: PositiveLength = Field(
         default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
     )
@@ -647,27 +646,15 @@ class SpaceGoalTable(SpacePoseTable):
     )
     look_at: SpacePoint | None = Field(
         default=None,
-        description=(
-            "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from "
-            "where, is left to the planner. Needs `distance` and `field_of_view_deg`."
-        ),
+        description=_LOOK_AT,
     )
-    distance: Distances | None = Field(
-        default=None, description="`[least, greatest]` distance of the tip from the place that it looks at."
-    )
+    distance: Distances | None = Field(default=None, description=_DISTANCE)
     field_of_view_deg: FieldOfView | None = Field(
         default=None,
-        description=(
-            "Full angle of the field of view about the direction of the last link, or of the tool: the place lies "
-            "within half of it."
-        ),
+        description=_FIELD_OF_VIEW,
     )
-    normal: Direction | None = Field(
-        default=None, description="Outward normal of the surface at the place that is looked at. Default: any."
-    )
-    angle_deg: RightAngle | None = Field(
-        default=None, description="Largest angle between `normal` and the line of sight. Default: 90."
-    )
+    normal: Direction | None = Field(default=None, description=_NORMAL)
+    angle_deg: RightAngle | None = Field(default=None, description=_ANGLE)
     path: Annotated[list[SpacePoint], Field(min_length=2)] | None = Field(
         default=None,
         description=(

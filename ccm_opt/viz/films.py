@@ -24,10 +24,9 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_tip_path, radius_runs
-from ccm_opt.viz.plan import draw_goals
+from ccm_opt.viz.plan import draw_goals, tip_path_tube
 from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side, work_box
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.shading import Tube
 from ccm_opt.viz.views import action_window, draw_base
 
 _TOLD_FACTOR = 1.05
@@ -35,10 +34,6 @@ _TOLD_FACTOR = 1.05
 _MOST_VIDEO_FRAMES = 1500
 """Maximum number of frames of a video; longer motions are shown faster than real time."""
 
-_PATH_SHARE = 0.004
-"""Radius of the tip path in space, as a fraction of its extent. Heuristic."""
-_PATH_POINTS = 60
-"""Number of points of the tip path in space. Heuristic."""
 _HUNDREDTH = 10
 """Resolution of frame times in GIF [ms]."""
 _DOTS_PER_INCH = 100.0
@@ -175,9 +170,7 @@ def _shaded_arm(
         pixels: number of pixels of the longer side of the axes.
     """
     radii = drawn_radii(plan.problem.arm)
-    thickness = _PATH_SHARE * float(np.max(np.ptp(plan.points[:, -1], axis=0)))
-    path = Tube(plan.points[:: max(len(plan.points) // _PATH_POINTS, 1), -1], thickness, style.TIP_PATH)
-    still = [path, pose_tube(Pose(plan.points[0], radii, "start"))]
+    still = [tip_path_tube(plan, window), pose_tube(Pose(plan.points[0], radii, "start"))]
     view = scene.shaded(side, window, pixels, [*still, pose_tube(Pose(plan.points[-1], radii, "end"))])
     show_picture(axes, view, view.picture(still))
 

@@ -29,6 +29,8 @@ _MOST_STOPS = 7
 """Number of goals from which on the arm is not drawn at the goals before the last. Heuristic."""
 _PATH_SHARE = 0.0025
 """Radius of the tip path in space, as a fraction of the longest side of the visible box. Heuristic."""
+_PATH_IN_RADII = 0.1
+"""Least radius of the tip path in space, as a fraction of the arm's. Heuristic."""
 _PATH_POINTS = 120
 """Number of points of the tip path in space. Heuristic."""
 _LEAST_DISC = 0.012
@@ -91,9 +93,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
         poses += [Pose(pose, radii, "stop", "" if k else "at the goals before") for k, pose in enumerate(few)]
     poses += [Pose(points[-1], radii, "end", "end")]
     window = work_box(problem, points, _shown_of(points, stops)) if in_space else action_window(problem, points)
-    thickness = max(_PATH_SHARE * float(np.max(np.ptp(window, axis=0))), 0.1 * float(np.max(radii)))
-    path = Tube(points[even_steps(points[:, -1:], _PATH_POINTS, ends=True), -1], thickness, style.TIP_PATH)
-    sheet = Sheet.for_problem(problem, window, poses, [path] if in_space else [], scene)
+    sheet = Sheet.for_problem(problem, window, poses, [tip_path_tube(plan, window)] if in_space else [], scene)
     for axes, side in sheet.all_views:
         if in_space:
             axes.plot([], [], color=style.TIP_PATH, linewidth=1.3, label="tip path")
@@ -110,6 +110,19 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
             gap = f", least gap {short_length(plan.nearest.gap)} at {plan.nearest.time:.2f} s, {plan.nearest.pair}"
     sheet.finish(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}")
     return sheet.figure
+
+
+def tip_path_tube(plan: PlanDrawing, window: FloatArray) -> Tube:
+    """Return the path of the tip in space as a thin solid.
+
+    Args:
+        plan: the plan.
+        window: lower and upper corner of the visible box, shape (2, 3) [m].
+    """
+    tips = plan.points[:, -1:]
+    thickness = _PATH_SHARE * float(np.max(np.ptp(window, axis=0)))
+    radius = max(thickness, _PATH_IN_RADII * float(np.max(drawn_radii(plan.problem.arm))))
+    return Tube(tips[even_steps(tips, _PATH_POINTS, ends=True), 0], radius, style.TIP_PATH)
 
 
 def _shown_of(points: FloatArray, stops: list[FloatArray]) -> FloatArray:

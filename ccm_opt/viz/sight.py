@@ -7,6 +7,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import LookAt, Problem
 from ccm_opt.problem.solution import JointTrajectory
+from ccm_opt.scene.bodies import rotation_to_axis
 from ccm_opt.scene.tool_links import points_with_tool
 
 _ARC = 9
@@ -42,7 +43,7 @@ def _edge(tip: FloatArray, axis: FloatArray, look_at: LookAt) -> FloatArray:
     if len(tip) == 2:
         turn = np.linspace(-half, half, _ARC)[:, None]
         return np.asarray(tip + away * (np.cos(turn) * axis + np.sin(turn) * np.array([-axis[1], axis[0]])))
-    first, second = np.linalg.svd(axis[None])[2][1:]
+    first, second = rotation_to_axis(axis).T[1:]
     around = np.linspace(0.0, 2.0 * np.pi, _CIRCLE)[:, None]
     across = np.cos(around) * first + np.sin(around) * second
     return np.asarray(tip + away * (np.cos(half) * axis + np.sin(half) * across))
