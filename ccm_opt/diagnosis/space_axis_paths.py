@@ -27,6 +27,8 @@ from ccm_opt.scene.workspace import Workspace
 
 _SECONDS = 8.0
 """CPU time limit of the search for one goal [s]. Heuristic: half of the time for causes and changes together."""
+_NAMING_SECONDS = 3.0
+"""CPU time kept beyond that limit for finding which obstacles close the paths off [s]. Heuristic: five times the need."""
 _CELLS = 20_000
 """Initial number of cubes. Heuristic: thirty along a side of the room."""
 _FINENESS = 0.03
@@ -61,12 +63,19 @@ def space_axis_paths(problem: Problem, until: Deadline) -> Iterator["SpaceAxisPa
     for place in named_tip_goals(problem):
         # CPU time makes the result independent of other load on the machine.
         own = time.process_time() + _SECONDS
-        yield SpaceAxisPaths(problem, place, Deadline(min(own, until.cpu), until.wall))
+        searched = Deadline(min(own, until.cpu), until.wall)
+        yield SpaceAxisPaths(problem, place, searched, Deadline(min(own + _NAMING_SECONDS, until.cpu), until.wall))
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceAxisPaths(AxisPaths):
-    """Axis paths in space from the base, or from the positions to which the base is fed, to the tolerance of a goal."""
+    """Axis paths in space from the base, or from the positions to which the base is fed, to the tolerance of a goal.
+
+    Attributes:
+        named_until: deadline for finding which obstacles close the paths off.
+    """
+
+    named_until: Deadline
 
     shortest_is_proved = False
     closed_to_short_arms = True
@@ -102,14 +111,14 @@ class SpaceAxisPaths(AxisPaths):
     @cached_property
     def search(self) -> PathSearch:
         """Search of the region that an arm longer by a fixed factor could reach."""
-        return self._search_in(self.problem.workspace, self.gaps.tree)
+        return self._search_in(self.problem.workspace, self.gaps.tree, self.until)
 
-    def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> PathSearch:
+    def _search_in(self, workspace: Workspace, tree: SurfaceTree, until: Deadline) -> PathSearch:
         longer = replace(self.arm, link_length=_DETOUR * self.arm.link_length)
         box = reach_box(longer, workspace.bounds)
         need = max(self.required_distance, 1e-3 * self.arm.length)
         cells = CellTree.over(tree, box, _CELLS, _REACH * need)
-        return PathSearch(workspace, self.ends, box, cells, self.until)
+        return PathSearch(workspace, self.ends, box, cells, until)
 
     @cached_property
     def answer(self) -> Answer:
@@ -220,12 +229,12 @@ class SpaceAxisPaths(AxisPaths):
     def _without(self, name: str) -> PathSearch | None:
         """Return a search without one obstacle; None if no axis path is found, or no obstacle has the name."""
         workspace = self.problem.workspace.without_obstacle(name)
-        if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
+        if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.named_until.passed():
             return None
-        search = self._search_in(workspace, SurfaceTree.from_triangles(workspace.triangle_soup))
+        search = self._search_in(workspace, SurfaceTree.from_triangles(workspace.triangle_soup), self.named_until)
         answer = search.answer(self.required_distance, self.arm.length)
         # An obstacle counts as opening a path only if there was time to find out.
-        return None if answer == "closed" or self.until.passed() else search
+        return None if answer == "closed" or self.named_until.passed() else search
 
     @cached_property
     def _closing(self) -> tuple[str, ...]:
