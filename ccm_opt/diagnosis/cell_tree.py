@@ -134,6 +134,11 @@ class CellTree:
         return CellTree(self.tree, self.origin, self.first, self.reach, low, size, gaps, pairs), origins
 
 
+def pairs_within(chosen: BoolArray, pairs: IntArray) -> IntArray:
+    """Return those of the pairs (m, 2) both of whose cubes are chosen, given a mask of the cubes, shape (k, 2)."""
+    return np.asarray(pairs[chosen[pairs[:, 0]] & chosen[pairs[:, 1]]])
+
+
 def _neighbours(numbers: IntArray) -> IntArray:
     """Return the index pairs of grid cells that share a face, an edge or a corner, shape (m, 2)."""
     found = []
@@ -160,12 +165,12 @@ def _inherited_pairs(
         size: edge lengths of the new cubes in these units.
     """
     split = chosen[pairs]
-    kept = [places[pairs[~split.any(axis=1)]]]
+    kept = [places[pairs[~(split[:, 0] | split[:, 1])]]]
     for here, other in ((0, 1), (1, 0)):
         # One side at a time, so that parts that do not touch are dropped early.
         alone = split[:, here] & ~split[:, other]
         kept.append(_parts_that_touch(places[pairs[alone]], here, low, size, low, size))
-    both = pairs[split.all(axis=1)]
+    both = pairs[split[:, 0] & split[:, 1]]
     halved = _parts_that_touch(np.column_stack((places[both[:, 0]], both[:, 1])), 0, low, size, before.low, before.size)
     halved[:, 1] = places[halved[:, 1]]
     kept.append(_parts_that_touch(halved, 1, low, size, low, size))
@@ -189,6 +194,9 @@ def _parts_that_touch(
     several[:, side] += np.tile(np.arange(8), len(pairs))
     part = several[:, side]
     other = several[:, 1 - side]
-    away = others_low[other] - low[part]
-    apart = (away > size[part, None]) | (away < -others_size[other, None])
-    return np.asarray(several[~np.any(apart, axis=1)])
+    touching = np.ones(len(several), dtype=bool)
+    # An axis at a time: NumPy reduces over three entries a row several times slower.
+    for here, there in zip(low.T, others_low.T, strict=True):
+        away = there[other] - here[part]
+        touching &= (away <= size[part]) & (away >= -others_size[other])
+    return np.asarray(several[touching])

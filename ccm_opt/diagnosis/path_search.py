@@ -17,7 +17,7 @@ from scipy.sparse import csgraph
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.diagnosis.cell_tree import CellTree
+from ccm_opt.diagnosis.cell_tree import CellTree, pairs_within
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.workspace import Workspace
 
@@ -140,7 +140,7 @@ class PathSearch:
         within = self._within(length)
         while True:
             passable = within & (self.cells.greatest >= required_distance) & (self.sides < 1) | start
-            pairs = self.cells.pairs[passable[self.cells.pairs].all(axis=1)]
+            pairs = pairs_within(passable, self.cells.pairs)
             free = passable & (self.cells.least >= required_distance)
             state = _State(pairs, passable, free, start, goal & passable)
             if not self._insides_found(state):
@@ -173,7 +173,7 @@ class PathSearch:
         asked = state.reached & clear & (self.sides == 0)
         if not asked.any():
             return False
-        group = groups(cells.pairs[clear[cells.pairs].all(axis=1)], len(cells))
+        group = groups(pairs_within(clear, cells.pairs), len(cells))
         news = False
         for number in np.unique(group[asked])[:_MOST_INSIDES]:
             members = group == number
@@ -207,13 +207,15 @@ class PathSearch:
         sources, targets = np.flatnonzero(start), np.flatnonzero(goal & usable)
         if not len(sources) or not len(targets):
             return 0.0, np.zeros(0, dtype=np.intp)
-        pairs = self.cells.pairs[np.all(usable[self.cells.pairs], axis=1)]
+        pairs = pairs_within(usable, self.cells.pairs)
         # At the mount the arm may touch surfaces.
         free = np.where(start, np.inf, required_distance)
         count = len(self.cells)
         ends = [np.column_stack((np.full(len(cubes), count + k), cubes)) for k, cubes in enumerate((sources, targets))]
         joined = np.concatenate((pairs, *ends)).astype(np.intp)
-        widths = np.concatenate((free[pairs].min(axis=1), np.full(len(sources), np.inf), free[targets]))
+        widths = np.concatenate(
+            (np.minimum(free[pairs[:, 0]], free[pairs[:, 1]]), np.full(len(sources), np.inf), free[targets])
+        )
         # SciPy treats zero weights as missing pairs, so all weights are shifted below zero.
         weights = -np.clip(widths, -1e6, 1e6) - 2e6
         graph = sparse.coo_matrix((weights, (joined[:, 0], joined[:, 1])), shape=(count + 2, count + 2)).tocsr()
@@ -257,7 +259,7 @@ class _State:
     def _free_groups(self) -> IntArray:
         """Label of the group of connected free cubes of each cube, shape (n,); cubes at the base count as free."""
         passable = self.free | self.start
-        return groups(self.pairs[passable[self.pairs].all(axis=1)], len(self.open))
+        return groups(pairs_within(passable, self.pairs), len(self.open))
 
     @property
     def apart(self) -> bool:
