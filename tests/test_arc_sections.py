@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.planning.curve_map import poses_with
 from ccm_opt.robot.arc_sections import arc_deviation
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
@@ -73,7 +73,7 @@ def test_derivatives_are_those_of_the_places(seed: int, share: float) -> None:
     """Derivatives of points and rotations agree with differences, also where links grow."""
     arm = arc_arm((2, 3), (0.2, 0.3))
     q = bent(arm, seed, share)
-    pose = pose_with(arm, np.zeros(len(q)), q, np.eye(len(q)))
+    pose = poses_with(arm, np.zeros((1, len(q))), q[None], np.eye(len(q)))[0]
     step = 1e-6 * np.eye(len(q))
     moving = (arm.joint_positions_at(q + step) - arm.joint_positions_at(q - step)) / 2e-6
     np.testing.assert_allclose(pose.moving, np.moveaxis(moving, 0, -1), atol=1e-8)

@@ -17,7 +17,7 @@ from ccm_opt.core.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.core.native import NativeCall
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
-from ccm_opt.planning.curve_map import CurveMap, pose_with
+from ccm_opt.planning.curve_map import CurveMap, poses_with
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.positioning import CarrierMotions
 from ccm_opt.planning.sampled_poses import CurvePoints
@@ -94,7 +94,7 @@ def test_derivatives_are_those_of_the_places(seed: int, axes: int) -> None:
     arm = carried_arm(rng, axes)
     q = rng.uniform(-1.0, 1.0, len(arm.coordinates))
     unit = np.eye(len(q))
-    pose = pose_with(arm, q, q, unit)
+    pose = poses_with(arm, q[None], q[None], unit)[0]
     step = 1e-6
     ahead, back = (arm.joint_positions_at(q + sign * step * unit) for sign in (1.0, -1.0))
     np.testing.assert_allclose(pose.moving, np.moveaxis((ahead - back) / (2.0 * step), 0, -1), atol=1e-7)

@@ -19,7 +19,7 @@ from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.planning import followable_ways
-from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.planning.curve_map import poses_with
 from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
@@ -96,7 +96,7 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
     """Bends of any size have places, or none; no interval of what is no number is proved, however deep."""
     arm = snake(LINKS)
     arm.joint_positions_at(q)
-    chain = pose_with(arm, other[:2], q, np.outer(other, [1.0, 2.0]))
+    chain = poses_with(arm, other[None, :2], q[None], np.outer(other, [1.0, 2.0]))[0]
     bows(arm, arm.link_rotations(other), q)
     finder = links_finder(arm)
     finder.near_links(chain.points, 0.1)
@@ -115,7 +115,7 @@ def test_arrays_of_another_shape_are_refused() -> None:
     refused = (
         lambda: arm.joint_positions_at(np.zeros(2 * LINKS - 1)),
         lambda: arm.link_rotations(np.zeros((3, 2))),
-        lambda: pose_with(arm, np.zeros(1), np.zeros(3), np.zeros((3, 1))),
+        lambda: poses_with(arm, np.zeros((1, 1)), np.zeros((1, 3)), np.zeros((3, 1))),
         lambda: links_finder(arm).near_links(np.zeros((LINKS, 3)), 1.0),
         lambda: nearest_links(arm, np.zeros((2, LINKS, 3)), 1.0),
         lambda: tree.distances(np.zeros((4, 3)), 1.0),

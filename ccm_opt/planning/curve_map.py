@@ -105,10 +105,10 @@ class CurveMap(CurveUnknowns):
         """Return the poses of several vectors of unknowns, shape (m, p)."""
         if self.affine:
             configurations = self.configurations(unknowns)
-            slopes = np.broadcast_to(self.drive_rows, (len(unknowns), *self.drive_rows.shape))
+            slopes = self.drive_rows
         else:
             configurations, slopes = self.configurations_and_slopes(unknowns)
-        return tuple(pose_with(self.arm, *each) for each in zip(unknowns, configurations, slopes, strict=True))
+        return poses_with(self.arm, unknowns, configurations, slopes)
 
     def along(self, spline: BSpline) -> BSpline:
         """Return the spline of configurations, clipped to the limits, along a spline in the unknowns.
@@ -488,27 +488,31 @@ class CurveMap(CurveUnknowns):
         return shapes.reshape(*places.shape, self.knots)
 
 
-def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pose:
-    """Return the pose of an arm in space from its configuration and the configuration's derivatives.
+def poses_with(arm: Arm, unknowns: FloatArray, q: FloatArray, slopes: FloatArray) -> tuple[Pose, ...]:
+    """Return the poses of an arm in space from its configurations and their derivatives.
 
     Args:
         arm: the arm.
-        v: unknowns, shape (p,).
-        q: the configuration, shape (c,) [rad, m].
-        slopes: derivatives of the configuration with respect to the unknowns, shape (c, p).
+        unknowns: unknowns of m poses, shape (m, p).
+        q: the configurations, shape (m, c) [rad, m].
+        slopes: derivatives of the configurations with respect to the unknowns, shape (m, c, p), or (c, p) where they
+            are the same for all poses.
     """
-    n = arm.links
-    p = slopes.shape[1]
-    if q.shape != (len(arm.coordinates),) or slopes.shape != (len(q), p):
+    n, m, p = arm.links, len(q), slopes.shape[-1]
+    shared = slopes.ndim == 2
+    wanted = (len(arm.coordinates), p)
+    if q.shape[1:] != wanted[:1] or slopes.shape != (wanted if shared else (m, *wanted)):
         raise ValueError(f"got shapes {q.shape} and {slopes.shape}; expected {len(arm.coordinates)} coordinates")
-    pose = Pose(v, q, slopes, np.empty((n + 1, 3)), np.empty((n + 1, 3, p)), np.empty((n, 3, p)), np.empty((n, 3, 3)))
+    points, moving = np.empty((m, n + 1, 3)), np.empty((m, n + 1, 3, p))
+    turning, frames = np.empty((m, n, 3, p)), np.empty((m, n, 3, 3))
     NativeCall(
         "chain",
-        links=n, unknowns=p, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, carrier=arm.carrier_for_c,
-        base_turning=np.empty((3, p)), q=q, slopes=slopes, points=pose.points, rotations=pose.frames,
-        turning=pose.turning, moving=pose.moving,
+        poses=m, links=n, unknowns=p, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, carrier=arm.carrier_for_c,
+        base_turning=np.empty((3, p)), q=q, shared=shared, slopes=slopes, points=points, rotations=frames,
+        turning=turning, moving=moving,
     )()  # fmt: skip
-    return pose
+    each = np.broadcast_to(slopes, (m, *slopes.shape)) if shared else slopes
+    return tuple(Pose(*parts) for parts in zip(unknowns, q, each, points, moving, turning, frames, strict=True))
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound
-from ccm_opt.planning.curve_map import pose_with
+from ccm_opt.planning.curve_map import poses_with
 from ccm_opt.planning.spline_path import DEGREE
 from ccm_opt.planning.tip_path import SAMPLES, TipPath
 from ccm_opt.robot.arm import Arm
@@ -105,7 +105,7 @@ class _Fit:
             Shapes (k, n, n), (k, n) and (k,).
         """
         length = self.arm.length
-        poses = [pose_with(self.arm, v, self.slopes @ v, self.slopes) for v in x]
+        poses = poses_with(self.arm, x, np.stack([self.slopes @ v for v in x]), self.slopes)
         points = np.stack([pose.points for pose in poses]) / length
         moving = np.stack([pose.moving for pose in poses]) / length
         across, off = _across(self._tree, self.path, points * length)
@@ -185,7 +185,7 @@ class _Fit:
         """Return unknowns (K, n) moved least so that the tip is at its place at every stop."""
         x = x.copy()
         for _ in range(6):
-            poses = [pose_with(self.arm, v, self.slopes @ v, self.slopes) for v in x]
+            poses = poses_with(self.arm, x, np.stack([self.slopes @ v for v in x]), self.slopes)
             off = np.stack([pose.points[-1] for pose in poses]) - self.tip
             if np.max(np.abs(off)) < 1e-12 * self.arm.length:
                 break

@@ -21,14 +21,15 @@ PUBLIC void places(PlacesQuery *q)
 }
 
 typedef struct {
-    int64_t links, unknowns;
+    int64_t poses, links, unknowns;
     const double *lengths, *arcs; /* of the links, (links,); arcs as in link_places.h */
     const double *turns; /* constant rotations of the links, as in link_places.h; may be missing */
     Carrier carrier;
-    const double *q;              /* coordinates: two bends a joint, then the axes of the base, (2 links + count,) */
-    const double *slopes;         /* derivatives of the coordinates by the unknowns, (2 links + count, unknowns) */
-    double *points, *rotations;   /* out: (links + 1, 3) and (links, 3, 3) */
-    double *turning, *moving;     /* out: derivatives of turns, (links, 3, unknowns), of places, (links + 1, 3, unknowns) */
+    const double *q;              /* coordinates: two bends a joint, then the axes of the base, (poses, 2 links + count) */
+    int64_t shared;               /* whether the slopes of all poses are the same */
+    const double *slopes;         /* derivatives of the coordinates by the unknowns, (poses or 1, 2 links + count, unknowns) */
+    double *points, *rotations;   /* out: (poses, links + 1, 3) and (poses, links, 3, 3) */
+    double *turning, *moving;     /* out: derivatives of turns, (poses, links, 3, unknowns), of places, (poses, links + 1, 3, unknowns) */
     double *base_turning;         /* working memory, (3, unknowns) */
 } ChainQuery;
 
@@ -65,7 +66,7 @@ static double grown(const double *arcs, const double *bends, int64_t link, int64
     return arcs[link] * first.length + arcs[link + 1] * last.length;
 }
 
-PUBLIC void chain(ChainQuery *q)
+static void chain_of_pose(const ChainQuery *q)
 {
     int64_t p = q->unknowns, n = q->links;
     double base[9], axis_a[3], axis_b[3];
@@ -96,5 +97,20 @@ PUBLIC void chain(ChainQuery *q)
                 for (int64_t k = 0; k < p; k++) move[d * p + k] += next * bend_after[k];
             }
         }
+    }
+}
+
+PUBLIC void chain(ChainQuery *q)
+{
+    int64_t n = q->links, p = q->unknowns, coordinates = 2 * n + q->carrier.count;
+    ChainQuery pose = *q;
+    for (int64_t k = 0; k < q->poses; k++) {
+        chain_of_pose(&pose);
+        pose.q += coordinates;
+        if (!q->shared) pose.slopes += coordinates * p;
+        pose.points += 3 * (n + 1);
+        pose.rotations += 9 * n;
+        pose.turning += 3 * n * p;
+        pose.moving += 3 * (n + 1) * p;
     }
 }

@@ -16,7 +16,7 @@ from numpy.polynomial import Polynomial
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.base_motion import BaseMotion
+from ccm_opt.verification.base_motion import BaseMotion, cross
 from ccm_opt.verification.chain_motion import LinkFrames, arc_frames, arc_lengths, base_rotations, bend_pairs
 
 _SERIES = tuple(Polynomial([(-1) ** i / factorial(2 * i + k) for i in range(13)]) for k in (1, 2, 3))
@@ -107,37 +107,37 @@ def arc_efforts(
     turn = bends[1, 0, ..., None] * frames.first_axes + bends[1, 1, ..., None] * frames.second_axes
     rate = moved.rate[:, None] + np.cumsum(turn, axis=1)
     carried = rate - turn
-    gain = np.cross(carried, turn) + in_world(arcs.growth())
+    gain = cross(carried, turn) + in_world(arcs.growth())
     growth = moved.growth[:, None] + np.cumsum(gain, axis=1)
     step, speed, rush = (in_world(each) for each in arcs.ends())
-    added = rush + np.cross(carried, 2.0 * speed + np.cross(carried, step)) + np.cross(growth - gain, step)
+    added = rush + cross(carried, 2.0 * speed + cross(carried, step)) + cross(growth - gain, step)
     places = base.place[:, None] + np.cumsum(step, axis=1)
     ends = moved.gain[:, None] + np.cumsum(added, axis=1)
 
     # The first link begins at the base, each other half an arc before the end of its own; half an arc is beyond it.
     lengths = arc_lengths(arm)
     centres = 0.25 * (np.append(lengths[1:], 0.0) - lengths)[:, None] * frames.along
-    middles = ends + np.cross(growth, centres) + np.cross(rate, np.cross(rate, centres))
+    middles = ends + cross(growth, centres) + cross(rate, cross(rate, centres))
     forces = arm.masses[:, None] * (middles - gravity)
     spin = np.sum(rate * frames.along, axis=2, keepdims=True)
     across = arm.inertia_transverse[:, None]
     more = arm.inertia_axial[:, None] - across
     turning = np.sum(growth * frames.along, axis=2, keepdims=True) * frames.along
-    moments = across * growth + more * (turning + spin * np.cross(rate, frames.along))
-    moments += np.cross(places + centres, forces)
+    moments = across * growth + more * (turning + spin * cross(rate, frames.along))
+    moments += cross(places + centres, forces)
     at_tip = arm.payload * (ends[:, -1:] - gravity)
-    moments[:, -1:] += np.cross(places[:, -1:], at_tip)
+    moments[:, -1:] += cross(places[:, -1:], at_tip)
     forces[:, -1:] += at_tip
     force, moment = (np.cumsum(each[:, ::-1], axis=1)[:, ::-1] for each in (forces, moments))
 
     # The axes of a joint pass through the beginning of its arc, or the base.
     starts = np.concatenate((base.place[:, None], places[:, :-1]), axis=1)
-    about = moment - np.cross(starts, force)
+    about = moment - cross(starts, force)
     torques = np.zeros((len(positions), arm.links, 3))
     along_arcs = (in_world(each) for each in arcs.reaches())
     for bend, (axes, reach) in enumerate(zip((frames.first_axes, frames.second_axes), along_arcs, strict=True)):
         # The end of the arc turns about the beginning only as its own place changes.
-        own = about - np.cross(places - starts, force)
+        own = about - cross(places - starts, force)
         torques[..., bend] = np.sum(axes * own + reach * force, axis=2)
     drives = (np.broadcast_to(each, 3 * arm.links).reshape(-1, 3)[:, :2] for each in (arm.rotor_inertia, arm.friction))
     for of_drives, rates in zip(drives, (accelerations, velocities), strict=True):

@@ -18,6 +18,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.verification.base_motion import cross
 
 
 def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -91,11 +92,11 @@ def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
 
 def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the shortest vectors from edges to lines, and a mask of those with both ends within the two segments."""
-    normal = np.cross(line, edge)
+    normal = cross(line, edge)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
-    share = -np.einsum("pd,pd->p", np.cross(offset, edge), normal) / safe
-    at = -np.einsum("pd,pd->p", np.cross(offset, line), normal) / safe
+    share = -np.einsum("pd,pd->p", cross(offset, edge), normal) / safe
+    at = -np.einsum("pd,pd->p", cross(offset, line), normal) / safe
     valid = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
     return offset + share[:, None] * line - at[:, None] * edge, valid
 
@@ -107,15 +108,15 @@ def _through_face(
 
     They are the projections of both segment ends onto the triangle, and the point where the segment crosses it.
     """
-    normal = np.cross(one, other)
+    normal = cross(one, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
     begins = np.einsum("pd,pd->p", start - corner, normal)
     rises = np.einsum("pd,pd->p", line, normal)
 
     def inside(offset: FloatArray) -> BoolArray:
-        first = np.einsum("pd,pd->p", np.cross(offset, other), normal)
-        second = np.einsum("pd,pd->p", np.cross(one, offset), normal)
+        first = np.einsum("pd,pd->p", cross(offset, other), normal)
+        second = np.einsum("pd,pd->p", cross(one, offset), normal)
         within = (first >= 0.0) & (second >= 0.0) & (first + second <= square)
         return np.asarray((square > 0.0) & within)
 
@@ -205,7 +206,7 @@ class _Piece:
     def volume(self) -> float:
         """Enclosed volume [m³], negative if the triangles face inwards."""
         a, b, c = (self.triangles[:, k] - self.triangles[0, 0] for k in range(3))
-        return float(np.einsum("md,md->", a, np.cross(b, c))) / 6.0
+        return float(np.einsum("md,md->", a, cross(b, c))) / 6.0
 
     def encloses(self, point: FloatArray) -> bool:
         """Return whether the mesh encloses a point, by winding number or, if not oriented, by a majority of rays."""
@@ -242,7 +243,7 @@ class _Piece:
         """
         a, b, c = (self.triangles[:, k] - point for k in range(3))
         lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]
-        volume = np.einsum("md,md->m", a, np.cross(b, c))
+        volume = np.einsum("md,md->m", a, cross(b, c))
         level = lengths[0] * lengths[1] * lengths[2]
         for first, second, third in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
             level += np.einsum("md,md->m", first, second) * third
@@ -252,7 +253,7 @@ class _Piece:
 def _heights(triangles: FloatArray) -> FloatArray:
     """Return the least height of each of m triangles, shape (m,) [m]; near zero for a degenerate triangle."""
     sides = np.roll(triangles, -1, axis=1) - triangles
-    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    area = np.linalg.norm(cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.max(np.linalg.norm(sides, axis=2), axis=1)
     return np.asarray(area / np.maximum(longest, np.finfo(float).tiny))
 
@@ -319,8 +320,8 @@ def _meets(corners: FloatArray, ray: FloatArray) -> BoolArray:
 
     A ray crosses a triangle if it lies on the same side of the three planes through the origin and an edge each.
     """
-    sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
-    volume = np.einsum("md,md->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    sides = [cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
+    volume = np.einsum("md,md->m", corners[:, 0], cross(corners[:, 1], corners[:, 2]))
     positive = (sides[0] > 0.0) & (sides[1] > 0.0) & (sides[2] > 0.0) & (volume > 0.0)
     negative = (sides[0] < 0.0) & (sides[1] < 0.0) & (sides[2] < 0.0) & (volume < 0.0)
     return np.asarray(positive | negative)

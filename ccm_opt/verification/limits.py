@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit, Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.base_motion import lengths_of
+from ccm_opt.verification.base_motion import cross, lengths_of
 from ccm_opt.verification.chain_motion import LinkFrames, base_displacement, bend_pairs
 from ccm_opt.verification.drives import (
     as_revolutes,
@@ -254,7 +254,7 @@ class _PointMotion:
     @cached_property
     def velocities(self) -> FloatArray:
         """Velocities of the point from the reported coordinate velocities, shape (T, 3) [m/s]."""
-        swing = np.cross(self.rates.rate, self.frames.along)
+        swing = cross(self.rates.rate, self.frames.along)
         return self._summed(swing) + self._base_motion(self.trajectory.velocities)
 
     def mean_speeds(self) -> FloatArray:
@@ -270,7 +270,7 @@ class _PointMotion:
         steps = np.diff(self.trajectory.positions, axis=0) / self._step[:, None]
         turns = np.cumsum(bend_pairs(self.arm, steps)[..., 1], axis=1)
         axis = self.arm.base_rotation[:, 1]
-        swings = np.cross(axis, self.frames.along)
+        swings = cross(axis, self.frames.along)
         ends = [self._summed(turns[..., None] * some) + self._base_motion(steps) for some in (swings[:-1], swings[1:])]
         # At constant rates, the third derivative of the position is at most Σ l |φ̇|³.
         third = np.abs(turns) ** 3 @ self._levers

@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.arc_dynamics import arc_efforts
 from ccm_opt.verification.attached_masses import PointMasses
-from ccm_opt.verification.base_motion import BaseMotion
+from ccm_opt.verification.base_motion import BaseMotion, cross
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs
 
 _AT_ONCE = 256
@@ -54,12 +54,12 @@ class LinkRates:
         gain = first_gain * frames.first_axes + second_gain * frames.second_axes
         if arm.dimension == 3:
             # The first axis moves with the preceding link, the second with the rotation about the first as well.
-            gain += first * np.cross(before, frames.first_axes)
-            gain += second * np.cross(before + first * frames.first_axes, frames.second_axes)
+            gain += first * cross(before, frames.first_axes)
+            gain += second * cross(before + first * frames.first_axes, frames.second_axes)
         growth = np.cumsum(gain, axis=1)
         if arm.carrier:
             growth = growth + base.growth[:, None]
-        swing = np.cross(growth, frames.along) + np.cross(rate, np.cross(rate, frames.along))
+        swing = cross(growth, frames.along) + cross(rate, cross(rate, frames.along))
         step = arm.lengths[:, None] * swing
         ends = base.gain[:, None] + np.cumsum(step, axis=1)
         return cls(rate, growth, ends, ends - 0.5 * step)
@@ -100,9 +100,7 @@ def _efforts(
     # The force of all links beyond link i acts at its full length, the force of link i itself at half its length.
     fixed, fixed_moments = _of_fixed_masses(arm, gravity, frames, rates)
     beyond = from_tip(needed + fixed) - needed + at_tip
-    moments = np.cross(arm.lengths[:, None] * frames.along, beyond + 0.5 * needed) + _momentum_change(
-        arm, frames, rates
-    )
+    moments = cross(arm.lengths[:, None] * frames.along, beyond + 0.5 * needed) + _momentum_change(arm, frames, rates)
     moments = from_tip(moments + fixed_moments)
 
     torques = np.empty((len(positions), arm.links, 3))
@@ -129,14 +127,14 @@ def _of_fixed_masses(
     if not len(masses.mass):
         return 0.0, 0.0
     link = masses.link
-    out = masses.turned(frames.along, np.cross(frames.across, frames.along), frames.across)
+    out = masses.turned(frames.along, cross(frames.across, frames.along), frames.across)
     rate, growth = rates.rate[:, link], rates.growth[:, link]
-    gain = rates.ends[:, link] + np.cross(growth, out) + np.cross(rate, np.cross(rate, out))
+    gain = rates.ends[:, link] + cross(growth, out) + cross(rate, cross(rate, out))
     forces, moments = np.zeros((2, *frames.along.shape))
     each = masses.mass[:, None] * (gain - gravity)
     # Several masses may be on one link, whose index comes first here.
     np.add.at(forces.swapaxes(0, 1), link, each.swapaxes(0, 1))
-    np.add.at(moments.swapaxes(0, 1), link, np.cross(out, each).swapaxes(0, 1))
+    np.add.at(moments.swapaxes(0, 1), link, cross(out, each).swapaxes(0, 1))
     return forces, moments
 
 
@@ -153,7 +151,7 @@ def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArr
     spin = np.sum(rates.rate * frames.along, axis=2, keepdims=True)
     # (ω · x)' = α · x, as ω · (ω × x) is zero.
     gain = np.sum(rates.growth * frames.along, axis=2, keepdims=True)
-    return np.asarray(across * rates.growth + along * (gain * frames.along + spin * np.cross(rates.rate, frames.along)))
+    return np.asarray(across * rates.growth + along * (gain * frames.along + spin * cross(rates.rate, frames.along)))
 
 
 def from_tip(values: FloatArray) -> FloatArray:

@@ -24,6 +24,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.verification.attached_masses import PointMasses, all_masses, mass_links
+from ccm_opt.verification.base_motion import cross
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
 from ccm_opt.verification.drives import bend_revolutes, check_worst, describe_bend_joints, sample_words
 from ccm_opt.verification.limits import allowed_share
@@ -209,16 +210,16 @@ class SampleMeans:
         arm = self.problem.arm
         forces = self._forces
         # Σ over the masses beyond joint i of lever × force, with lever r − pᵢ, as two sums from the tip.
-        own = from_tip(self._by_link(np.cross(hat.mean(self._bodies), forces)))[:, : arm.links]
+        own = from_tip(self._by_link(cross(hat.mean(self._bodies), forces)))[:, : arm.links]
         beyond = from_tip(self._by_link(forces))[:, : arm.links]
         joints = arm.embedded(self.motion.points[:, :-1])
-        moments = own - np.cross(hat.mean(joints), beyond)
+        moments = own - cross(hat.mean(joints), beyond)
         if arm.dimension == 2:
             # All links turn about one direction, so their mean angular accelerations are exact.
             turned = np.cumsum(bend_pairs(arm, self.motion.positions)[..., 1], axis=1)
             turning = hat.second(turned)[..., None] * arm.base_rotation[:, 1]
         else:
-            turning = np.cross(hat.mean(self._frames.along), hat.second(self._frames.along))
+            turning = cross(hat.mean(self._frames.along), hat.second(self._frames.along))
         return np.asarray(moments + from_tip(arm.inertia_transverse[:, None] * turning))
 
     @cached_property
@@ -247,7 +248,7 @@ class SampleMeans:
         bodies = np.concatenate((0.5 * (points[:, :-1] + points[:, 1:]), points[:, -1:]), axis=1)
         fixed = PointMasses.of(self.problem.arm)
         frames = self._frames
-        left = np.cross(frames.across, frames.along)
+        left = cross(frames.across, frames.along)
         ends = self.problem.arm.embedded(points[:, 1:])[:, fixed.link]
         out = ends + fixed.turned(frames.along, left, frames.across)
         return np.concatenate((self.problem.arm.embedded(bodies), out), axis=1)
@@ -386,7 +387,7 @@ class SampleBounds:
         """
         arm = self.problem.arm
         masses = all_masses(arm)[mass_links(arm) >= joint]
-        moments = np.cross(np.einsum("m,kmd->kd", masses, self._levers(joint)), self.problem.simulation.gravity)
+        moments = cross(np.einsum("m,kmd->kd", masses, self._levers(joint)), self.problem.simulation.gravity)
         weight = float(np.linalg.norm(self.problem.simulation.gravity))
         own = self._eighth * weight * float(masses @ self._bounds_beyond(joint))
         both = np.linalg.norm(np.diff(axis, axis=0), axis=1) * np.linalg.norm(np.diff(moments, axis=0), axis=1)

@@ -36,7 +36,7 @@ def rotations_by_numpy(arm: Arm, q: FloatArray) -> FloatArray:
 
 
 def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> Pose:
-    """Return positions, rotations and derivatives of the links, as ``pose_with``; its p unknowns are set to zero.
+    """Return positions, rotations and derivatives of the links, as ``poses_with``; its p unknowns are set to zero.
 
     Args:
         arm: the arm.
