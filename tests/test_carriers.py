@@ -29,7 +29,9 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import BaseAxis, nearest_base, short_axes
 from ccm_opt.robot.coordinates import DriveLimits, Limits
 from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.tool import RigidBody, Tool
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -63,6 +65,21 @@ def carried_arm(rng: np.random.Generator, axes: int, links: int = LINKS) -> Arm:
         inertia_axial=inertia, inertia_transverse=2.0 * inertia,
         direction=direction, up=across / np.linalg.norm(across), carrier=carrier, payload=0.3,
     )  # fmt: skip
+
+
+def equipped(arm: Arm, rng: np.random.Generator) -> Arm:
+    """Return an arm in space with a body of random mass on a link, and one on the last that is a tool."""
+    second = 0.03 * rng.normal(size=(2, 3, 3))
+    second = np.einsum("kij,klj->kil", second, second)
+    inertia = np.einsum("k,ij->kij", np.trace(second, axis1=1, axis2=2), np.eye(3)) - second
+    body, tool = ({"mass": rng.uniform(0.1, 0.5), "centre": 0.05 * rng.normal(size=3), "inertia": i} for i in inertia)
+    tip = 0.1 * rng.normal(size=3)
+    return replace(
+        arm,
+        payload=0.0,
+        bodies=(RigidBody(**body, link=int(rng.integers(arm.links))),),
+        tool=Tool(**tool, tip=tip, direction=unit_vector(rng)),
+    )
 
 
 @given(seed=seeds, axes=counts)
@@ -156,11 +173,11 @@ def test_efforts_are_the_power_that_a_motion_takes(seed: int, axes: int) -> None
 @given(seed=seeds, axes=counts)
 @settings(max_examples=25)
 def test_exported_models_have_the_same_kinematics_and_dynamics(seed: int, axes: int) -> None:
-    """MuJoCo and Pinocchio read the arm with its axes, and give its places and the efforts of a motion."""
+    """MuJoCo and Pinocchio read the arm with axes, body and tool, and give its places and the efforts of a motion."""
     mujoco = pytest.importorskip("mujoco")
     pin = pytest.importorskip("pinocchio")
     rng = np.random.default_rng(seed)
-    arm = carried_arm(rng, axes)
+    arm = equipped(carried_arm(rng, axes), rng)
     gravity = rng.normal(0.0, 9.0, 3)
     q, v, a = rng.uniform(-0.8, 0.8, (3, len(arm.coordinates)))
     bends, base = arm.coordinates.bends, arm.coordinates.base
@@ -168,7 +185,9 @@ def test_exported_models_have_the_same_kinematics_and_dynamics(seed: int, axes: 
     efforts = InverseDynamics(arm, gravity).with_base(revolutes, (q[None, base], v[None, base], a[None, base]))
     ours = np.concatenate([efforts[1][0], efforts[0][0]])
     state = [np.concatenate((each[base], of_arm[0])) for each, of_arm in zip((q, v, a), revolutes, strict=True)]
-    tip = arm.joint_positions_at(q)[-1]
+    tip = points_with_tool(arm, q)[-1]
+    needed = drive_efforts(arm, gravity, q[None], v[None], a[None])
+    np.testing.assert_allclose(np.concatenate([needed[1][0], needed[0][0]]), ours, atol=1e-8)
 
     model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", gravity))
     data = mujoco.MjData(model)
@@ -362,14 +381,24 @@ def test_a_moving_base_is_no_reason_to_pass_through_an_obstacle(tmp_path: Path) 
 
 @pytest.mark.planning
 def test_torques_are_limited_on_several_axes(tmp_path: Path) -> None:
-    """Joints with a limit on their torque are timed on two axes, and their torques are checked."""
+    """Joints with a limit on their torque are timed on two axes, with a camera head that weighs, and are checked."""
     text = SLIDE.replace("acceleration = 5.0", "acceleration = 5.0\ntorque = 20.0").replace("0.24, 0.1", "0.21, -0.08")
+    text = text.replace("[arm.base]", f"{HEAD}\n[arm.base]", 1)
     (tmp_path / "slide.toml").write_text(text.replace("[-0.019, 0.2, -0.1]", "[-0.019, 0.2, -0.3]"))
     solution = ccm_opt.solve(ccm_opt.load_problem(tmp_path / "slide.toml"))
     assert "joint torque" in {check.name for check in solution.checks}
+    tip = points_with_tool(solution.problem.arm, solution.trajectory.positions[-1])[-1]
+    np.testing.assert_allclose(tip, [0.45, 0.4, 0.03], atol=1e-3)
     assert all(check.passed for check in solution.checks)
 
 
+HEAD = """\
+[arm.tool]
+tip = [0.05, 0.0, 0.03]
+direction = [0.0, 0.0, 1.0]
+bodies = [{ box = [[0.0, -0.02, -0.02], [0.04, 0.02, 0.03]] }]
+mass = 0.2
+"""
 TURNTABLE = SLIDE.replace("[0.0, 1.0, 0.0]", "[0.0, 0.0, 1.0]").replace("[-30, 30]", "[-180, 180]")
 
 

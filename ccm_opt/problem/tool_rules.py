@@ -29,7 +29,6 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
     layouts = (
         (arm.dimension == 2 and bool(arm.base_axes), "for an arm in the plane with a feed axis"),
         (arm.sections is not None, "together with sections that bend evenly"),
-        (bool(arm.carrier), "together with arm.base.axes"),
     )
     yield from ((key, f"not supported {words}") for applies, words in layouts if applies)
     for not_with in _NOT_WITH_BODIES:

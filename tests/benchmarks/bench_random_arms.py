@@ -31,14 +31,14 @@ class Drawn:
     """A random problem.
 
     Args:
-        seed: of everything about it; even ones are in the plane.
+        seed: of everything about it; even ones are in the plane, but on axes.
         limit: time limit of planning [s].
         kinds: what arms may have: "feed", "axes" and "tools", which stands for bodies on any link, some of which weigh.
     """
 
     def __init__(self, seed: int, limit: float, kinds: frozenset[str]) -> None:
         self.rng = np.random.default_rng((20261126, seed))
-        self.space = bool(seed % 2)
+        self.space = bool(seed % 2) or "axes" in kinds
         self.data: dict[str, Any] = {
             "schema": 1,
             "name": f"drawn-{seed}",
@@ -136,9 +136,9 @@ class Drawn:
             arm["base_heading_deg"] = round(rng.uniform(-180.0, 180.0), 1)
         if rng.random() < 0.5:
             arm["base_limit_deg"] = round(rng.uniform(20.0, 170.0), 1)
-        if rng.random() < 0.3:
+        if rng.random() < 0.3 and "axes" not in kinds:
             arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
-        if "axes" in kinds and self.space:
+        if "axes" in kinds:
             arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
         elif "feed" in kinds and rng.random() < 0.3:
             length = sum(row["links"] * row["link_length"] for row in rows)

@@ -39,11 +39,14 @@ class FileArm:
     table: Keys
     space: bool
 
+    @property
+    def sections(self) -> Sequence[Keys]:
+        """Tables of the sections; of an arm of equal links, its own."""
+        return self.table.get("sections", [self.table])  # type: ignore[no-any-return]
+
     def _each(self, value: Any) -> FloatArray:
         """Values of all links, shape (links,), from a function of each section and its number of links."""
-        return np.concatenate(
-            [np.broadcast_to(value(row, row["links"]), row["links"]) for row in self.table["sections"]]
-        )
+        return np.concatenate([np.broadcast_to(value(row, row["links"]), row["links"]) for row in self.sections])
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -68,9 +71,9 @@ class FileArm:
 
         def limits(row: Keys) -> FloatArray:
             free = ~np.isin(np.arange(1, row["links"] + 1), row.get("locked", ()))
-            return free[:, None] * np.broadcast_to(np.array(row["joint_limit_deg"], dtype=float), 2)
+            return free[:, None] * np.broadcast_to(np.array(row.get("joint_limit_deg", 60.0), dtype=float), 2)
 
-        degrees = np.concatenate([limits(row) for row in self.table["sections"]])
+        degrees = np.concatenate([limits(row) for row in self.sections])
         if degrees[0].any():
             degrees[0] = self.table.get("base_limit_deg", 360.0)
         return np.deg2rad(degrees)
@@ -170,7 +173,8 @@ class FileArm:
     @cached_property
     def mounted(self) -> FloatArray:
         """Share of each link that belongs to the mount, shape (links,)."""
-        mount = self.table.get("mount_length", self.radii[0])
+        moves = self.space and "axes" in self.table["base"]
+        mount = 0.0 if moves else self.table.get("mount_length", self.radii[0])
         return np.asarray(np.clip((mount - self.places[:-1]) / self.lengths + 1e-9, 0.0, 1.0))
 
     def exposed(self, points: FloatArray) -> Iterator[tuple[int, FloatArray, FloatArray]]:
@@ -520,7 +524,8 @@ def _beyond_ends(data: Keys, arrays: Mapping[str, FloatArray], bends: FloatArray
                 yield f"the tip misses a goal by {away:.2g} m"
             ahead, wanted = (np.array(each) for each in (tips[sample] - ends[sample], goal.get("direction", ())))
             if len(wanted):
-                off = np.rad2deg(np.arccos(ahead @ wanted / np.linalg.norm(ahead) / np.linalg.norm(wanted)))
+                cosine = ahead @ wanted / np.linalg.norm(ahead) / np.linalg.norm(wanted)
+                off = np.rad2deg(np.arccos(min(cosine, 1.0)))
                 if off > goal.get("direction_tolerance_deg", 1.0) + 1e-6:
                     yield f"the tip points {off:.2g} degrees off a goal"
         elif np.abs(bends[sample] - np.deg2rad(goal["joints_deg"])).max() > np.deg2rad(1.001):
