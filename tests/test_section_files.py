@@ -135,6 +135,12 @@ def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
     assert arrays["tendon_lengths"].shape == (len(arrays["time"]), 3)
     assert solution.metrics["peak_torque_Nm"] == np.max(np.abs(arrays["drive_torques"]))
     assert not (folder / "arm.urdf").exists()
+    table = np.genfromtxt(folder / "trajectory.csv", delimiter=",", names=True)
+    at = np.searchsorted(arrays["time"], table["time"] - 1e-6)
+    columns = {"section2_b_angle": "drive_values", "section2_b_torque": "drive_torques"}
+    columns |= {"section2_curvature": "section_curvatures", "section1_tendon3_length": "tendon_lengths"}
+    for name, array in columns.items():
+        np.testing.assert_allclose(table[name], arrays[array][at, -1], rtol=1e-9, atol=1e-9)
     load_motion(folder, load_any_problem(folder).arm)
     arrays["tendon_lengths"][0, 0] += 1e-4
     np.savez(folder / "solution.npz", **arrays)

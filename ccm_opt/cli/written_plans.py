@@ -219,5 +219,5 @@ def exported_files(
     if kind == "glb":
         return {"": motion_glb(problem, motion.trajectory)}
     points = controller_points(problem, motion.trajectory, motion.joints, recorded_results(folder).checks)
-    csv, yaml = trajectory_texts(points, bends_only=bends_only, effort=effort)
+    csv, yaml = trajectory_texts(points, problem.arm, bends_only=bends_only, effort=effort)
     return {"": (csv if kind == "csv" else yaml).encode()}

@@ -21,6 +21,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.robot.points import MovingPoint, point_at_arc_length
@@ -388,7 +389,9 @@ _WHOLE = re.compile(r" (-?\d+)(?![\d.])")
 """An integer without decimal point after a blank; an exponent may follow."""
 
 
-def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effort: bool = False) -> tuple[str, str]:
+def trajectory_texts(
+    points: ControllerPoints, arm: Arm | None = None, *, bends_only: bool = False, effort: bool = False
+) -> tuple[str, str]:
     """Return trajectory points for a controller as CSV text and as a ROS message in YAML; SI units, radians.
 
     Both contain equal numbers of twelve digits. Every number has a decimal point: fields of ROS messages accept floats
@@ -396,6 +399,7 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
 
     Args:
         points: the points.
+        arm: the arm, whose drives get columns of their own where they move several joints together.
         bends_only: whether revolute joints that never bend the arm are left out.
         effort: whether the message includes efforts, which controllers from ROS 2 Humble on refuse.
 
@@ -404,6 +408,7 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
         of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``, with
         accelerations if jerk is limited. A feed axis is the first joint, ``feed``, with the columns
         ``feed_position``, …, ``feed_force`` [m, N].
+        The columns of ``drive_columns`` are the last of the CSV text.
     """
     motion = points.trajectory
     joints = bending_joints(points.joints, motion.coordinates) if bends_only else points.joints
@@ -412,7 +417,46 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
     coordinates = motion.coordinates
     slides = [name for name, unit in zip(coordinates.base_names, coordinates.base_units, strict=True) if unit == "m"]
     written = {"positions", "velocities", *(["accelerations"] * points.smooth), *(["effort"] * effort)}
-    return "\n".join(_csv(motion.time, names, rows, slides)), "\n".join(_yaml(motion.time, names, rows, written))
+    drives = {} if arm is None else drive_columns(arm, motion, points.joints.torques)
+    table = _csv(motion.time, names, rows, slides)
+    if drives:
+        beside = [",".join(drives), *number_rows(np.column_stack(list(drives.values()))), ""]
+        table = (line and f"{line},{more}" for line, more in zip(table, beside, strict=True))
+    return "\n".join(table), "\n".join(_yaml(motion.time, names, rows, written))
+
+
+def drive_columns(arm: Arm, motion: JointTrajectory, torques: FloatArray) -> dict[str, FloatArray]:
+    """Return what the drives of an arm do where they move several joints together, by names of columns; else nothing.
+
+    For each drive its value, velocity, acceleration and torque; for sections that bend evenly curvature [1/m] and
+    azimuth [rad], and for their tendons length [m] and tension [N].
+
+    Args:
+        arm: the arm.
+        motion: the motion, of T samples.
+        torques: torques of all revolutes, shape (T, 3 links) [N m].
+
+    Returns:
+        Columns of shape (T,).
+    """
+    sections = arm.sections
+    if sections is None:
+        return {}
+    values, efforts = sections.drives(motion.bend_angles), drive_torques(arm, torques)
+    rates = (sections.drives(each) for each in (motion.bend_velocities, motion.bend_accelerations))
+    columns = {}
+    for what, table in zip(QUANTITIES, (values, *rates, efforts), strict=True):
+        columns |= {f"{name}_{what}": column for name, column in zip(sections.drive_names, table.T, strict=True)}
+    names = [f"section{k}" for k in range(1, len(sections.counts) + 1)]
+    for what, table in (("curvature", sections.curvatures(values)), ("azimuth", sections.azimuths(values))):
+        columns |= {f"{name}_{what}": column for name, column in zip(names, table.T, strict=True)}
+    for what, table in (
+        ("length", sections.tendon_lengths(values)),
+        ("tension", sections.tendon_tensions(efforts)),
+    ):
+        # Tensions have no columns unless every section has tendons.
+        columns |= {f"{name}_{what}": column for name, column in zip(sections.tendon_names, table.T, strict=False)}
+    return columns
 
 
 def number_rows(table: FloatArray) -> list[str]:

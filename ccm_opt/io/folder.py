@@ -257,7 +257,8 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
 def solution_files(solution: Solution) -> dict[str, bytes]:
     """Return the files of a solved problem, except the pictures, as a mapping from file name to content."""
     problem = solution.problem
-    csv, yaml = trajectory_texts(controller_points(problem, solution.trajectory, solution.joints, solution.checks))
+    points = controller_points(problem, solution.trajectory, solution.joints, solution.checks)
+    csv, yaml = trajectory_texts(points, problem.arm)
     rigid = problem.arm.sections is None
     models = model_texts(problem) if rigid else {}
     texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **models}

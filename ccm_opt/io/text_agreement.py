@@ -199,7 +199,9 @@ def _point_defect(
     smooth = of_table or any(line.startswith("  accelerations: ") for line in lines)
     found.append(points_at(*states, samples, factor, smooth=smooth, time=time))
     effort = any(line.startswith("  effort: ") for line in lines)
-    written = (trajectory_texts(found[0], bends_only=bends_only, effort=effort) for bends_only in (False, True))
+    written = (
+        trajectory_texts(found[0], plan[0].arm, bends_only=bends_only, effort=effort) for bends_only in (False, True)
+    )
     return _difference(lines, (_point_lines(texts[not of_table]) for texts in written), POINT_TOLERANCE)
 
 

@@ -163,6 +163,12 @@ class ArcSections:
         ]
         return np.concatenate(found, axis=-1) if found else np.zeros((*drives.shape[:-1], 0))
 
+    @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of all tendons, in the order of ``tendon_lengths``, such as ``section2_tendon1``."""
+        given = ((k, each) for k, each in enumerate(self.tendons, start=1) if each is not None)
+        return tuple(f"section{k}_tendon{j + 1}" for k, each in given for j in range(each.number))
+
     @cached_property
     def tendon_slopes(self) -> FloatArray:
         """Derivatives of the lengths of all tendons by the bends of the sections, shape (count, 2 s) [m/rad]."""
