@@ -111,6 +111,7 @@ def test_a_leg_that_is_not_found_begins_anew_from_the_first_start() -> None:
         np.testing.assert_allclose(leg.path.spline([0.0, 1.0]), ends)
     limits = [asked.planner.time_limit for asked in planner.asked]
     assert max(limits) <= problem.planner.time_limit
-    assert limits[1] < 0.51 * problem.planner.time_limit
+    # The second of three legs leaves time to go back to the start first, and for the third.
+    assert limits[1] < 0.53 * problem.planner.time_limit
     with pytest.raises(MotionNotFound, match="bent at both ends"):
         plan_legs(problem, AroundOnly(), retrace=False)

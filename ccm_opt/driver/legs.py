@@ -15,9 +15,11 @@ from ccm_opt.problem.solution import JointPath, JointTrajectory
 LEAST_TIME = 0.5
 """CPU time granted to every leg even if earlier legs used up the limit, since a late leg may be easy [s]. Heuristic."""
 
-_DIRECT_SHARE = 0.5
-"""Fraction of the remaining time spent on planning a leg in space from the previous goal. If that fails, the leg is
+_DIRECT_SHARE = 0.7
+"""Fraction of a leg's time, for an arm in space, spent on planning it from the previous goal. If that fails, the leg is
 planned from the first start. Heuristic."""
+_RESERVED = 0.35
+"""Time kept for each later leg in space, as a fraction of that of this leg. Heuristic: few legs are hard to find."""
 
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations, since numbers in files are rounded [rad, m]."""
@@ -138,7 +140,7 @@ def plan_legs(
         if path is None:
             begun = legs if retrace and problem.dimension == 3 else []
             try:
-                path = _planned(planner, leg, begun, deadline)
+                path = _planned(planner, leg, begun, deadline, len(goals) - number)
             except NoPlanFound as error:
                 if len(goals) == 1:
                     raise
@@ -149,7 +151,7 @@ def plan_legs(
     return tuple(legs)
 
 
-def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Deadline) -> JointPath:
+def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Deadline, later: int) -> JointPath:
     """Return the path of a leg or, if none is found, a path back over earlier legs and on to the goal.
 
     Args:
@@ -157,6 +159,7 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
         leg: problem of the leg.
         legs: earlier legs that may be traversed backwards; may be empty.
         deadline: time limit of all legs together.
+        later: number of legs that are still to be planned after this one.
 
     Raises:
         NoPlanFound: neither path was found; the error is that of the leg itself.
@@ -168,13 +171,14 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
         limit = max(share * deadline.left, LEAST_TIME)
         return replace(problem, planner=replace(problem.planner, time_limit=limit))
 
+    share = 1.0 / (1.0 + _RESERVED * later)
     try:
-        return planner.plan(within(leg, _DIRECT_SHARE))
+        return planner.plan(within(leg, _DIRECT_SHARE * share))
     except UnreachableGoal:
         raise
     except NoPlanFound as error:
         try:
-            anew = planner.plan(within(replace(leg, start=legs[0].problem.start), 1.0))
+            anew = planner.plan(within(replace(leg, start=legs[0].problem.start), share))
         except NoPlanFound:
             raise error from None
     first = legs[0].problem.start.configuration(leg.arm)

@@ -73,6 +73,8 @@ _SHARE_IN_THE_PLANE = 0.9
 """Fraction of the time limit that the search in the plane may use. Heuristic: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
+_OPTIMISATION_SHARE = 0.5
+"""Fraction of the time left in space that the optimisation may use: the rest is for the smooth path. Heuristic."""
 _CONTACT_SHARE = 0.5
 """Fraction of the problem's contact tolerance up to which planning accepts penetration. Heuristic."""
 _STRAIGHT = 1e-9
@@ -380,8 +382,10 @@ class MotionPlanner:
             if path is not None:
                 return _Planned((motion,), ending.record, path)
         with self.stages("optimisation"):
+            ended = ending.task
+            ended = replace(ended, deadline=ended.deadline.within(_OPTIMISATION_SHARE * ended.deadline.left))
             motions = (
-                with_more_clearance(optimise(motion, ending.task), ending.task, begun=motion),
+                with_more_clearance(optimise(motion, ended), ended, begun=motion),
                 found if motion.u is None else motion,
             )
         return _Planned(motions, ending.record)

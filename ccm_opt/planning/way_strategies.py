@@ -69,6 +69,11 @@ Heuristic: a turn takes a tenth of a second."""
 _CHAINED_EXTENSIONS = 1000
 """Maximum number of extensions of the trees in one turn of ``by_chains``. Measured among bars: they mostly meet after
 less than a hundred, or never."""
+_LED_A_ROUND = 8
+"""Maximum number of poses at the goal to which the whole arm is led in a round of samplers that found nothing.
+Heuristic: each takes a quarter of a second."""
+_SETTLED_FROM = 3.0
+"""Distance from the goal below which the tip alone is led onto it, in nominal links. Heuristic."""
 _SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
 """Effort of each round of sampled trees: maximum number of searches for poses at the tip goal, and of tree extensions.
 Heuristic: such a search takes a twentieth of a second, and 1000 extensions half of that."""
@@ -412,7 +417,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         # A pose that is soon reached makes a short motion; the first rounds try the nearest alone.
         draws = CurveDraws(points, self._motions, self._nearest(goals)[: 2 ** (number + 1)])
         way = partial(draws.way, rng, extensions, self.task.deadline)
-        return self.attempt("a quick sampler", partial(self._met, way), failures)
+        found = self.attempt("a quick sampler", partial(self._met, way), failures)
+        # A goal of the whole arm is led to by a strategy of its own.
+        led = number > 0 and self.goal.coordinates is None
+        return self._led_to_nearest(goals, failures) if found is None and led else found
 
     def by_chains(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
         """Return a motion found by RRT-Connect to a pose at the goal made of a chain of links, or None.
@@ -446,7 +454,40 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
                 raise Stalled("no collision-free pose at the goal was found", [self.start])
             return None
 
-        return self.attempt("a quick sampler, to chains of links", partial(self._met, way), failures)
+        found = self.attempt("a quick sampler, to chains of links", partial(self._met, way), failures)
+        return self._led_to_nearest(goals, failures) if found is None else found
+
+    def _led_to_nearest(self, goals: list[Pose], failures: list[Failure]) -> SpaceMotion | None:
+        """Return a motion that leads the whole arm to one of the nearest poses not led to before, or None.
+
+        Steps slide along obstacles where extensions of trees end, so that an arm between many of them gets on.
+
+        Args:
+            goals: collision-free poses at the goal.
+            failures: list to which failures are appended.
+        """
+        fresh = (pose for pose in self._nearest(goals) if not any(pose is known for known in self._led_to))
+        for pose in islice(fresh, _LED_A_ROUND):
+            if self.task.deadline.passed():
+                return None
+            self._led_to.append(pose)
+            found = self.attempt("straight to a pose at the goal", partial(self._led_near, pose.v), failures)
+            if found is not None:
+                return found
+        return None
+
+    def _led_near(self, end: FloatArray) -> list[Pose]:
+        """Return poses that lead towards unknowns at the goal, shape (p,), and with the tip alone onto it from nearby.
+
+        Raises:
+            Stalled: the goal is not reached.
+        """
+        try:
+            return self.led_to(end, self.start)
+        except Stalled as stalled:
+            if self._remaining(stalled.poses[-1]) > _SETTLED_FROM * self.task.unit:
+                raise
+            return self.arrived(stalled.poses)
 
     def _nearest(self, goals: list[Pose]) -> list[Pose]:
         """Return poses sorted by the time that the slowest joint takes from the start to each, the nearest first."""
@@ -460,6 +501,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     @cached_property
     def _chained_goals(self) -> list[Pose]:
         """Poses at the goal made of chains of links that are known so far; the list is extended by each round."""
+        return []
+
+    @cached_property
+    def _led_to(self) -> list[Pose]:
+        """Poses at the goal to which the whole arm was led in vain; the list is extended by each round."""
         return []
 
     @cached_property
