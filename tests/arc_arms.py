@@ -5,6 +5,20 @@ import numpy as np
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_layout import Proportions
+from ccm_opt.robot.tool import Tool, ToolBody
+
+CAMERA = Tool(
+    bodies=(
+        ToolBody(np.zeros(3), np.array([0.04, 0.0, 0.0]), 0.012),
+        ToolBody(np.array([0.03, 0.01, 0.0]), np.array([0.03, 0.04, 0.01]), 0.006),
+    ),
+    mass=0.2,
+    centre=np.array([0.03, 0.01, -0.02]),
+    inertia=np.array([[3e-4, 1e-5, -2e-5], [1e-5, 2e-4, 3e-5], [-2e-5, 3e-5, 4e-4]]),
+    tip=np.array([0.05, 0.02, 0.0]),
+    direction=np.array([0.0, 0.6, 0.8]),
+)
+"""A camera that looks aside, on the last link of an arm."""
 
 
 def arc_arm(

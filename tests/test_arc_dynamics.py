@@ -22,7 +22,7 @@ from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.frames import coupling_of_revolutes, drive_torques, revolute_angles
 from ccm_opt.verification.drives import of_drives
 from ccm_opt.verification.newton_euler import drive_efforts
-from tests.arc_arms import arc_arm
+from tests.arc_arms import CAMERA, arc_arm
 from tests.command_runs import CommandLine
 from tests.oracles.arc_chains import chain_states, mujoco_torques, pinocchio_torques
 from tests.oracles.interpreted_loop import InterpretedLoop
@@ -39,8 +39,9 @@ AXES = (
 
 
 def heavy_arm(seed: int, **changes: object) -> Arm:
-    """An arm of four sections with random masses, a payload, and drives with inertia and friction."""
-    arm = arc_arm((1, 2, 5, 3), (0.3, 0.1, 0.2, 0.3), payload=0.3, rotor_inertia=0.01, friction=0.02, **changes)
+    """An arm of four sections with random masses, a camera, a payload, and drives with inertia and friction."""
+    of_drives = {"rotor_inertia": 0.01, "friction": 0.02}
+    arm = arc_arm((1, 2, 5, 3), (0.3, 0.1, 0.2, 0.3), payload=0.3, tool=CAMERA, **of_drives, **changes)
     return replace(arm, masses=np.random.default_rng(seed).uniform(0.05, 0.3, arm.links))
 
 
@@ -140,13 +141,22 @@ def test_closed_loop_of_drives_is_that_of_the_same_law_in_numpy(seed: int, compu
         np.testing.assert_allclose(ours, theirs, atol=1e-8 * np.max(np.abs(theirs)))
 
 
+HEAD = """[arm.tool]
+tip = [10.0, 0.0, 5.0]
+bodies = [{ box = [[0.0, -6.0, -6.0], [10.0, 6.0, 8.0]] }]
+mass = 0.01
+
+[limits]"""
+"""A camera head on the last section."""
+
+
 @pytest.mark.planning
 def test_arm_of_sections_follows_its_plan_within_torque_limits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A plan keeps the torques of its sections, is followed and passes every check; a weak section is named."""
     text = TEXT.replace("velocity = 0.5", "velocity = 5.0\ntorque = [0.5, 0.4]").replace("[1.0, 2.0]", "100.0")
-    text = text.replace('drive = "section"', 'drive = "section"\nmass = 0.25')
+    text = text.replace('drive = "section"', 'drive = "section"\nmass = 0.25').replace("[limits]", HEAD)
     solution = ccm_opt.solve(read(text), explain=False)
     assert solution.simulation.verdict.outcome == "followed"
     assert solution.simulation.tracking_error < 1e-3
@@ -154,6 +164,7 @@ def test_arm_of_sections_follows_its_plan_within_torque_limits(
     arrays = np.load(folder / "solution.npz")
     assert arrays["simulated_torques"].shape == arrays["drive_torques"].shape
     assert np.max(np.abs(arrays["drive_torques"][:, :2])) <= 0.5
+    np.testing.assert_allclose(arrays["tool_tip"][-1], [0.22, -0.06, 0.12], atol=1e-3)
     assert CommandLine(capsys)("check", folder).code == 0
     weak = next(within_torque_limits(read(text.replace("0.5, 0.4", "0.05, 0.4"))))
     assert "start: section 1 (section1_b) needs" in weak.reason
@@ -178,7 +189,7 @@ acceleration = 500.0
 def test_tendons_keep_their_travel_and_speed_on_a_carriage() -> None:
     """An arm on a base axis, which begins at 98 % of the travel, is planned and timed within both limits."""
     text = re.sub(r"\[arm\]\nbase = .*\n", CARRIAGE, TEXT).replace("[220.0, -60.0", "[220.0, -200.0")
-    text = text.replace("velocity = 0.5", "velocity = 5.0").replace("[1.0, 2.0]", "100.0")
+    text = text.replace("velocity = 0.5", "velocity = 5.0").replace("[1.0, 2.0]", "100.0").replace("[limits]", HEAD)
     solution = ccm_opt.solve(read(text.replace("number = 3", "number = 3, travel = 1.6, speed = 2.0")), explain=False)
     assert abs(solution.trajectory.base_positions[-1, 0] + 0.14) < 0.1
     shown = {check.name: check for check in solution.checks}

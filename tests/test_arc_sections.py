@@ -10,15 +10,18 @@ from ccm_opt.planning.curve_map import poses_with
 from ccm_opt.robot.arc_sections import arc_deviation
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
+from ccm_opt.scene.tool_links import points_with_tool, with_tool_links
 from ccm_opt.verification.chain_motion import (
     ChainMotion,
     LinkFrames,
     TimeIntervals,
     acceleration_bounds,
     chain_points,
+    pointing,
 )
 from ccm_opt.verification.selfcollision import travels_in_frame
-from tests.arc_arms import arc_arm
+from ccm_opt.verification.tool_chain import motion_of
+from tests.arc_arms import CAMERA, arc_arm
 from tests.oracles.space_certificate import bows
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -71,10 +74,11 @@ def test_arc_is_within_its_deviation_of_its_tangents(length: float, turn: float)
 @given(SEEDS, st.sampled_from([1e-4, 1.0]))
 def test_derivatives_are_those_of_the_places(seed: int, share: float) -> None:
     """Derivatives of points and rotations agree with differences, also where links grow."""
-    arm = arc_arm((2, 3), (0.2, 0.3))
+    arm = with_tool_links(arc_arm((2, 3), (0.2, 0.3), tool=CAMERA))
     q = bent(arm, seed, share)
-    pose = poses_with(arm, np.zeros((1, len(q))), q[None], np.eye(len(q)))[0]
-    step = 1e-6 * np.eye(len(q))
+    free = np.eye(len(q))[arm.bend_limits > 0.0]
+    pose = poses_with(arm, np.zeros((1, len(free))), q[None], np.ascontiguousarray(free.T))[0]
+    step = 1e-6 * free
     moving = (arm.joint_positions_at(q + step) - arm.joint_positions_at(q - step)) / 2e-6
     np.testing.assert_allclose(pose.moving, np.moveaxis(moving, 0, -1), atol=1e-8)
     turning = (arm.link_rotations(q + step) - arm.link_rotations(q - step)) / 2e-6
@@ -85,7 +89,7 @@ def test_derivatives_are_those_of_the_places(seed: int, share: float) -> None:
 @given(SEEDS, st.sampled_from([0.01, 0.3, 1.0]))
 def test_bounds_hold_for_second_derivatives(seed: int, share: float) -> None:
     """No point of the arm is accelerated by more than planner and verifier bound, while its joints turn evenly."""
-    arm = arc_arm((3, 4), (0.2, 0.3), limit=1.2)
+    arm = with_tool_links(arc_arm((3, 4), (0.2, 0.3), limit=1.2, tool=CAMERA))
     middle, turns = bent(arm, seed, 1.0 - share), bent(arm, seed + 1, share)
     u = np.linspace(-0.5, 0.5, 31)[:, None]
     step = 2e-4
@@ -97,9 +101,20 @@ def test_bounds_hold_for_second_derivatives(seed: int, share: float) -> None:
 
 @given(SEEDS, st.sampled_from([0.0, 1e-7, 1.0]))
 def test_verifier_has_the_same_links(seed: int, share: float) -> None:
-    """The verifier's own kinematics of arcs give the same places and directions of the links."""
-    arm = arc_arm()
+    """The verifier's own kinematics of arcs give the same places and directions of the links, and of a tool."""
+    arm = arc_arm(tool=CAMERA)
     q = bent(arm, seed, share)
+    both = motion_of(arm, np.array([0.0, 1.0]), np.stack((q, q)))
+    tip = points_with_tool(arm, q)[-1]
+    np.testing.assert_allclose(both.points[0, -1], tip, atol=1e-13)
+    np.testing.assert_allclose(pointing(both, 0), arm.link_rotations(q)[-1] @ CAMERA.direction, atol=1e-13)
+    whole = with_tool_links(arm)
+    assert whole.tool_links is not None
+    longer = np.zeros((whole.links, 2))
+    longer[whole.tool_links.own] = q.reshape(-1, 2)
+    np.testing.assert_allclose(whole.joint_positions_at(longer.ravel()), points_with_tool(arm, q), atol=1e-13)
+    ahead = whole.link_rotations(longer.ravel())[-1, :, 0]
+    np.testing.assert_allclose(ahead, arm.link_rotations(q)[-1] @ CAMERA.direction, atol=1e-13)
     np.testing.assert_allclose(chain_points(arm, q[None])[0], arm.joint_positions_at(q), atol=1e-13)
     frames = LinkFrames.from_configurations(arm, q[None])
     np.testing.assert_allclose(frames.along[0], arm.link_rotations(q)[:, :, 0], atol=1e-13)
@@ -109,7 +124,7 @@ def test_verifier_has_the_same_links(seed: int, share: float) -> None:
 @given(SEEDS, st.sampled_from([0.02, 0.3, 1.0]))
 def test_travel_between_links_is_bounded(seed: int, share: float) -> None:
     """No two links come nearer to each other from mid-interval than the verifier's bound, though both grow."""
-    arm = arc_arm((3, 4), (0.2, 0.3), limit=2.0)
+    arm = with_tool_links(arc_arm((3, 4), (0.2, 0.3), limit=2.0, tool=CAMERA))
     middle, turns = bent(arm, seed, 1.0 - share), bent(arm, seed + 1, share)
     motion = ChainMotion(arm, np.array([0.0, 1.0]), np.stack((middle - 0.5 * turns, middle + 0.5 * turns)))
     i, j = np.triu_indices(arm.links, 2)

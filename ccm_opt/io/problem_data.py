@@ -189,14 +189,14 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
     }
     entries |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
     entries["bodies"] = [_link_body(body, arm) for body in arm.bodies] or None
+    if arm.tool is not None:
+        entries["tool"] = _tool(arm.tool)
     if arm.proportions is not None:
         entries |= {**dict.fromkeys(SECTION_KEYS), "sections": _sections(arm)}
         if arm.sections is not None:
             return _driven_arm(arm, arm.sections, limits, entries).written(unit)
         base = arm.base_limit * arm.proportions.limits[: arm.bends_a_joint]
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
-    if arm.tool is not None:
-        entries["tool"] = _tool(arm.tool)
     if arm.dimension == 3:
         return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries).written(unit)
     return PlaneArmTable.from_object(arm, **entries).written(unit)

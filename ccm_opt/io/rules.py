@@ -170,7 +170,7 @@ _NEEDS_PATH = 'for sections with drive = "section" only together with goal.path;
 _NOT_ALONG_PATH = "not supported along goal.path; leave it out"
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
 _UNSUPPORTED = (
-    *(("arm", key) for key in ("base_limit_deg", "feed", "tool", "bodies")),
+    *(("arm", key) for key in ("base_limit_deg", "feed", "bodies")),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
     ("tolerance", "joint_error_deg"),
 )

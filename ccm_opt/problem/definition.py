@@ -172,7 +172,6 @@ def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
     yield from _broken(
         (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
         (arm.feed is None, "arm.feed is not supported for sections that bend evenly; leave it out"),
-        (arm.tool is None, "arm.tool is not supported for sections that bend evenly; leave it out"),
         (not limits.points, "limits of points of the arm are not supported for sections that bend evenly"),
         (problem.joint_error == 0.0, "tolerance.joint_error is not supported for sections that bend evenly"),
         (problem.planner.method == "nlp", "planner.method must be 'nlp' for sections that bend evenly"),

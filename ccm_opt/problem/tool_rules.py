@@ -28,7 +28,10 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
     key = bodies[0][0][:2]
     layouts = (
         (arm.dimension == 2 and bool(arm.base_axes), "for an arm in the plane with a feed axis"),
-        (arm.sections is not None, "together with sections that bend evenly"),
+        (
+            arm.sections is not None and bool(arm.bodies),
+            "together with sections that bend evenly; give the tool what the end of the arm carries",
+        ),
     )
     yield from ((key, f"not supported {words}") for applies, words in layouts if applies)
     for not_with in _NOT_WITH_BODIES:

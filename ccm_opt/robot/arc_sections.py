@@ -59,6 +59,7 @@ class ArcSections:
         limits: bound on the absolute value of each of the two bends of a whole section, shape (s,) [rad].
         radii: radius of the body about the arcs at both ends of each section, between which it tapers, (s, 2) [m].
         tendons: tendons of each section, if known; empty for none.
+        tool_links: number of links behind the last that stand for a tool.
     """
 
     counts: IntArray
@@ -66,21 +67,23 @@ class ArcSections:
     limits: FloatArray
     radii: FloatArray
     tendons: tuple[Tendons | None, ...] = ()
+    tool_links: int = 0
 
     @property
     def links(self) -> int:
-        """Number of links: one more than there are arcs."""
-        return int(np.sum(self.counts)) + 1
+        """Number of links: one more than there are arcs, and those of a tool."""
+        return int(np.sum(self.counts)) + 1 + self.tool_links
 
     @cached_property
     def section_of_joint(self) -> IntArray:
-        """Index of the section to which each joint belongs, shape (links,); −1 for the first, which does not bend."""
-        return np.concatenate(([-1], np.repeat(np.arange(len(self.counts)), self.counts)))
+        """Index of the section to which each joint belongs, shape (links,); −1 for those that do not bend."""
+        own = np.repeat(np.arange(len(self.counts)), self.counts)
+        return np.concatenate(([-1], own, np.full(self.tool_links, -1)))
 
     @cached_property
     def arcs(self) -> FloatArray:
         """Half of the length of the arc about each joint, and 0 for the tip, shape (links + 1,) [m]."""
-        return np.concatenate(([0.0], np.repeat(0.5 * self.lengths / self.counts, self.counts), [0.0]))
+        return np.append(self._each(0.5 * self.lengths / self.counts), 0.0)
 
     @cached_property
     def link_lengths(self) -> FloatArray:
@@ -90,12 +93,16 @@ class ArcSections:
     @cached_property
     def turn_limits(self) -> FloatArray:
         """Turn of the arc about each joint with both bends at their limits, and 0 for the tip, shape (links + 1,)."""
-        return np.concatenate(([0.0], np.repeat(np.sqrt(2.0) * self.limits / self.counts, self.counts), [0.0]))
+        return np.append(self._each(np.sqrt(2.0) * self.limits / self.counts), 0.0)
 
     @cached_property
     def joint_limits(self) -> FloatArray:
-        """Bound on the absolute value of each of a joint's two bends, 0 of the first joint, shape (links,) [rad]."""
-        return np.concatenate(([0.0], np.repeat(self.limits / self.counts, self.counts)))
+        """Bound on the absolute value of each of a joint's two bends, 0 if it does not bend, shape (links,) [rad]."""
+        return self._each(self.limits / self.counts)
+
+    def _each(self, values: FloatArray) -> FloatArray:
+        """Return for each joint the value of its section, given for all, (s,), or 0 if it does not bend, (links,)."""
+        return np.concatenate(([0.0], np.repeat(values, self.counts), np.zeros(self.tool_links)))
 
     @property
     def drive_names(self) -> tuple[str, ...]:
@@ -106,8 +113,8 @@ class ArcSections:
     def coupling(self) -> FloatArray:
         """Derivatives of the bends of the joints with respect to those of the sections, shape (2 links, 2 s)."""
         shares = np.zeros((self.links, len(self.counts)))
-        joints = np.arange(1, self.links)
-        shares[joints, self.section_of_joint[1:]] = np.repeat(1.0 / self.counts, self.counts)
+        bent = np.flatnonzero(self.section_of_joint >= 0)
+        shares[bent, self.section_of_joint[bent]] = np.repeat(1.0 / self.counts, self.counts)
         return np.asarray(np.kron(shares, np.eye(2)), dtype=np.float64)
 
     def drives(self, bends: FloatArray) -> FloatArray:
@@ -231,15 +238,16 @@ class ArcSections:
 
     @cached_property
     def link_radii(self) -> FloatArray:
-        """Radius of a capsule about each link that contains the body about its true arcs, shape (links,) [m].
+        """Radius of a capsule about each link that contains the body about its true arcs, −∞ for a tool, (links,) [m].
 
         It is the radius of the body, plus the greatest distance of the arcs from the link within the limits.
         """
         tapers = zip(self.radii.tolist(), self.counts.tolist(), strict=True)
         ends = [np.linspace(first, last, count + 1) for (first, last), count in tapers]
         widest = np.concatenate([np.maximum(each[:-1], each[1:]) for each in ends])
-        beside = np.concatenate(([0.0], widest, [0.0])) + arc_deviation(2.0 * self.arcs, self.turn_limits)
-        return np.maximum(beside[:-1], beside[1:])
+        arcs = len(widest) + 2
+        beside = np.concatenate(([0.0], widest, [0.0])) + arc_deviation(2.0 * self.arcs, self.turn_limits)[:arcs]
+        return np.append(np.maximum(beside[:-1], beside[1:]), np.full(self.tool_links, -np.inf))
 
 
 def fitting_arcs(length: float, limit: float, radius: float) -> int:

@@ -213,7 +213,9 @@ class Arm(LinkLayout):
     @property
     def longest_link(self) -> float:
         """Greatest length of a link within the joint limits [m]."""
-        return float(np.max(self.lengths if self.sections is None else self.sections.longest_links()))
+        if self.sections is None:
+            return float(np.max(self.lengths))
+        return float(max(np.max(self.lengths), np.max(self.sections.longest_links())))
 
     def key(self, name: str) -> str:
         """Return the key of problem files, for messages, that gives a value of links: the arm's or its sections'."""

@@ -54,8 +54,8 @@ static void move_base(const ChainQuery *q, double *rotation, double *turning, do
 }
 
 /* Length of a link that consists of tangents of two arcs, and its derivatives by the bends of the joints at its ends. */
-static double grown(const double *arcs, const double *bends, int64_t link, int64_t links, double *of_own,
-                    double *of_next)
+static double grown(const double *lengths, const double *arcs, const double *bends, int64_t link, int64_t links,
+                    double *of_own, double *of_next)
 {
     const double *own = bends + 2 * link, none[2] = {0.0, 0.0}, *next = link + 1 < links ? own + 2 : none;
     Tangent first = tangent(hypot(own[0], own[1])), last = tangent(hypot(next[0], next[1]));
@@ -63,7 +63,7 @@ static double grown(const double *arcs, const double *bends, int64_t link, int64
         of_own[i] = arcs[link] * first.slope * own[i];
         of_next[i] = arcs[link + 1] * last.slope * next[i];
     }
-    return arcs[link] * first.length + arcs[link + 1] * last.length;
+    return arcs[link] * first.length + arcs[link + 1] * last.length + fixed_length(lengths, arcs, link);
 }
 
 static void chain_of_pose(const ChainQuery *q)
@@ -79,7 +79,7 @@ static void chain_of_pose(const ChainQuery *q)
         double *turn = q->turning + 3 * j * p, *move = q->moving + 3 * (j + 1) * p;
         double length = q->lengths[j], of_next[2] = {0.0, 0.0}, of_own[2] = {0.0, 0.0};
         joint_axes(q->arcs, before, after, q->q + 2 * j, axis_a, axis_b);
-        if (q->arcs) length = grown(q->arcs, q->q, j, n, of_own, of_next);
+        if (q->arcs) length = grown(q->lengths, q->arcs, q->q, j, n, of_own, of_next);
         for (int d = 0; d < 3; d++)
             for (int64_t k = 0; k < p; k++)
                 turn[d * p + k] = (j ? turn - 3 * p : q->base_turning)[d * p + k] + axis_a[d] * about_a[k] + axis_b[d] * about_b[k];

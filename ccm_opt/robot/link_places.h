@@ -115,20 +115,38 @@ static inline void joint_axes(const double *arcs, const double *before, const do
     }
 }
 
+/* The rotation of the link before a joint, (3, 3), then turned by the link's constant rotation, if links have any. */
+static inline const double *turned_before(const double *before, const double *turns, int64_t link, double *turned)
+{
+    if (!turns) return before;
+    const double *turn = turns + 9 * link;
+    for (int d = 0; d < 9; d++) {
+        const double *row = before + d - d % 3;
+        turned[d] = row[0] * turn[d % 3] + row[1] * turn[d % 3 + 3] + row[2] * turn[d % 3 + 6];
+    }
+    return turned;
+}
+
+/* The length of a link at neither of whose ends is an arc, of a body that is fixed to the arm; 0 of all others. */
+static inline double fixed_length(const double *lengths, const double *arcs, int64_t link)
+{
+    return arcs[link] == 0.0 && arcs[link + 1] == 0.0 ? lengths[link] : 0.0;
+}
+
 /* Places and rotations of links that are tangents of arcs, as below. */
-static inline void place_tangents(int64_t links, const double *arcs, const double *base, const double *bends,
-                                  double *points, double *rotations)
+static inline void place_tangents(int64_t links, const double *lengths, const double *turns, const double *arcs,
+                                  const double *base, const double *bends, double *points, double *rotations)
 {
     double leg = 0.0; /* of the link before a joint, from the end of the arc before it */
     for (int64_t j = 0; j < links; j++) {
-        const double *before = j ? rotations + 9 * (j - 1) : base;
-        double *after = rotations + 9 * j;
+        double turned[9], *after = rotations + 9 * j;
+        const double *before = turned_before(j ? rotations + 9 * (j - 1) : base, turns, j, turned);
         double a = bends[2 * j], b = bends[2 * j + 1], s = a * a + b * b, turn = sqrt(s);
         double sine = s < 1e-4 ? 1.0 - s / 6.0 + s * s / 120.0 : sin(turn) / turn;
         double half = s < 1e-4 ? 0.5 - s / 24.0 + s * s / 720.0 : (1.0 - cos(turn)) / s, next[2] = {0.0, 0.0};
         if (j + 1 < links) next[0] = bends[2 * j + 2], next[1] = bends[2 * j + 3];
         leg = arcs[j] * tangent(turn).length;
-        double length = leg + arcs[j + 1] * tangent(hypot(next[0], next[1])).length;
+        double length = leg + arcs[j + 1] * tangent(hypot(next[0], next[1])).length + fixed_length(lengths, arcs, j);
         for (int d = 0; d < 3; d++) {
             double x = before[3 * d], y = before[3 * d + 1], z = before[3 * d + 2];
             after[3 * d] = x * (1.0 - half * s) + sine * (a * y - b * z);
@@ -141,29 +159,21 @@ static inline void place_tangents(int64_t links, const double *arcs, const doubl
 
 /* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the
    positions of the axes that carry the base. Of the arcs about the joints, if there are
-   any, half the lengths are given, and zero for the tip, (links + 1,). Links of universal joints may have constant
-   rotations relative to the link before them, turns, (links, 3, 3), which the bends follow; they may be missing. */
+   any, half the lengths are given, and zero for the tip and the joints of bodies beyond the last arc, (links + 1,). Links
+   may have constant rotations relative to the link before them, turns, (links, 3, 3), which the bends follow; they may be
+   missing. */
 static inline void place_links(int64_t links, const double *lengths, const double *turns, const double *arcs,
                                const Carrier *carrier, const double *bends, double *points, double *rotations)
 {
     double base[9];
     place_base(carrier, bends + 2 * links, points, base, NULL);
     if (arcs) {
-        place_tangents(links, arcs, base, bends, points, rotations);
+        place_tangents(links, lengths, turns, arcs, base, bends, points, rotations);
         return;
     }
     for (int64_t j = 0; j < links; j++) {
-        const double *before = j ? rotations + 9 * (j - 1) : base;
-        double turned[9];
-        if (turns) {
-            const double *turn = turns + 9 * j;
-            for (int d = 0; d < 9; d++) {
-                const double *row = before + d - d % 3;
-                turned[d] = row[0] * turn[d % 3] + row[1] * turn[d % 3 + 3] + row[2] * turn[d % 3 + 6];
-            }
-            before = turned;
-        }
-        double *after = rotations + 9 * j;
+        double turned[9], *after = rotations + 9 * j;
+        const double *before = turned_before(j ? rotations + 9 * (j - 1) : base, turns, j, turned);
         double ca = cos(bends[2 * j]), sa = sin(bends[2 * j]), cb = cos(bends[2 * j + 1]), sb = sin(bends[2 * j + 1]);
         for (int d = 0; d < 3; d++) {
             double x = before[3 * d], y = before[3 * d + 1], z = before[3 * d + 2], along = ca * x + sa * y;
@@ -263,7 +273,7 @@ static inline void bound_motion(int64_t links, const double *lengths, const doub
         if (arcs) {
             LegGrowth next = no_growth;
             if (j + 1 < links) next = leg_growth(arcs[j + 1], bends + 2 * j + 2, turns + 2 * j + 2);
-            bow[j + 1] = bow[j] + (leg.length + next.length) * (most * most + drift)
+            bow[j + 1] = bow[j] + (leg.length + next.length + fixed_length(lengths, arcs, j)) * (most * most + drift)
                          + 2.0 * (leg.rate + next.rate) * most + leg.curve + next.curve;
             leg = next;
         } else {

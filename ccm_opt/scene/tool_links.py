@@ -258,6 +258,7 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
         rotor_inertia=_of_revolutes(arm.rotor_inertia, own),
         friction=_of_revolutes(arm.friction, own),
         proportions=Proportions(lengths / mean, radii / (widest or 1.0), _among(shares, own, k, 0.0)),
+        sections=None if arm.sections is None else replace(arm.sections, tool_links=len(own) - arm.links),
         bodies=(),
         tool=None,
         tool_links=ToolLinks(

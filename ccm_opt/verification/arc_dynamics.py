@@ -16,6 +16,7 @@ from numpy.polynomial import Polynomial
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.verification.attached_masses import PointMasses
 from ccm_opt.verification.base_motion import BaseMotion, cross
 from ccm_opt.verification.chain_motion import LinkFrames, arc_frames, arc_lengths, base_rotations, bend_pairs
 
@@ -125,6 +126,13 @@ def arc_efforts(
     turning = np.sum(growth * frames.along, axis=2, keepdims=True) * frames.along
     moments = across * growth + more * (turning + spin * cross(rate, frames.along))
     moments += cross(places + centres, forces)
+    fixed = PointMasses.of(arm)
+    for link, mass, place in zip(fixed.link, fixed.mass, fixed.place, strict=True):
+        out = after[:, link] @ place
+        turned = np.cross(rate[:, link], out)
+        pull = mass * (ends[:, link] + np.cross(growth[:, link], out) + np.cross(rate[:, link], turned) - gravity)
+        forces[:, link] += pull
+        moments[:, link] += np.cross(places[:, link] + out, pull)
     at_tip = arm.payload * (ends[:, -1:] - gravity)
     moments[:, -1:] += cross(places[:, -1:], at_tip)
     forces[:, -1:] += at_tip

@@ -135,6 +135,7 @@ def arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
     """
     angle, y, z = _arc_axes(arm, positions)
     cos, sin = np.cos(angle), np.sin(angle)
+    fixed = None if arm.tool_links is None else arm.tool_links.turns
     turns = np.empty((*angle.shape, 3, 3))
     turns[..., 0, 0] = cos
     turns[..., 0, 1], turns[..., 1, 0] = -sin * z, sin * z
@@ -144,6 +145,8 @@ def arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
     frames = np.empty_like(turns)
     now = base_rotations(arm, positions)
     for link in range(arm.links):
+        if fixed is not None and arm.tool_links is not None and not arm.tool_links.own[link]:
+            now = np.matmul(now, fixed[link])
         now = np.matmul(now, turns[:, link], out=frames[:, link])
     return frames
 
@@ -170,6 +173,8 @@ def pointing(motion: "ChainMotion", sample: int) -> FloatArray:
     if motion.arm.dimension == 2:
         along = link_directions(motion.arm, q)[0, link]
         return np.asarray(tool.direction @ np.stack((along, [-along[1], along[0]])))
+    if motion.arm.sections is not None:
+        return np.asarray(arc_frames(motion.arm, q)[0, link] @ tool.direction)
     frames = LinkFrames.from_configurations(motion.arm, q)
     axes = (frames.along, frames.second_axes, frames.across)
     return np.asarray(tool.direction @ np.stack([axis[0, link] for axis in axes]))
@@ -217,22 +222,27 @@ def arc_turns(arm: Arm, values: FloatArray) -> FloatArray:
 def tangent_lengths(arm: Arm, turns: FloatArray) -> FloatArray:
     """Return the lengths of links that are tangents of arcs which turn by angles (T, links), shape (T, links) [m].
 
-    An arc of length h that turns by θ has the radius h / θ, and its tangents are h / θ tan(θ / 2) long.
+    An arc of length h that turns by θ has the radius h / θ, and its tangents are h / θ tan(θ / 2) long. Parts of a tool
+    have a constant length.
     """
     arcs = arc_lengths(arm)
     half = np.maximum(0.5 * turns, 1e-8)  # of smaller turns the tangents are half of the arc to the last digit
     legs = 0.5 * arcs * np.tan(half) / half
     legs = np.concatenate((legs, np.zeros((len(legs), 1))), axis=1)
-    return np.asarray(legs[:, :-1] + legs[:, 1:])
+    found = legs[:, :-1] + legs[:, 1:]
+    if arm.tool_links is not None:
+        found[:, ~arm.tool_links.own] = arm.lengths[~arm.tool_links.own]
+    return np.asarray(found)
 
 
 def arc_lengths(arm: Arm) -> FloatArray:
-    """Return the length of the arc about each joint, 0 of the first, which is at the base, shape (links,) [m]."""
+    """Return the length of the arc about each joint, 0 of that at the base and of those of a tool, (links,) [m]."""
     sections = arm.sections
     if sections is None:
         return np.zeros(arm.links)
     each = [np.full(count, length / count) for count, length in zip(sections.counts, sections.lengths, strict=True)]
-    return np.concatenate(([0.0], *each))
+    bent = np.concatenate(([0.0], *each))
+    return np.append(bent, np.zeros(arm.links - len(bent)))
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,10 @@ def mujoco_torques(arm: Arm, gravity: FloatArray, states: tuple[FloatArray, ...]
         moments = " ".join(map(repr, inertia.tolist()))
         text += f'<body name="b{k}">{joints}<inertial mass="{mass!r}" pos="{centre!r} 0 0" diaginertia="{moments}"/>'
         end += "</body>"
+    for number, body in enumerate(arm.rigid_bodies):
+        place, moments = " ".join(map(repr, body.centre_in_space.tolist())), " ".join(map(repr, body.moments.tolist()))
+        rigid = f'<inertial mass="{body.mass!r}" pos="{place}" fullinertia="{moments}"/>'
+        text += f'<body name="carried{number}">{rigid}</body>'
     if arm.payload:
         point = f'<inertial mass="{arm.payload!r}" pos="0 0 0" diaginertia="1e-12 1e-12 1e-12"/>'
         text += f'<body name="payload">{point}</body>'
@@ -97,5 +101,8 @@ def pinocchio_torques(arm: Arm, gravity: FloatArray, states: tuple[FloatArray, .
         for number, kind in enumerate(kinds):
             parent = model.addJoint(parent, kind(), here, f"j{k}_{number}")
         model.appendBodyToJoint(parent, pin.Inertia(mass, np.array([centre, 0.0, 0.0]), np.diag(inertia)), here)
+    for body in arm.rigid_bodies:
+        assert body.inertia is not None
+        model.appendBodyToJoint(parent, pin.Inertia(body.mass, body.centre_in_space, body.inertia), here)
     model.appendBodyToJoint(parent, pin.Inertia(arm.payload, np.zeros(3), np.zeros((3, 3))), here)
     return np.asarray(states[3].T @ pin.rnea(model, model.createData(), *states[:3]))
