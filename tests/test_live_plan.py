@@ -102,7 +102,7 @@ def test_constraints_are_kept_while_dragging(swan: ccm_opt.Problem) -> None:
 def test_what_cannot_be_moved_is_refused(swan: ccm_opt.Problem) -> None:
     """Problems that are not planned live, unknown obstacles, places that are none, and goals for the whole arm."""
     with pytest.raises(ProblemError, match="cannot be planned live"):
-        LivePlan(ccm_opt.load_problem(PROBLEMS / "feed-s-duct.toml"))
+        LivePlan(ccm_opt.load_problem(PROBLEMS / "space" / "turbine-thirty.toml"))
     with pytest.raises(ProblemError, match="cannot be planned live"):
         LivePlan(replace(swan, joint_error=1e-3))
     live = LivePlan(swan)
@@ -110,6 +110,8 @@ def test_what_cannot_be_moved_is_refused(swan: ccm_opt.Problem) -> None:
         live.move_obstacle("roof", (0.0, 0.1))
     with pytest.raises(ProblemError, match=r"expected a position \(x, y\)"):
         live.move_goal((0.1, 0.2, 0.3))
+    with pytest.raises(ProblemError, match="number=1 or None"):
+        live.move_goal((0.1, 0.2), number=2)
     straight = JointPose(np.zeros(swan.arm.links))
     whole = LivePlan(replace(swan, goal=straight, workspace=replace(swan.workspace, obstacles=())))
     with pytest.raises(ProblemError, match="give a goal for the tip"):

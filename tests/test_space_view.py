@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,7 +18,7 @@ from ccm_opt.cli.view.app import GOAL, ViewerApp, claim_port, direction_of
 from ccm_opt.cli.view.frames import MotionFrames, rotation_to_axis
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LivePlan
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Problem, Stop, TipGoal, Tolerances
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.verifier import verify
@@ -126,6 +127,25 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     with pytest.raises(ProblemError, match="the scene reaches to"):
         live.move_obstacle("ball", (1e15, 0.0, 0.0))
     assert np.all(np.abs(live.problem.workspace.obstacle_centre("ball")) <= 1e15)
+
+
+def test_any_goal_of_several_can_be_dragged() -> None:
+    """The motions to and from it are adapted, not searched for, and the others stay; the plan passes the verifier."""
+    beside = problem()
+    first, last = beside.goal, TipGoal(np.array([0.3, 0.1, 0.2]))
+    live = LivePlan(replace(beside, stops=(Stop(first, Tolerances()),), goal=last))
+    before = live.plan
+    for number in (2, 1):
+        place = live.problem.goals[number - 1].goal.tip(beside.arm) + 0.01
+        answer = live.move_goal(place, number=number)
+        assert answer.current
+        assert answer.same_route
+        plan = live.plan
+        assert all(check.passed for check in verify(plan.problem, plan.trajectory, plan.joints))
+        np.testing.assert_array_equal(plan.problem.goals[number - 1].goal.tip(beside.arm), place)
+        assert plan.trajectory.duration < 1.5 * before.trajectory.duration
+    with pytest.raises(ProblemError, match="the number of a goal, 1 to 2"):
+        live.move_goal((0.3, 0.1, 0.2), number=3)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))

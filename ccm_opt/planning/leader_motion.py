@@ -111,14 +111,8 @@ class OwnPath:
         """Feed of the pose [m]."""
         return float(self.pose[-1])
 
-    def slide(self, first: float, weight: float) -> FloatArray:
-        """Return keyframes (K, c) of the arm sliding along the path, from a given feed to that of the pose.
-
-        Args:
-            first: feed of the first keyframe [m].
-            weight: weight on displacements from the path in the smoothing of bends; if infinite, bends are not
-                smoothed.
-        """
+    def slide(self, first: float) -> FloatArray:
+        """Return keyframes (K, c) of the arm sliding along the path, from a given feed [m] to that of the pose."""
         arm = self.arm
         bends = self.straight > 0.0
         before = min(free_before(arm), 0.5 * self.straight) if bends else free_before(arm)
@@ -135,8 +129,7 @@ class OwnPath:
         most = max(arm.joint_limit, float(np.max(np.linalg.norm(arm.bend_pairs(self.pose), axis=1))))
         slid = slid_along(arm, track, feeds, shares, most)
         # The guide tube accepts exactly straight joints only.
-        slid = np.where(np.abs(slid) < _STRAIGHT, 0.0, slid)
-        return _smoothed(arm, slid, weight) if weight < np.inf and arm.links <= _MOST_SMOOTHED else slid
+        return np.where(np.abs(slid) < _STRAIGHT, 0.0, slid)
 
 
 def _smoothed(arm: Arm, slide: FloatArray, weight: float) -> FloatArray:
@@ -147,8 +140,10 @@ def _smoothed(arm: Arm, slide: FloatArray, weight: float) -> FloatArray:
     Args:
         arm: arm on a feed axis.
         slide: configurations at even steps of the feed, shape (K, c) [rad, m].
-        weight: weight on displacements of the joints across the links.
+        weight: weight on displacements of the joints across the links; if infinite, the slide is unchanged.
     """
+    if weight == np.inf or arm.links > _MOST_SMOOTHED:
+        return slide
     count, bends = len(slide), 2 * arm.links
     unit = arm.length / NOMINAL_LINKS
     step = (slide[-1, -1] - slide[0, -1]) / unit / (count - 1)
@@ -214,7 +209,8 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
             between these ends.
     """
     ends = motion.configurations[0], motion.configurations[-1]
-    on_path = keyframes_behind_tip(task.arm, *ends, np.inf)
+    slides = _slides(task.arm, *ends)
+    on_path = _joined_slides(task.arm, *ends, slides, np.inf)
     if on_path is None or len(task.certificate.failures(on_path)) > 0:
         return None
     bounded = any(isinstance(limit, FollowingLimit) for limit in task.held)
@@ -222,7 +218,7 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
     for weight in _WEIGHTS:
         if weight < np.inf and task.deadline.passed():
             continue
-        keyframes = keyframes_behind_tip(task.arm, *ends, weight) if weight < np.inf else on_path
+        keyframes = _joined_slides(task.arm, *ends, slides, weight) if weight < np.inf else on_path
         if keyframes is None or np.max(task.clearance_shortfall(keyframes)) > most_lack:
             continue
         if not (bounded or (_worth(keyframes, motion.configurations, task) if optimised else _best(keyframes, task))):
@@ -286,15 +282,28 @@ def keyframes_behind_tip(
         weight: weight on displacements from the paths for the sake of smooth bends; if infinite, bends are not
             smoothed.
     """
+    return _joined_slides(arm, start, end, _slides(arm, start, end), weight)
+
+
+def _slides(arm: Arm, start: FloatArray, end: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+    """Return the slides (K, c) of an arm out along the start pose's path, to the start, and along that of the end pose.
+
+    Both begin where the tip lies on the axis, which both paths share; either is None if its pose lies there already.
+    """
     out, inwards = OwnPath.from_configuration(arm, start), OwnPath.from_configuration(arm, end)
-    # Where the tip lies on the axis, which both paths share.
     fork = min(out.feed, inwards.feed, min(out.straight, inwards.straight) + arm.hole - arm.length)
     fork = max(fork, arm.base_range[0])
-    pieces = []
-    if out.feed - fork > _STRAIGHT * arm.length:
-        pieces.append(out.slide(fork, weight)[::-1])
-    if inwards.feed - fork > _STRAIGHT * arm.length:
-        pieces.append(inwards.slide(fork, weight))
+    least = _STRAIGHT * arm.length
+    slides = [path.slide(fork) if path.feed - fork > least else None for path in (out, inwards)]
+    return slides[0], slides[1]
+
+
+def _joined_slides(
+    arm: Arm, start: FloatArray, end: FloatArray, slides: tuple[FloatArray | None, FloatArray | None], weight: float
+) -> FloatArray | None:
+    """Return the keyframes of ``keyframes_behind_tip`` from slides that are not yet smoothed."""
+    back, onward = (None if slide is None else _smoothed(arm, slide, weight) for slide in slides)
+    pieces = ([] if back is None else [back[::-1]]) + ([] if onward is None else [onward])
     if not pieces:
         return None
     whole = np.clip(np.concatenate(pieces), arm.lower_limits, arm.upper_limits)

@@ -159,7 +159,7 @@ def _slid(task: SpaceTask, path: TipPath) -> BSpline:
     track = ArmTrack.behind(arm.joint_positions_at(start), way)
     last = feeds_to_end(arm, track, feed, arm.length)[-1]
     pose = arm.configuration(np.zeros(2 * arm.links), float(last))
-    slide = OwnPath(arm, pose, 0.0, way).slide(feed, np.inf)
+    slide = OwnPath(arm, pose, 0.0, way).slide(feed)
     slide[0] = start
     spline = path_near_configurations(slide, task)
     if spline is None:

@@ -4,9 +4,7 @@ In the plane the stages are routes through free space (section 4.1 of the paper)
 curve by the NLP, tip paths, the certified motion of the links and a smooth path through joint space. In space they are
 the search, the goal configuration by the NLP, the optimisation and the smooth path.
 
-To replan in the plane, a known motion is deformed to reach the new goal or, if that would touch a wall, tracked by
-steps that avoid the walls; it is then optimised like any other. This needs no search, so replanning takes about as long
-as one optimisation.
+To replan, a known motion is adapted to the new goal (see ``resuming``).
 
 In space the default mount is as long as the arm's radius. Where such an arm stands perpendicular to a floor, the disc
 at the end of the mount just touches the floor, and any turn of the base would press its rim into the floor. The first
@@ -14,6 +12,7 @@ joints are then held straight, and the arm bends beyond them.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -25,9 +24,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import MotionNotFound, NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
-from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
+from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
@@ -38,16 +36,16 @@ from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace
-from ccm_opt.planning.motion import Motion, SpaceMotion
+from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_clearance
 from ccm_opt.planning.own_units import planning_units
-from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.path_following import motion_along
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
+from ccm_opt.planning.resuming import resumed, resumed_in_space
 from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
@@ -57,10 +55,9 @@ from ccm_opt.planning.settings import (
 )
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
-from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.strategies import SAMPLED_WAYS, SAMPLERS, STRATEGIES, WAYS, find_by_ways, find_motion
 from ccm_opt.planning.tool_problem import path_without_tool_links, problem_with_tool_links
-from ccm_opt.planning.tracking import Reference, follow_reference, tracked
+from ccm_opt.planning.tracking import tracked
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
@@ -98,72 +95,19 @@ class _Planned:
     behind_tip: JointPath | None = None
 
 
-def resumed(known: Motion, task: MotionTask) -> Motion | None:
-    """Return a certified, optimised motion for a task, derived from a motion for a similar task, or None.
+@dataclass(frozen=True)
+class PlannedPath:
+    """Certified path of a problem, with the motion from which a path for a similar problem can be made.
 
-    Args:
-        known: a motion from the same start to another goal or among other walls.
-        task: the current arm, workspace, goal and limits.
-
-    Returns:
-        The motion; None for goals of the whole arm, for tasks with user limits, and if the known motion cannot be
-        adapted, which does not prove that the task has no solution.
+    Attributes:
+        path: the smooth path.
+        motion: the motion that the path follows, in the plane in units of the arm.
+        resumed: whether the motion was adapted from a known one, so that it takes the same route.
     """
-    if task.goal_pose is not None or task.user_limits:
-        return None
-    # The space through the start that also contains the end of the known motion.
-    space, start = task.space_through(task.start)
-    space, _ = space.blended_to(known.configurations[-1])
-    stepper = task.stepper(space, MARGINS[0])
-    coordinates = space.closest(known.configurations)
-    coordinates[0] = np.append(start, 0.0)
-    moved = _bent(known, coordinates, stepper, task) or _tracked(known, coordinates[0], stepper, task)
-    return None if moved is None else optimised_to_end_pose(moved, task)
 
-
-def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return a known motion deformed more and more along its length to end at the goal, or extended to the goal.
-
-    The extended motion is returned if no deformed one is certified.
-
-    Args:
-        known: the known motion.
-        coordinates: coordinates of its keyframes in the link space of the stepper, shape (K, p).
-        stepper: solver of QP steps that move the last keyframe to the goal.
-        task: the task with the goal.
-
-    Returns:
-        The certified motion, or None.
-    """
-    try:
-        settled = settle(stepper, task.limited_goal, stepper.pose(coordinates[-1]), task.deadline)
-    except Stalled:
-        return None
-    begun = replace(known, curve=stepper.space, unknowns=coordinates, u=None, end_pose=None)
-    for bent in begun.bent_to(settled[-1].v):
-        if len(task.failures(bent.curve, bent.unknowns)) == 0:
-            return bent
-    # Where the deformed motion would touch a wall, the motion is extended from its end.
-    led_on = begun.through(np.vstack((coordinates, [pose.v for pose in settled[1:]])))
-    return led_on if len(task.failures(led_on.curve, led_on.unknowns)) == 0 else None
-
-
-def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return a motion that tracks a known one by steps that avoid the current walls, and ends at the goal, or None.
-
-    Args:
-        known: the known motion.
-        start: coordinates of the start, shape (p,).
-        stepper: solver of QP steps.
-        task: the task with the goal.
-    """
-    reference = Reference.from_motion(known, stepper.space)
-    try:
-        way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
-    except Stalled:
-        return None
-    motion = Motion.from_poses(stepper.space, way.poses, known.candidate)
-    return motion if len(task.failures(motion.curve, motion.unknowns)) == 0 else None
+    path: JointPath
+    motion: CurveMotion[Any]
+    resumed: bool = False
 
 
 @dataclass(frozen=True)
@@ -212,8 +156,46 @@ class MotionPlanner:
             )
         if problem.dimension == 2:
             with planning_units(problem) as units:
-                path, _ = self.planned(units.scaled(problem))
+                path = self.planned(units.scaled(problem)).path
             return units.path_in_metres(path, problem.arm)
+        if problem.goal.path is None:
+            return self.planned_in_space(problem).path
+        return self._along_path(problem, self._space_task(problem)[1], problem.goal.path)
+
+    def planned_in_space(self, problem: Problem, known: SpaceMotion | None = None) -> PlannedPath:
+        """Plan a certified motion in space and a smooth path along it.
+
+        Args:
+            problem: the problem, without a path for the tip.
+            known: a motion for a slightly different problem, to be adapted; a new motion is searched for if it is None
+                or cannot be adapted.
+
+        Raises:
+            ProblemError: the start violates a limit.
+            NoPlanFound: no motion was found; gives the reason and advice.
+        """
+        problem, task = self._space_task(problem)
+        if known is not None:
+            with self.stages("motion"):
+                motion = resumed_in_space(known, task)
+            if motion is not None:
+                with suppress(MotionNotFound), self.stages("smooth path"):
+                    return PlannedPath(_smoothed(problem, task, (motion,)), motion, resumed=True)
+        try:
+            found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
+            planned = found or self._planned(problem, task)
+        except NoPlanFound as none:
+            raise annotate_clamped_base(none, problem) from none
+        with self.stages("smooth path"):
+            path = planned.behind_tip or _smoothed(problem, task, planned.motions)
+        return PlannedPath(replace(path, goal_pose=planned.end), planned.motions[0])
+
+    def _space_task(self, problem: Problem) -> tuple[Problem, SpaceTask]:
+        """Return a problem in space, with the base clamped if its mount requires that, and its search task.
+
+        Raises:
+            ProblemError: the start or the goal violates a limit.
+        """
         deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
         with self.stages("free space"):
             tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
@@ -222,27 +204,15 @@ class MotionPlanner:
             refuse_ends(problem, task)
             # The proofs are about arms that no axes carry but a feed axis.
             task = task if problem.arm.carrier else replace(task, refuse=partial(self.refuse, problem))
-        if problem.goal.path is not None:
-            return self._along_path(problem, task, problem.goal.path)
-        try:
-            found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
-            planned = found or self._planned(problem, task)
-        except NoPlanFound as none:
-            raise annotate_clamped_base(none, problem) from none
-        with self.stages("smooth path"):
-            path = planned.behind_tip or _smoothed(problem, task, planned.motions)
-        return replace(path, goal_pose=planned.end)
+        return problem, task
 
-    def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
+    def planned(self, problem: Problem, known: Motion | None = None) -> PlannedPath:
         """Plan a certified motion in the plane and a smooth path along it.
 
         Args:
             problem: the problem, in units of its arm.
             known: a motion for a slightly different problem, to be adapted; a new motion is searched for if it is None
                 or cannot be adapted.
-
-        Returns:
-            The smooth path and the motion that it follows.
 
         Raises:
             NoPlanFound: no motion was found; gives the reason and advice.
@@ -262,7 +232,8 @@ class MotionPlanner:
                 motion = resumed(known, task)
                 if motion is not None:
                     path = joint_path(task, motion)
-                    return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
+                    path = replace(path, goal_pose=end_poses.record(motion.end_pose))
+                    return PlannedPath(path, motion, resumed=True)
         strategies = SAMPLERS if self.sampled else STRATEGIES
         if problem.arm.base_axes:
             task = self.task_without_routes(problem, ends, deadline)
@@ -273,7 +244,7 @@ class MotionPlanner:
         with self.stages("motion"):
             motion = find_motion(task, strategies)
             path = joint_path(task, motion)
-        return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
+        return PlannedPath(replace(path, goal_pose=end_poses.record(motion.end_pose)), motion)
 
     def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
         """Return the search task for a motion between ends that are already resolved.
