@@ -24,7 +24,8 @@ import ccm_opt
 from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.drawing import plan_viewer
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.app import LOOPBACK, Replanner, ViewerApp, claim_port
+from ccm_opt.cli.view.app import LOOPBACK, ViewerApp, claim_port
+from ccm_opt.cli.view.dragging import Replanner
 from ccm_opt.cli.view.frames import MotionFrames, extruded
 from ccm_opt.cli.view.settings import ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan

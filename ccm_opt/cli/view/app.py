@@ -1,4 +1,4 @@
-"""Web server and controls of the viewer, and the handles with which goals and obstacles are dragged."""
+"""Web server and controls of the viewer."""
 
 import dataclasses
 import http
@@ -14,7 +14,6 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from functools import partial
 from math import floor
-from queue import Empty, SimpleQueue
 from typing import Any
 from unittest import mock
 
@@ -24,166 +23,21 @@ import websockets.asyncio.server
 from websockets import Headers
 from websockets.http11 import Request, Response
 
-from ccm_opt.cli.view.frames import MotionFrames, rotation_to_axis
+from ccm_opt.cli.view.dragging import Handles
+from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.readings import Readings
 from ccm_opt.cli.view.scene import Scene
-from ccm_opt.cli.view.settings import VIEW, ViewSettings
-from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.core.errors import CcmError, ProblemError
+from ccm_opt.cli.view.settings import VIEW
+from ccm_opt.core.arrays import TINY
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem.solution import Check
 from ccm_opt.viz.document import PageUnits
 
-
-class Replanner:
-    """Planner in a separate thread that accepts changes of a plan from any thread and reports the results.
-
-    Args:
-        live: plan that is changed.
-        on_answer: function called in the planning thread with the result of a change, or the reason why it is invalid.
-        settings: viewer settings, which say when and for how long to plan from scratch.
-    """
-
-    def __init__(
-        self, live: LivePlan, on_answer: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW
-    ) -> None:
-        self._live, self._on_answer, self._settings = live, on_answer, settings
-        self._requested: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
-
-    def start(self) -> None:
-        """Start the planning thread."""
-        threading.Thread(target=self._run, daemon=True, name="replanner").start()
-
-    def ask(self, change: Callable[[], LiveAnswer]) -> None:
-        """Request a change of the plan; an earlier request that is still waiting is dropped.
-
-        Args:
-            change: function that makes the change and returns the result.
-        """
-        self._requested.put(change)
-
-    def end(self) -> None:
-        """Stop the planning thread after the current change."""
-        self._requested.put(None)
-
-    def _run(self) -> None:
-        """Loop until ``end``: make the change requested last, and after a period without requests plan from scratch."""
-        quiet = None
-        while True:
-            try:
-                change = self._requested.get(timeout=quiet)
-                while not self._requested.empty():
-                    change = self._requested.get()
-                quiet = self._settings.quiet
-            except Empty:
-                change, quiet = partial(self._live.plan_anew, self._settings.anew), None
-            if change is None:
-                return
-            try:
-                self._on_answer(change())
-            except CcmError as error:
-                self._on_answer(str(error))
-
-
-def direction_of(wxyz: FloatArray) -> FloatArray:
-    """Return the world x axis rotated by a quaternion (w, x, y, z), shape (3,)."""
-    w, x, y, z = wxyz
-    return np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
-
-
-GOAL = "the goal"
-"""Name of the goal in the list of objects that the user can drag."""
-
-
-class Handles:
-    """The handle with which the user drags the goal or an obstacle, one at a time; planar for planar arms.
-
-    Args:
-        scene: scene that contains the handle.
-        live: plan that is changed.
-        on_answer: function called with the plan and the result of a change, or the reason why it is invalid.
-    """
-
-    def __init__(self, scene: Scene, live: LivePlan, on_answer: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
-        self._scene = scene
-        self._live = live
-        self._replanner = Replanner(live, lambda answer: on_answer(live, answer))
-        self._replanner.start()
-        names = [obstacle.name for obstacle in live.problem.workspace.obstacles]
-        movable = [GOAL, *names] if live.problem.goal.whole(live.problem.arm) is None else names
-        if not movable:
-            return
-        with scene.server.gui.add_folder("Drag"):
-            chosen = scene.server.gui.add_dropdown("what", movable, initial_value=movable[0])
-        chosen.on_update(lambda event: self.attach_handle(event.target.value))
-        self.attach_handle(movable[0])
-
-    def end(self) -> None:
-        """Stop the planning thread."""
-        self._replanner.end()
-
-    def attach_handle(self, what: str) -> None:
-        """Put the handle on the goal, or on the obstacle of the given name."""
-        problem = self._live.problem
-        if what == GOAL and problem.goal.whole(problem.arm) is None:
-            self._put_on_goal(problem.goal.tip(problem.arm), problem.goal.direction)
-        else:
-            self._put_on_obstacle(what)
-
-    def _put_on_goal(self, place: FloatArray, direction: FloatArray | None) -> None:
-        handle = self._handle(place, direction)
-
-        def dragged(_: Any) -> None:
-            moved = self._place(handle)
-            turned = None if direction is None else self._from_world(direction_of(np.asarray(handle.wxyz)))
-            self._replanner.ask(lambda: self._live.move_goal(moved, turned))
-
-        handle.on_update(dragged)
-
-    def _put_on_obstacle(self, name: str) -> None:
-        handle = self._handle(self._live.problem.workspace.obstacle_centre(name), None)
-
-        def change(place: FloatArray) -> LiveAnswer:
-            # The obstacle's position is read when the change is made, since other changes may come first.
-            return self._live.move_obstacle(name, place - self._live.problem.workspace.obstacle_centre(name))
-
-        def dragged(_: Any) -> None:
-            place = self._place(handle)
-            self._replanner.ask(lambda: change(place))
-
-        handle.on_update(dragged)
-
-    def _handle(self, place: FloatArray, direction: FloatArray | None) -> Any:
-        """Return a new handle that can be moved, and also rotated if the goal has a direction.
-
-        Args:
-            place: position of the handle, shape (2,) or (3,) [m].
-            direction: direction of the goal, a unit vector; None for a handle without rotation.
-        """
-        arm = self._live.problem.arm
-        upright = np.array([1.0, 0.0, 0.0, 0.0])
-        return self._scene.server.scene.add_transform_controls(
-            "/handle",
-            scale=0.2,
-            active_axes=(True, arm.dimension == 3, True),
-            disable_rotations=direction is None,
-            depth_test=False,
-            position=self._scene.world(place),
-            wxyz=upright if direction is None else rotation_to_axis(arm.embedded(direction)),
-        )
-
-    def _place(self, handle: Any) -> FloatArray:
-        """Return the position of a handle in the arm's coordinates, shape (2,) or (3,) [m]."""
-        return self._from_world(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
-
-    def _from_world(self, vector: FloatArray) -> FloatArray:
-        """Return a vector given in scene coordinates, shape (3,), in the arm's coordinates, shape (2,) or (3,)."""
-        return self._live.problem.arm.embedded(np.eye(self._live.problem.dimension)) @ vector
-
-
 _FRAME_RATE = 30.0
 """Rate at which poses are sent to the browser during playback [1/s]."""
 _SLIDER_RATE = 10.0
-"""Rate at which the time slider is updated during playback [1/s]."""
+"""Rate at which the time slider and the numbers are updated during playback [1/s]."""
 
 LOOPBACK = "127.0.0.1"
 """Address on which the page is served: to this machine only, since anyone who loads the page can start planning."""
@@ -308,12 +162,14 @@ class ViewerApp:
             )
         self.scene = Scene(self.server, frames)
         self.scene.draw()
-        self.server.on_client_connect(self.scene.look)
-        self._status = self.server.gui.add_markdown("")
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self.server.on_client_connect(self._connected)
+        self._summary = _summary(frames, checks)
+        self._status = self.server.gui.add_markdown(self._summary)
         self._build_player()
+        self._handles = None if live is None else Handles(self.scene, live, self._planned, self._planning)
+        self._readings = Readings(self.server, frames)
         self._build_layers()
-        self._handles = None if live is None else Handles(self.scene, live, self._planned)
-        self._status.content = _summary(frames, checks)
 
     @property
     def address(self) -> str:
@@ -339,6 +195,7 @@ class ViewerApp:
                         if now - slid >= 1.0 / _SLIDER_RATE:
                             slid = now
                             self._slider.value = round(min(self.time, self._end), 3)
+                            self._readings.show(min(self.time, self.frames.duration))
                 last = now
         finally:
             if self._handles is not None:
@@ -347,6 +204,11 @@ class ViewerApp:
             stopping = threading.Thread(target=self.server.stop, daemon=True)
             stopping.start()
             stopping.join(PATIENCE)
+
+    def _connected(self, client: viser.ClientHandle) -> None:
+        """Show a browser that connects the scene, and arrange the names whenever its camera moves."""
+        self.scene.look(client)
+        client.camera.on_update(self.scene.arrange_names)
 
     def _advance(self, wall: float) -> None:
         """Advance playback by a wall time [s]; the final pose is held for a moment before the motion restarts."""
@@ -375,6 +237,7 @@ class ViewerApp:
                 self._play.value = False
                 self.time = float(self._slider.value)
                 self._pose()
+                self._readings.show(self.time)
 
     def _build_layers(self) -> None:
         gui = self.server.gui
@@ -384,6 +247,13 @@ class ViewerApp:
                 layer: gui.add_checkbox(layer, initial_value=layer in self.scene.shown) for layer in self.scene.layers
             }
 
+            if self.frames.problem.dimension == 3:
+                opacity = gui.add_slider("opacity of obstacles", 0.05, 1.0, 0.05, self.scene.opacity)
+                axis = gui.add_dropdown("cut across", ("nothing", "x", "y", "z"), initial_value="nothing")
+                share = gui.add_slider("cut at", 0.0, 1.0, 0.01, 0.5)
+                opacity.on_update(self._shaded)
+                for control in (axis, share):
+                    control.on_update(lambda _: self._cut(axis.value, share.value))
         colour.on_update(self._coloured)
         for layer, box in boxes.items():
             box.on_update(partial(self._switched, layer))
@@ -393,9 +263,21 @@ class ViewerApp:
             self.scene.colour_by = event.target.value
             self._pose()
 
+    def _shaded(self, event: Any) -> None:
+        with self._lock:
+            self.scene.shade(event.target.value)
+
+    def _cut(self, axis: str, share: float) -> None:
+        with self._lock:
+            self.scene.cut_across(None if axis == "nothing" else "xyz".index(axis), share)
+
     def _switched(self, layer: str, event: Any) -> None:
         with self._lock:
             self.scene.switch(layer, on=event.target.value)
+
+    def _planning(self) -> None:
+        """Say that a plan is being made; the last one stays until then."""
+        self._status.content = f"{self._summary}\n\n*planning …*"
 
     def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
         """Show the result of a change: the new plan, or the last plan with the reason why no new one was found."""
@@ -415,13 +297,15 @@ class ViewerApp:
             self.time = share * self.frames.duration
             self._pose()
             self._slider.max = self._end
-        message = f"planned and verified in {answer.cpu:.2f} s"
-        self._status.content = f"{_summary(self.frames, plan.checks)}\n\n{message}"
+            self._readings.load(self.frames, min(self.time, self.frames.duration))
+        self._summary = _summary(self.frames, plan.checks)
+        route = "" if answer.same_route else "; **made from scratch: the route may have changed**"
+        self._status.content = f"{self._summary}\n\nplanned and verified in {answer.cpu:.2f} s{route}"
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
     """Return one line of text about a motion: name of the problem, duration, minimum clearance."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)
-    near = "" if gap is None or not np.isfinite(gap) else f", wall clearance at least {units.length(gap)}"
+    near = "" if gap is None or not np.isfinite(gap) else f", wall clearance {units.length(gap)}"
     return f"**{frames.problem.name}**: {frames.duration:.2f} s{near}"

@@ -52,7 +52,64 @@ class MotionFrames:
 
         In space, values are capped at one link length.
         """
-        return _nearest_row(self.trajectory.time[self._inspected_samples], self._gaps, time)
+        return _nearest_row(self.inspected_times, self._gaps, time)
+
+    @property
+    def inspected_times(self) -> FloatArray:
+        """Times of the F samples at which clearances are measured, shape (F,) [s]."""
+        return np.asarray(self.trajectory.time[self._inspected_samples])
+
+    @cached_property
+    def least_gaps(self) -> FloatArray:
+        """Least clearance of the arm beyond its mount at the F inspected samples, as in ``gaps``, shape (F,) [m]."""
+        return np.asarray(np.min(self._gaps[:, self._first_exposed :], axis=1, initial=np.inf))
+
+    @cached_property
+    def largest_torques(self) -> FloatArray:
+        """Largest torque at the F inspected samples, as a percentage of its limit or, without limits, [N m]; (F,)."""
+        if self.problem.limits.torque is not None:
+            return np.array([100.0 * self.torque_shares(time).max() for time in self.inspected_times])
+        return np.asarray(np.abs(self.joints.torques[self._inspected_samples]).max(axis=1))
+
+    def nearest(self, time: float) -> tuple[float, int, str]:
+        """Return the least clearance beyond the required one at a time [s] [m], its link, from 0, and its obstacle.
+
+        The clearance is inf, and the obstacle empty, without obstacles in reach.
+        """
+        workspace, arm = self.problem.workspace, self.problem.arm
+        points = self.pose(time)
+        links = np.stack((points[:-1], points[1:]), axis=1)[self._first_exposed :]
+        kept = arm.radius + workspace.clearance
+        if not len(links):
+            return np.inf, 0, ""
+        if workspace.dimension == 3:
+            near = self._tree.nearest(links, arm.length)
+            link = int(np.argmin(near.gap))
+            owner = int(near.owner[link])
+            if owner < 0:
+                return np.inf, 0, ""
+            return float(near.gap[link]) - kept, self._first_exposed + link, workspace.triangle_soup.names[owner]
+        lines = shapely.linestrings(links)
+        away = np.array([shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls])
+        wall, link = np.unravel_index(int(np.argmin(away)), away.shape)
+        return float(away[wall, link]) - kept, self._first_exposed + int(link), workspace.walls[int(wall)].name
+
+    def most_bent(self, time: float) -> tuple[int, float]:
+        """Return the joint, from 0, that is nearest to its limit at a time [s], and its bend as a fraction of that."""
+        limits = self.problem.arm.bend_limits
+        bends = np.array([np.interp(time, self.trajectory.time, column) for column in self.trajectory.positions.T])
+        shares = np.abs(bends[: len(limits)]) / np.where(limits > 0.0, limits, np.inf)
+        return int(np.argmax(shares)) // self.problem.arm.bends_a_joint, float(np.max(shares))
+
+    @property
+    def _first_exposed(self) -> int:
+        """Index of the first link that is wholly beyond the mount."""
+        arm = self.problem.arm
+        return int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+
+    @cached_property
+    def _tree(self) -> SurfaceTree:
+        return SurfaceTree.from_triangles(self.problem.workspace.triangle_soup)
 
     def torque_shares(self, time: float) -> FloatArray:
         """Return the maximum torque of every ball joint near a time [s], as a fraction of the torque limit, shape (n,).
@@ -91,7 +148,7 @@ class MotionFrames:
         kept = arm.radius + workspace.clearance
         if workspace.dimension == 3:
             reach = kept + arm.link_length
-            away = SurfaceTree.from_triangles(workspace.triangle_soup).distances(links.reshape(-1, 2, 3), reach)
+            away = self._tree.distances(links.reshape(-1, 2, 3), reach)
             return np.asarray(np.minimum(away, reach).reshape(links.shape[:2]) - kept)
         lines = shapely.linestrings(links)
         gaps = [shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls]
@@ -134,6 +191,35 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
         np.stack((here[:, 1], there[:, 0], there[:, 1]), axis=1),
     )
     vertices = np.concatenate(triangle_soup).reshape(-1, 3)
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def cut_away(mesh: Mesh, axis: int, place: float) -> Mesh:
+    """Return the part of a mesh on the lower side of a plane across an axis; triangles that cross it are cut.
+
+    Args:
+        mesh: the mesh.
+        axis: index of the axis, 0 to 2.
+        place: coordinate of the plane.
+    """
+    corners = mesh[0][mesh[1]]
+    beyond = corners[:, :, axis] > place
+    count = beyond.sum(axis=1)
+    kept = [corners[count == 0]]
+    for number in (1, 2):
+        crossing = corners[count == number]
+        # The corner that is alone on its side comes first.
+        alone = np.argmax(beyond[count == number] == (number == 1), axis=1)
+        crossing = np.take_along_axis(crossing, ((alone[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+        first, others = crossing[:, :1], crossing[:, 1:]
+        share = (place - first[..., axis]) / (others[..., axis] - first[..., axis])
+        on_plane = first + share[..., None] * (others - first)
+        if number == 1:
+            kept.append(np.stack((on_plane[:, 0], others[:, 0], others[:, 1]), axis=1))
+            kept.append(np.stack((on_plane[:, 0], others[:, 1], on_plane[:, 1]), axis=1))
+        else:
+            kept.append(np.stack((first[:, 0], on_plane[:, 0], on_plane[:, 1]), axis=1))
+    vertices = np.concatenate(kept).reshape(-1, 3)
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
 
 

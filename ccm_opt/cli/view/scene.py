@@ -12,7 +12,7 @@ import shapely
 import viser
 
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, rotation_to_axis
+from ccm_opt.cli.view.frames import Mesh, MotionFrames, cut_away, extruded, rotation_to_axis
 from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem
@@ -44,13 +44,20 @@ class Scene:
         frames: the motion.
         shown: names of the layers that are switched on.
         colour_by: quantity that determines the colours of the links: ``nothing``, ``gap`` or ``torque``.
+        opacity: opacity of obstacles in space, from 0 to 1.
+        cut: axis across which obstacles in space are cut, and the coordinate beyond which they are not drawn [m]; None
+            if they are drawn whole.
     """
 
     server: viser.ViserServer
     frames: MotionFrames
     shown: set[str] = field(default_factory=lambda: {"start", "names"})
     colour_by: str = "nothing"
+    opacity: float = VIEW.glass
+    cut: tuple[int, float] | None = None
     _arm: Any = None
+    _labels: dict[str, Any] = field(default_factory=dict)
+    _obstacles: dict[str, Any] = field(default_factory=dict)
     _standing: dict[str, Obstacle] = field(default_factory=dict)
 
     @property
@@ -94,7 +101,9 @@ class Scene:
             towards = np.array([0.12, -1.0, 0.25])
         low, high = seen.min(axis=0), seen.max(axis=0)
         middle = 0.5 * (low + high)
-        client.camera.position = middle + max(float(np.max(high - low)), 0.5) * towards
+        # In a window that is higher than wide, the scene is as wide as the window only from farther away.
+        away = max(float(np.max(high - low)), 0.5) / min(client.camera.aspect, 1.0)
+        client.camera.position = middle + away * towards
         client.camera.look_at = middle
 
     def draw(self) -> None:
@@ -150,18 +159,70 @@ class Scene:
         else:
             surface = obstacle.body.surface(4 * VIEW.curved)
             vertices, faces = within(*surface, most_triangles, cell)
+            middle = self.world(0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
+            if self.cut is not None:
+                vertices, faces = cut_away((vertices, faces), *self.cut)
             vertices = self.world(vertices)
-            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-            look = {"opacity": VIEW.glass, "flat_shading": True}
-        self._mesh(scene_path("/room", obstacle.name), (vertices, faces), colours.WALLS, **look)
-        name = scene_path("/names", obstacle.name)
-        self.server.scene.add_label(name, obstacle.name, position=middle, visible="names" in self.shown)
+            look = {"opacity": self.opacity, "flat_shading": True}
+        path = scene_path("/room", obstacle.name)
+        if len(faces):
+            self._obstacles[path] = self._mesh(path, (vertices, faces), colours.WALLS, **look)
+        elif self._obstacles.pop(path, None):
+            self.server.scene.remove_by_name(path)
+        self._label(scene_path("/names", obstacle.name), obstacle.name, middle, visible="names" in self.shown)
+
+    def _label(self, path: str, text: str, place: FloatArray, *, visible: bool = True) -> None:
+        """Draw a name at a place in scene coordinates, shape (3,)."""
+        self._labels[path] = self.server.scene.add_label(
+            path, text, position=place, visible=visible, anchor="center-center", font_screen_scale=VIEW.names
+        )
+
+    def shade(self, opacity: float) -> None:
+        """Set the opacity of obstacles in space, from 0 to 1."""
+        self.opacity = opacity
+        for mesh in self._obstacles.values():
+            mesh.opacity = opacity
+
+    def cut_across(self, axis: int | None, share: float) -> None:
+        """Draw obstacles in space only up to a plane across an axis, or whole.
+
+        Args:
+            axis: index of the axis; None to draw them whole.
+            share: place of the plane, as a fraction of the extent of all obstacles along the axis.
+        """
+        low, high = self.frames.problem.workspace.extent
+        self.cut = None if axis is None else (axis, float(low[axis] + share * (high[axis] - low[axis])))
+        self._standing = {}
+        self.draw_bounds(self.frames.problem)
+
+    def arrange_names(self, camera: viser.CameraHandle) -> None:
+        """Hide the names that would cover others as seen by a camera: goals come first, then what is nearest."""
+        if "names" not in self.shown or not self._labels:
+            return
+        labels = list(self._labels.values())
+        places = np.array([label.position for label in labels]) - camera.position
+        x, y, depth = rotation_matrix(np.asarray(camera.wxyz)).T @ places.T
+        pixels = 0.5 * camera.image_height / np.tan(0.5 * camera.fov) / np.maximum(depth, 1e-9)
+        goals = [path.startswith("/goals") for path in self._labels]
+        widths = np.array([VIEW.letter * len(label.text) + VIEW.letter for label in labels])
+        taken: list[tuple[float, float, float]] = []
+        for k in sorted(range(len(labels)), key=lambda k: (not goals[k], depth[k])):
+            across, down, wide = float(x[k] * pixels[k]), float(y[k] * pixels[k]), float(widths[k])
+            covers = any(
+                abs(across - other) < 0.5 * (wide + width) and abs(down - height) < VIEW.line
+                for other, height, width in taken
+            )
+            shown = bool(depth[k] > 0.0 and not covers)
+            if shown:
+                taken.append((across, down, wide))
+            if labels[k].visible != shown:
+                labels[k].visible = shown
 
     def _draw_goal(self, goal: Goal, number: str) -> None:
         name, place = f"/goal{number}", self.world(goal.tip(self.frames.problem.arm))
         self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
         if number:
-            self.server.scene.add_label(f"{name}/number", number)
+            self._label(f"/goals/{number}", number, place)
         if goal.direction is not None:
             mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, VIEW.sides)
             wxyz = rotation_to_axis(self.frames.problem.arm.embedded(goal.direction))
@@ -241,8 +302,8 @@ class Scene:
             return colours.by_use(self.frames.torque_shares(time))
         return colours.plain(problem.arm.links)
 
-    def _mesh(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **options: Any) -> None:
-        self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
+    def _mesh(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **options: Any) -> Any:
+        return self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
 
     def _line(self, name: str, places: FloatArray, colour: tuple[int, int, int], thickness: float) -> None:
         """Draw a line through points in scene coordinates, shape (n, 3)."""
@@ -253,6 +314,18 @@ class Scene:
 def scene_path(folder: str, name: str) -> str:
     """Return the path of a named object in the scene; slashes in the name, which would nest objects, are replaced."""
     return f"{folder}/{name.replace('/', '|')}"
+
+
+def rotation_matrix(wxyz: FloatArray) -> FloatArray:
+    """Return the rotation matrix, shape (3, 3), of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = wxyz
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
 
 
 def _turns(points: FloatArray) -> FloatArray:

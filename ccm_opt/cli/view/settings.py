@@ -23,6 +23,9 @@ class ViewSettings:
         most_triangles: maximum number of triangles of all obstacles in space; with more, surfaces are simplified.
         cell: initial width of the grid cells for simplifying surfaces, as a fraction of the scene's extent.
         glass: opacity of obstacles in space, from 0 to 1.
+        names: size of names, as a fraction of viser's.
+        letter: width of a letter of a name [pixels].
+        line: height of a name [pixels].
         poses: number of intermediate poses displayed.
         quiet: wall time without dragging after which a shorter plan is sought from scratch [s].
         anew: CPU time limit of the search from scratch [s].
@@ -38,6 +41,9 @@ class ViewSettings:
     most_triangles: int = 60_000
     cell: float = 0.004
     glass: float = 0.35
+    names: float = 0.8
+    letter: float = 7.0
+    line: float = 20.0
     poses: int = 12
     quiet: float = 1.0
     anew: float = 3.0

@@ -1,0 +1,95 @@
+"""Numbers of the moment shown in the viewer, and charts of clearance and torque over time with a cursor."""
+
+from typing import Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.viz.document import PageUnits
+
+_HEIGHT = 150
+"""Height of a chart [pixels]."""
+_LINE = "rgb(62, 124, 166)"
+_PAST = "rgba(196, 78, 22, 0.6)"
+_PAST_AREA = "rgba(196, 78, 22, 0.15)"
+
+
+class Readings:
+    """A table of the numbers at the time shown, and charts of the least clearance and the largest torque.
+
+    Args:
+        server: web server of the page.
+        frames: the motion.
+    """
+
+    def __init__(self, server: viser.ViserServer, frames: MotionFrames) -> None:
+        self._frames = frames
+        self._table: Any = server.gui.add_markdown("")
+        self._charts: list[Any] = []
+        with server.gui.add_folder("Over time", expand_by_default=True):
+            for title, values in self._curves():
+                self._charts.append(_chart(server, title, frames.inspected_times, values))
+        self.show(0.0)
+
+    def load(self, frames: MotionFrames, time: float) -> None:
+        """Show another motion, at a time [s]."""
+        self._frames = frames
+        self.show(time)
+
+    def show(self, time: float) -> None:
+        """Show the numbers at a time [s], and move the cursor there."""
+        frames = self._frames
+        self._table.content = self._numbers(time)
+        for chart, (_, values) in zip(self._charts, self._curves(), strict=True):
+            chart.data = _with_cursor(frames.inspected_times, values, time)
+
+    def _curves(self) -> list[tuple[str, FloatArray]]:
+        """Return the title and the values at the inspected samples of each chart."""
+        frames = self._frames
+        units = PageUnits.of_page(frames.problem)
+        torque = "torque [% of limit]" if frames.problem.limits.torque is not None else "torque [N m]"
+        return [
+            (f"gap [{units.name}]", np.minimum(frames.least_gaps, frames.problem.arm.length) / units.metres),
+            (torque, frames.largest_torques),
+        ]
+
+    def _numbers(self, time: float) -> str:
+        """Return a table of the numbers at a time [s]: gap, joint nearest its limit, torque."""
+        frames = self._frames
+        gap, link, obstacle = frames.nearest(time)
+        units = PageUnits.of_page(frames.problem)
+        far = "none in reach" if not np.isfinite(gap) else f"{units.length(gap)}, link {link + 1} to {obstacle}"
+        joint, share = frames.most_bent(time)
+        torque = float(np.interp(time, frames.inspected_times, frames.largest_torques))
+        unit = "% of its limit" if frames.problem.limits.torque is not None else "N m"
+        rows = (
+            ("gap", far),
+            ("most bent", f"joint {joint + 1}, {100.0 * share:.0f} % of its limit"),
+            ("torque", f"{torque:.3g} {unit}"),
+        )
+        return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
+
+
+def _chart(server: viser.ViserServer, title: str, times: FloatArray, values: FloatArray) -> Any:
+    """Return a chart of values over time, both of shape (F,), with a cursor at the beginning."""
+    series = (
+        uplot.Series(label="t [s]"),
+        uplot.Series(label=title, stroke=_LINE, width=2, points=uplot.Series_Points(show=False)),
+        uplot.Series(label="so far", stroke=_PAST, fill=_PAST_AREA, width=1, points=uplot.Series_Points(show=False)),
+    )
+    return server.gui.add_uplot(
+        _with_cursor(times, values, 0.0),
+        series,
+        scales={"x": uplot.Scale(time=False)},
+        legend=uplot.Legend(show=False),
+        title=title,
+        height=_HEIGHT,
+    )
+
+
+def _with_cursor(times: FloatArray, values: FloatArray, time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times and values (F,), and the values up to a time [s] and 0 from then on, whose edge is the cursor."""
+    return times, values, np.where(times <= time, values, 0.0)
