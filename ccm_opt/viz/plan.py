@@ -1,5 +1,7 @@
 """The picture of a plan: for planar arms one view, for arms in space a large shaded view and three sides."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
@@ -17,7 +19,7 @@ from ccm_opt.viz.figure_files import FigureFormat, figure_file
 from ccm_opt.viz.scene_views import Pose, SceneViews, work_box
 from ccm_opt.viz.shading import Tube
 from ccm_opt.viz.sight import goal_sights
-from ccm_opt.viz.views import ARROW_SHARE, Sheet, action_window, draw_base
+from ccm_opt.viz.views import ARROW_SHARE, Sheet, action_window, draw_base, points_a_metre
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in views of space, in link lengths, since the views differ in scale."""
@@ -37,27 +39,43 @@ _LEAST_DISC = 0.012
 """Minimum position tolerance of a goal that is drawn, as a fraction of the picture's width."""
 _LEAST_SEEN = 0.1
 """Projected length of a unit direction up to which the number of a goal is placed as if there were no arrow."""
+_DISC_DISTANCES = np.array([11.0, 22.0, 33.0, 44.0])
+"""Distances of the disc with the number of a goal from the goal, tried in turn [points]."""
+_DISC_TURNS = np.deg2rad([0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0])
+"""Turns of the disc about the goal from its usual direction, tried in turn [rad]."""
+_DISC_APART = 16.0
+"""Distance from which on the discs of two goals do not cover each other [points]."""
 _LEAST_WEDGE = 0.05
 """Minimum heading tolerance of a goal that is drawn [rad]."""
 
 
-def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: int, size: float) -> None:
-    """Draw the number of a goal in a disc behind the goal's arrow, or above the goal if there is no arrow.
+def number_goals(axes: Axes, places: FloatArray, headings: Sequence[float | None], size: float) -> None:
+    """Draw the numbers of goals in discs behind the goals' arrows, or above goals without an arrow.
+
+    A disc that would cover another one is turned about its goal, or drawn farther away with a line to the goal.
 
     Args:
-        axes: axes to draw in.
-        place: position of the goal in the picture, shape (2,) [m].
-        heading: angle of the arrow in the picture [rad]; None without an arrow.
-        number: number of the goal.
+        axes: axes to draw in, with their limits set.
+        places: positions of the goals in the picture, shape (n, 2) [m].
+        headings: angle of each goal's arrow in the picture [rad]; None without an arrow.
         size: font size [points].
     """
-    away = 0.5 * np.pi if heading is None else heading + np.pi
-    offset = (11.0 * np.cos(away), 11.0 * np.sin(away))
-    axes.annotate(
-        str(number), xy=tuple(place), xytext=offset, textcoords="offset points", ha="center", va="center",
-        fontsize=size, color="white", weight="bold", zorder=11,
-        bbox={"boxstyle": "circle,pad=0.18", "facecolor": style.GOAL_MARK, "edgecolor": "white", "linewidth": 0.6},
-    )  # fmt: skip
+    centres = np.zeros((0, 2))
+    of_goals = points_a_metre(axes) * places
+    for number, (place, at, heading) in enumerate(zip(places, of_goals, headings, strict=True), start=1):
+        away = (0.5 * np.pi if heading is None else heading + np.pi) + _DISC_TURNS
+        offsets = np.outer(_DISC_DISTANCES, np.exp(1j * away)).ravel()
+        tried = at + np.column_stack((offsets.real, offsets.imag))
+        apart = np.min(np.linalg.norm(tried[:, None] - centres, axis=2), axis=1, initial=_DISC_APART)
+        best = int(np.argmax(apart))
+        centres = np.vstack((centres, tried[best]))
+        far = best >= len(_DISC_TURNS)
+        axes.annotate(
+            str(number), xy=tuple(place), xytext=tuple(tried[best] - at), textcoords="offset points", ha="center",
+            va="center", fontsize=size, color="white", weight="bold", zorder=11,
+            bbox={"boxstyle": "circle,pad=0.18", "facecolor": style.GOAL_MARK, "edgecolor": "white", "linewidth": 0.6},
+            arrowprops={"arrowstyle": "-", "color": style.GOAL_MARK, "linewidth": 0.6} if far else None,
+        )  # fmt: skip
 
 
 def plan_picture(plan: PlanDrawing, kind: FigureFormat = "png", scene: SceneViews | None = None) -> bytes:
@@ -159,19 +177,20 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
     reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
     stops = problem.goals
     samples = [*plan.trajectory.stops, len(plan.points) - 1]
+    headings: list[float | None] = []
     for number, (stop, k) in enumerate(zip(stops, samples, strict=True), start=1):
         last = number == len(stops)
         label = ("goals" if len(stops) > 1 else "goal") if last else ""
         if poses and not last:
             draw_body(axes, side(plan.points[k]), 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
         draw_goal(axes, stop.goal, stop.tolerances, stop.goal.tip(problem.arm), label, side, reach)
-        if len(stops) > 1:
-            pointing = stop.goal.direction
-            place = side(stop.goal.tip(problem.arm))
-            across, up = (0.0, 0.0) if pointing is None else side(pointing)
-            # A direction seen end-on has no arrow for the number to stand behind.
-            heading = float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None
-            number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
+        pointing = stop.goal.direction
+        across, up = (0.0, 0.0) if pointing is None else side(pointing)
+        # A direction seen end-on has no arrow for the number to stand behind.
+        headings.append(float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None)
+    if len(stops) > 1:
+        places = np.array([side(stop.goal.tip(problem.arm)) for stop in stops])
+        number_goals(axes, places, headings, _LABEL_SIZE - 0.5)
 
 
 def draw_sights(axes: Axes, plan: PlanDrawing, side: Side = PLANE) -> None:

@@ -91,8 +91,8 @@ class MotionFrames:
             return float(near.gap[link]) - kept, self._first_exposed + link, workspace.triangle_soup.names[owner]
         lines = shapely.linestrings(links)
         away = np.array([shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls])
-        wall, link = np.unravel_index(int(np.argmin(away)), away.shape)
-        return float(away[wall, link]) - kept, self._first_exposed + int(link), workspace.walls[int(wall)].name
+        wall, beyond = divmod(int(np.argmin(away)), away.shape[1])
+        return float(away[wall, beyond]) - kept, self._first_exposed + beyond, workspace.walls[wall].name
 
     def most_bent(self, time: float) -> tuple[int, float]:
         """Return the joint, from 0, that is nearest to its limit at a time [s], and its bend as a fraction of that."""
