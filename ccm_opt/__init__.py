@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.reach_mapping import reach_map
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.robustness import tolerance_of
+    from ccm_opt.driver.servo import Servo, Twist
     from ccm_opt.driver.settings import Settings
     from ccm_opt.driver.sizing import size, size_front
     from ccm_opt.ik.quantities import Quantities
@@ -71,10 +72,12 @@ __all__ = [
     "Quantities",
     "Retimer",
     "SavedPlan",
+    "Servo",
     "Settings",
     "Solution",
     "Stop",
     "TipGoal",
+    "Twist",
     "VerificationError",
     "Workspace",
     "__version__",
@@ -108,6 +111,7 @@ _NAMES = {
     "ccm_opt.driver.pipeline": ("solve",),
     "ccm_opt.driver.reach_mapping": ("reach_map",),
     "ccm_opt.driver.retargeting": ("retarget",),
+    "ccm_opt.driver.servo": ("Servo", "Twist"),
     "ccm_opt.driver.settings": ("Settings",),
     "ccm_opt.driver.robustness": ("tolerance_of",),
     "ccm_opt.driver.sizing": ("size", "size_front"),
@@ -132,7 +136,7 @@ _MODULES = {"errors": "ccm_opt.core.errors", "plotting": "ccm_opt.viz"}
 """Public modules, by their public name."""
 
 
-_MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "size", "size_front", "solve"))
+_MAKING_SOLUTIONS = frozenset(("LivePlan", "Servo", "Solution", "pareto", "retarget", "size", "size_front", "solve"))
 """Public names through which a caller can obtain a ``Solution``."""
 
 

@@ -13,7 +13,7 @@ import pytest
 
 PLANNERS = frozenset(
     """
-    solve find_pose pareto retarget reach_map LivePlan tolerance_of simulate
+    solve find_pose pareto retarget reach_map LivePlan Servo tolerance_of simulate
     MotionPlanner plan plan_legs find_motion find_by_ways optimise search_by_trees CurveDraws
     GoalPoses poses_at_goal goal_poses solve_files
     compare compare_methods run_apart RunProcess completed execute with_constraint_first

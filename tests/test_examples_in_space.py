@@ -1,4 +1,4 @@
-"""The example of own constraints and a cost in space runs, ends, and does what it says."""
+"""The examples in space run, end, and do what they say."""
 
 import re
 import runpy
@@ -24,3 +24,10 @@ def test_the_camera_ends_with_the_spot_in_its_picture(
     assert len(residuals) == 2
     assert max(residuals) <= 1e-6
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_tip_is_driven_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The driven motion is a plan in the folder that was asked for."""
+    monkeypatch.setattr("sys.argv", ["drive", str(tmp_path)])
+    runpy.run_path(str(EXAMPLES / "13_drive_by_hand.py"), run_name="__main__")
+    assert list(tmp_path.rglob("solution.json"))

@@ -78,6 +78,7 @@ SOUND: list[tuple[str, dict[str, Any]]] = [
     ("size", {"problem": FILE, "find": "radius"}),
     ("size_front", {"problem": FILE}),
     ("LivePlan", {"problem": FILE}),
+    ("Servo", {"problem": FILE}),
     ("retarget", {"solution": SOLUTION, "time": 0.1, "goal": ccm_opt.TipGoal.at((0.1, 0.3))}),
     ("tolerance_of", {"solution": SOLUTION}),
     ("check", {"problem": FILE, "trajectory": SOLUTION, "joints": SOLUTION}),
@@ -96,7 +97,7 @@ SOUND: list[tuple[str, dict[str, Any]]] = [
 ]
 """Public callables with arguments that they take."""
 WRONG_ARGUMENTS: list[tuple[str, str, Sequence[Any]]] = [
-    *((name, "problem", WRONG) for name in ("solve", "find_pose", "pareto", "reach_map", "LivePlan", "check")),
+    *((name, "problem", WRONG) for name in ("solve", "find_pose", "pareto", "reach_map", "LivePlan", "Servo", "check")),
     *((name, part, WRONG[1:6]) for name in ("size", "size_front") for part in ("progress", "settings")),
     *((name, "problem", WRONG) for name in ("size", "size_front")),
     *((name, "time_limit", (True, "text", [1], -1.0)) for name in ("size", "size_front")),
@@ -106,6 +107,10 @@ WRONG_ARGUMENTS: list[tuple[str, str, Sequence[Any]]] = [
     *(
         (name, "settings", WRONG[1:])
         for name in ("solve", "find_pose", "pareto", "reach_map", "LivePlan", "retarget", "tolerance_of", "check")
+    ),
+    *(
+        ("Servo", name, values)
+        for name, values in (("settings", (*WRONG[1:], None)), ("period", (None, True, "text", [1], 0.0, 1.0)))
     ),
     *(("BuiltInPlanner", "settings", WRONG[1:]), ("BuiltInRetimer", "settings", WRONG[1:])),
     *((name, "planner", WRONG[1:]) for name in ("solve", "retarget")),
@@ -170,7 +175,18 @@ def test_every_public_callable_is_asked() -> None:
     """A new public function gets a row above, unless it makes results or is tested beside what it makes."""
     asked = {function for function, _ in SOUND}
     results = {"Progress", "Quantities", "SavedPlan", "Solution", "JointPath", "JointPose", "TipGoal"}
-    data = {"Arm", "Limits", "Obstacle", "PlaneShape", "PlannerOptions", "Stop", "Workspace", "Planner", "Retimer"}
+    data = {
+        "Arm",
+        "Limits",
+        "Obstacle",
+        "PlaneShape",
+        "PlannerOptions",
+        "Stop",
+        "Workspace",
+        "Planner",
+        "Retimer",
+        "Twist",
+    }
     elsewhere = {
         "make_problem",
         "obstacles_of",

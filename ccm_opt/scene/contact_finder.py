@@ -135,7 +135,10 @@ class ContactFinder(ABC):
         """
         if len(contacts) == 0:
             return None
-        k = int(np.argmin(contacts.gap - contacts.margin))
+        return self.named(contacts, int(np.argmin(contacts.gap - contacts.margin)))
+
+    def named(self, contacts: Contacts, k: int) -> tuple[str, str, float]:
+        """Return the name of the link of contact k, that of the obstacle or link near it, and the gap [m]."""
         wall = contacts.second[k] == WALL
         other = f"'{self.names[contacts.wall[k]]}'" if wall else self.arm.link_name(contacts.second[k])
         return self.arm.link_name(contacts.first[k]), other, float(contacts.gap[k])

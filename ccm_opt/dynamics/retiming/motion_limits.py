@@ -294,6 +294,20 @@ class DriveEffort(MotionLimit):
         rubbing = damping / usable if np.any(self._friction) else None
         return np.asarray(np.max(slowdown_factors(moving / usable, static / usable, 1.0, rubbing), axis=1))
 
+    def most_used(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> tuple[str, float]:
+        """Return the drive that needs the largest fraction of its usable effort in N states, and that fraction.
+
+        Args:
+            place: coordinates, shape (N, n) [rad, m].
+            velocity: velocities of the coordinates, shape (N, n) [rad/s, m/s].
+            acceleration: accelerations of the coordinates, shape (N, n) [rad/s², m/s²].
+        """
+        rest = np.zeros_like(place)
+        usable = planned_share(self._shares(place, rest, rest), self._path.share)
+        used = np.max(np.abs(self._shares(place, velocity, acceleration)) / usable, axis=0)
+        drive = int(np.argmax(used))
+        return self._names[drive], float(used[drive])
+
     def _shares(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
         """Return efforts as fractions of their limits, shape (N, 3 * links), plus a column per limited feed force.
 

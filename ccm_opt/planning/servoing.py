@@ -1,0 +1,505 @@
+"""Servo control of the tip: a motion made tick by tick after a commanded velocity, which can be braked at any time.
+
+The motion is a uniform cubic B-spline of configurations with one control point a tick. Its position, velocity and
+acceleration at any time are convex combinations of control points, of their first differences over the tick, and of
+their second differences over its square. So limits that the differences keep are kept at all times.
+
+Every tick adds one control point, by a quadratic program in the unknowns v of the curve. A change δ of them in one tick
+is followed by changes δ (1 − j / N), j = 1 … N − 1, that brake the arm to rest: together a change of Δ = ½ (N + 1) δ.
+The program is stated for Δ, that is for the pose in which the arm would come to rest, by the same linearised limits as
+any step of planning. The number of ticks N is that in which the arm can be braked from its greatest velocities, so that
+no braking exceeds the limits on accelerations.
+
+The control point is taken only if the tick and the braking after it are certified. Otherwise the change is drawn
+towards that of the braking, and if nothing helps, the arm goes on with the braking that is certified already.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from ccm_opt.core.arrays import TINY, FloatArray, IntArray
+from ccm_opt.core.small_qp import solve_small_qp
+from ccm_opt.planning.limits.limit import UNBOUNDED, LimitOf, LimitRows, restored_keyframes, stacked_rows
+from ccm_opt.planning.limits.limit_stack import ContactLimit, JointLimit
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
+from ccm_opt.robot.coordinates import DriveLimits
+
+_BRAKING = 0.5
+"""Longest time of braking [s]: where brakes are weaker, the arm moves more slowly. Heuristic."""
+_ROWS_SHARE = 0.998
+"""Fraction of the rate limits that the program uses, since its solution and its linearisation are not exact."""
+_SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Fractions of the way from braking to the program's solution that are tried until one is certified. Heuristic."""
+_TIP = 30.0
+"""Weight of the tip's velocity, with distances in nominal links, as that of guides of planning."""
+_TIP_TURN = 30.0
+"""Weight of the tip's angular velocity, with angles in radians. Heuristic."""
+_FOLLOWING = 0.03
+"""Weight of changes of the curve on which a fed arm lies: a small one lets the body follow the tip. Heuristic."""
+_TURN = 0.5
+"""Largest turn of a planar link until the arm rests [rad]. Heuristic."""
+_ITERATIONS_A_ROW = 8
+"""Maximum number of QP iterations per constraint, as for steps of planning."""
+_ROUNDING = 1e-9
+"""Relative excess over a limit that counts as rounding."""
+_CLOSING_SHARE = 0.5
+"""Fraction of its distance from a limit by which a coordinate may close until rest."""
+_RIDGE = 1e-8
+"""Value on the diagonal of the program's Hessian that makes it positive definite."""
+_FOLLOWED = 0.01
+"""Part of the commanded velocity by which the tip's may differ without a reason."""
+_ACTIVE = 1e-4
+"""Distance from its bound, in nominal links, at which a contact counts as a reason: above the QP's accuracy."""
+_NEAR_LIMIT = 0.01
+"""Distance from an end of its range, as a fraction of the range, at which a coordinate counts as a reason."""
+_STRETCHED = 0.05
+"""Motion of the tip in the commanded direction, as a fraction of that in all, below which the arm is stretched."""
+_CURVED = 2
+"""Number of spans with control points of the motion before the tick: in affine maps, the braking after them is straight
+because its control points lie on a line."""
+
+
+@dataclass(frozen=True)
+class TipVelocity:
+    """Commanded motion of the tip in d dimensions, whose links turn about t axes (1 in the plane, 3 in space).
+
+    Attributes:
+        linear: velocity, shape (d,) [length/s].
+        angular: angular velocity about the controlled axes, shape (k,) [rad/s]; None if the tip may turn freely.
+        axes: unit vectors of the k axes about which the tip's turns are controlled, shape (k, t); all if None.
+    """
+
+    linear: FloatArray
+    angular: FloatArray | None = None
+    axes: FloatArray | None = None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the tip is to stand still."""
+        return not np.any(self.linear) and (self.angular is None or not np.any(self.angular))
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Reason why the tip moves otherwise than commanded.
+
+    Attributes:
+        kind: "contact", "joint limit", "base range", "guide tube", "velocity", "acceleration", "effort", "certificate"
+            or "stretched".
+        name: coordinate or drive at its limit, or the two bodies that are near each other.
+        value: value that the motion has, or would have: a gap [length], a bend or position, a rate or an effort.
+        limit: value that it may have; 0 for a gap.
+        unit: unit of both values.
+    """
+
+    kind: str
+    name: str
+    value: float
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Braking:
+    """Certified continuation of a motion to rest.
+
+    Attributes:
+        unknowns: unknowns of the control points still to come, shape (m, p).
+        controls: control points still to come, of which the last is the pose at rest, shape (m, c).
+    """
+
+    unknowns: FloatArray
+    controls: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ServoState:
+    """State of a motion at the beginning of a tick.
+
+    Attributes:
+        controls: the last three control points, shape (3, c): their spline begins the tick.
+        unknowns: unknowns of the last two control points, shape (2, p).
+        braking: certified continuation to rest.
+    """
+
+    controls: FloatArray
+    unknowns: FloatArray
+    braking: Braking
+
+    @property
+    def moving(self) -> bool:
+        """Whether the arm moves, or is about to."""
+        held = self.braking.controls
+        return bool(np.any(np.diff(self.controls, axis=0))) or len(held) > 0
+
+    def continued(self) -> "ServoState":
+        """Return the state after a tick of the held braking."""
+        held = self.braking
+        control, v = (held.controls[0], held.unknowns[0]) if len(held.controls) else (self.controls[-1], None)
+        unknowns = self.unknowns[[1, 1]] if v is None else np.stack((self.unknowns[1], v))
+        return ServoState(
+            np.vstack((self.controls[1:], control)), unknowns, Braking(held.unknowns[1:], held.controls[1:])
+        )
+
+    def taking(self, braking: Braking) -> "ServoState":
+        """Return the state after a tick to the first control point of a continuation."""
+        return replace(self, braking=braking).continued()
+
+    def to_rest(self) -> FloatArray:
+        """Return all control points to the end of the held braking, from the three of this state, shape (m + 5, c)."""
+        rest = self.braking.controls[-1:] if len(self.braking.controls) else self.controls[-1:]
+        return np.vstack((self.controls, self.braking.controls, rest, rest))
+
+
+def spline_values(controls: FloatArray, period: float, share: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions, velocities and accelerations of a uniform cubic B-spline at a share of each of its spans.
+
+    Args:
+        controls: control points, shape (m + 3, c).
+        period: duration of a span [s].
+        share: time in the span as a fraction of its duration, from 0 to 1.
+
+    Returns:
+        Three arrays of shape (m, c).
+    """
+    spans = len(controls) - 3
+    position, velocity, acceleration = (
+        sum(weight * controls[k : spans + k] for k, weight in enumerate(row)) for row in _weights(share)
+    )
+    return position, velocity / period, acceleration / period**2
+
+
+@lru_cache(maxsize=256)
+def _weights(share: float) -> FloatArray:
+    """Return the weights of four control points in position, velocity and acceleration at a share of a span, (3, 4).
+
+    Velocity and acceleration are per duration of a span and its square.
+    """
+    s, r = share, 1.0 - share
+    position = np.array([r**3, 3 * s**3 - 6 * s**2 + 4, 3 * r**3 - 6 * r**2 + 4, s**3]) / 6.0
+    velocity = np.array([-(r**2), 3 * s**2 - 4 * s, 4 * r - 3 * r**2, s**2]) / 2.0
+    acceleration = np.array([r, 3 * s - 2, 3 * r - 2, s])
+    return np.stack((position, velocity, acceleration))
+
+
+@dataclass(frozen=True, eq=False)
+class TipServo:
+    """Maker of motions that follow commanded velocities of the tip, tick by tick, and can always be braked.
+
+    Attributes:
+        curve: map from the unknowns to configurations.
+        limits: all limits of the arm's motion but those on rates and efforts.
+        rates: limits on velocities and accelerations of the coordinates, each of shape (c,).
+        spare: certified gap beyond contact, by which the spline may deviate from certified chords [length].
+        period: duration of a tick [s].
+        depth: allowed number of bisections of certificates; None for the certificate's setting.
+        efforts: function from positions, velocities and accelerations, each of shape (m, c), to the drive whose effort
+            exceeds its limit most, or None; None if no effort is limited.
+    """
+
+    curve: CurveUnknowns
+    limits: tuple[LimitOf[Any], ...]
+    rates: DriveLimits
+    spare: float
+    period: float
+    depth: int | None = None
+    efforts: Callable[[FloatArray, FloatArray, FloatArray], Cut | None] | None = None
+
+    # ------------------------------------------------------------ rates
+    @cached_property
+    def braking_ticks(self) -> int:
+        """Number N of ticks in which the arm is braked from its greatest velocities."""
+        seconds = min(_BRAKING, float(np.max(self.rates.velocity / self.rates.acceleration)))
+        return max(2, int(np.ceil(seconds / self.period - _ROUNDING)))
+
+    @cached_property
+    def _most(self) -> tuple[FloatArray, FloatArray]:
+        """Largest first and second differences of control points, each of shape (c,)."""
+        second = self.rates.acceleration * self.period**2
+        return np.minimum(self.rates.velocity * self.period, self.braking_ticks * second), second
+
+    @property
+    def seconds_to_rest(self) -> float:
+        """Displacement of a joint until the arm rests, in units of its velocity in the next tick [s]."""
+        return self._until_rest * self.period
+
+    @property
+    def _until_rest(self) -> float:
+        """Change of the unknowns until the arm rests, in changes of the next tick."""
+        return 0.5 * (self.braking_ticks + 1)
+
+    @cached_property
+    def _fading(self) -> FloatArray:
+        """Change of the unknowns up to each tick of a braking, in changes until the arm rests, shape (N, 1)."""
+        fading = np.cumsum(1.0 - np.arange(self.braking_ticks) / self.braking_ticks) / self._until_rest
+        fading[-1] = 1.0
+        return fading[:, None]
+
+    @cached_property
+    def _rated(self) -> IntArray | None:
+        """Indices of the coordinates whose rates the program bounds: one of each set that moves together.
+
+        It is None if slopes vary: all coordinates that move at a pose.
+        """
+        if not self.curve.affine:
+            return None
+        rows = self.curve.pose(np.zeros(self.curve.dimension)).slopes / self._most[1][:, None]
+        _, first = np.unique(np.round(rows, 9), axis=0, return_index=True)
+        return np.array([k for k in np.sort(first) if np.any(rows[k])], dtype=np.intp)
+
+    # ------------------------------------------------------------ ticks
+    def at_rest(self, v: FloatArray) -> ServoState:
+        """Return the state of rest at unknowns of shape (p,)."""
+        q = self.curve.configurations(v[None])
+        nothing = Braking(np.zeros((0, len(v))), np.zeros((0, q.shape[1])))
+        return ServoState(np.repeat(q, 3, axis=0), np.stack((v, v)), nothing)
+
+    def stepped(self, state: ServoState, pose: Pose, command: TipVelocity) -> tuple[ServoState, tuple[Cut, ...]]:
+        """Return the state a tick later, and the reasons why the tip moves otherwise than commanded.
+
+        Args:
+            state: the state.
+            pose: pose of the state's last control point.
+            command: commanded motion of the tip.
+        """
+        if command.at_rest:
+            return state.continued(), ()
+        # Where the present velocity leads if the arm is braked from now on, as slowly as from its greatest velocities.
+        braked = self._until_rest * (1.0 - 1.0 / self.braking_ticks) * (state.unknowns[1] - state.unknowns[0])
+        rests, cuts = self._program(state, pose, command, braked)
+        refusal: Cut | None = None
+        for share in _SHARES if rests is not None else ():
+            trial = self._braking(pose.v, braked + share * (rests - braked))
+            refused = self._refusal(state, trial)
+            if refused is None:
+                return state.taking(trial), (*cuts, *([refusal] if refusal else []))
+            refusal = refusal or refused
+        return state.continued(), (*cuts, *([refusal] if refusal else []))
+
+    def _braking(self, v: FloatArray, change: FloatArray) -> Braking:
+        """Return the continuation to rest that changes the unknowns by a given amount in all, (p,)."""
+        unknowns = v + self._fading * change
+        around = np.vstack((v, unknowns))
+        unknowns = restored_keyframes(self.limits, self.curve, around, np.linspace(0.0, 1.0, len(around)))[1:]
+        return Braking(unknowns, self.curve.configurations(unknowns))
+
+    # ------------------------------------------------------------ the program
+    def _program(
+        self, state: ServoState, pose: Pose, command: TipVelocity, braked: FloatArray
+    ) -> tuple[FloatArray | None, tuple[Cut, ...]]:
+        """Return the change of the unknowns until the arm rests, shape (p,), and what bounds it; None in vain."""
+        parts = [_closing(limit, limit.linearised(self.curve, pose, _TURN)) for limit in self.limits]
+        parts.append(self._rate_rows(state, pose))
+        terms = [*self._tip_terms(pose, command), *(pull for rows in parts for pull in rows.pulls)]
+        hessian, gradient = normal_equations(terms, _RIDGE)
+        matrix, lower, upper, sense = stacked_rows(parts)
+        most = _ITERATIONS_A_ROW * len(upper)
+        rests = solve_small_qp(hessian, gradient, matrix, upper, lower, sense.copy(), most)
+        if rests is None:
+            # Braking stays possible, whatever the linearisation says: it is certified.
+            values = np.where(sense == 0, matrix @ braked, 0.0)
+            lower, upper = np.minimum(lower, values), np.maximum(upper, values)
+            rests = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
+        if rests is None:
+            return None, ()
+        for rows in parts:
+            # Equations hold single joints straight: exactly, not to the accuracy of the solver.
+            held = rows.matrix[: rows.equations]
+            rests = rests - held.T @ (held @ rests)
+        goes = pose.moving[-1] @ rests / self.seconds_to_rest
+        if np.linalg.norm(goes - command.linear) <= _FOLLOWED * np.linalg.norm(command.linear):
+            return rests, ()
+        return rests, (*self._stretched(pose, command), *self._bounds(state, pose, parts, rests))
+
+    def _tip_terms(self, pose: Pose, command: TipVelocity) -> list[Term]:
+        """Return the terms of the program that move the tip as commanded and keep the body on its curve."""
+        seconds = self.seconds_to_rest
+        unit = self.curve.nominal_length
+        terms = [Term(pose.moving[-1] / unit, seconds * command.linear / unit, _TIP)]
+        if command.angular is not None:
+            rows = pose.turning[-1] if command.axes is None else command.axes @ pose.turning[-1]
+            terms.append(Term(rows, seconds * command.angular, _TIP_TURN))
+        following = unit * self.curve.following_rows
+        if len(following):
+            terms.append(Term(following, np.zeros(len(following)), _FOLLOWING))
+        return terms
+
+    def _rate_rows(self, state: ServoState, pose: Pose) -> LimitRows:
+        """Return the bounds on velocities and accelerations of the next tick, for a change until rest."""
+        first, second = (_ROWS_SHARE * most for most in self._most)
+        before = state.controls[2] - state.controls[1]
+        kept = np.flatnonzero(np.any(pose.slopes != 0.0, axis=1)) if self._rated is None else self._rated
+        low, high = np.maximum(-first, before - second)[kept], np.minimum(first, before + second)[kept]
+        return LimitRows(pose.slopes[kept], self._until_rest * low, self._until_rest * high)
+
+    def _stretched(self, pose: Pose, command: TipVelocity) -> Iterator[Cut]:
+        """Yield the reason, if it is one, that hardly any joint moves the tip in the commanded direction."""
+        speed = np.linalg.norm(command.linear)
+        gain = np.linalg.norm(command.linear @ pose.moving[-1]) / np.linalg.norm(pose.moving[-1])
+        if gain < _STRETCHED * speed:
+            yield Cut("stretched", "the arm", float(gain / speed), _STRETCHED, "")
+
+    def _bounds(self, state: ServoState, pose: Pose, parts: Sequence[LimitRows], rests: FloatArray) -> Iterator[Cut]:
+        """Yield the limits that bound the program's solution, at most one of each kind."""
+        arm = self.curve.arm
+        for limit, rows in zip(self.limits, parts, strict=False):
+            if isinstance(limit, ContactLimit):
+                taken = np.flatnonzero(rows.matrix @ rests <= rows.lower + _ACTIVE * self.curve.nominal_length)
+                if len(taken):
+                    contacts = limit.finder.find(pose.points)
+                    link, other, gap = limit.finder.named(contacts, int(taken[np.argmin(contacts.gap[taken])]))
+                    yield Cut("contact", f"{link} and {other}", gap, 0.0, "m")
+        rest = pose.q + pose.slopes @ rests
+        span = arm.upper_limits - arm.lower_limits
+        for kind, columns in (("joint limit", arm.coordinates.bends), ("base range", arm.coordinates.base)):
+            past = np.maximum(rest - arm.upper_limits, arm.lower_limits - rest) / np.maximum(span, TINY)
+            past = np.where(span > 0.0, past, -np.inf)[columns]
+            if len(past) and np.max(past) > -_NEAR_LIMIT:
+                yield self._at_limit(kind, int(np.argmax(past)) + (columns.start or 0), rest)
+        change = pose.slopes @ rests / self._until_rest
+        before = state.controls[2] - state.controls[1]
+        for kind, used, limits in (
+            ("velocity", np.abs(change) / self._most[0], self._most[0] / self.period),
+            ("acceleration", np.abs(change - before) / self._most[1], self.rates.acceleration),
+        ):
+            if np.max(used) > 0.99 * _ROWS_SHARE:
+                k = int(np.argmax(used))
+                yield self._rate_cut(kind, k, float(used[k] * limits[k]), float(limits[k]))
+
+    def _at_limit(self, kind: str, index: int, q: FloatArray) -> Cut:
+        """Return the reason that a coordinate of a configuration, shape (c,), is at an end of its range."""
+        arm = self.curve.arm
+        low, high = float(arm.lower_limits[index]), float(arm.upper_limits[index])
+        value = float(q[index])
+        layout = arm.coordinates
+        return Cut(kind, layout.names[index], value, high if value > 0.5 * (low + high) else low, layout.units[index])
+
+    def _rate_cut(self, kind: str, index: int, value: float, limit: float) -> Cut:
+        """Return the reason that a coordinate uses up a limit on its velocity or acceleration."""
+        layout = self.curve.arm.coordinates
+        unit = f"{layout.units[index]}/s" + ("²" if kind == "acceleration" else "")
+        return Cut(kind, layout.names[index], value, limit, unit)
+
+    # ------------------------------------------------------------ what is certified
+    def _refusal(self, state: ServoState, trial: Braking) -> Cut | None:
+        """Return why a tick and the braking after it cannot be taken; None if both are certified."""
+        controls = replace(state, braking=trial).to_rest()
+        return (
+            self._rates_exceeded(controls)
+            or self._out_of_range(trial.controls)
+            or self._bent_in_tube(controls)
+            or self._efforts_exceeded(controls)
+            or self._uncertified(controls)
+        )
+
+    def _rates_exceeded(self, controls: FloatArray) -> Cut | None:
+        """Return which limit on rates is exceeded by differences of control points, shape (m, c); None if none is."""
+        changes = np.diff(controls, axis=0)
+        rates = (
+            ("velocity", changes / self.period, self.rates.velocity),
+            ("acceleration", np.diff(changes, axis=0) / self.period**2, self.rates.acceleration),
+        )
+        for kind, values, limit in rates:
+            most = np.max(np.abs(values), axis=0)
+            if np.any(most > limit * (1.0 + _ROUNDING)):
+                k = int(np.argmax(most / limit))
+                return self._rate_cut(kind, k, float(most[k]), float(limit[k]))
+        return None
+
+    def _out_of_range(self, controls: FloatArray) -> Cut | None:
+        """Return which coordinate is out of its range in control points, shape (m, c); None if none is."""
+        if not any(isinstance(limit, JointLimit) and len(limit.failures(controls)) for limit in self.limits):
+            return None
+        arm = self.curve.arm
+        past = np.maximum(controls - arm.upper_limits, arm.lower_limits - controls)
+        k, index = np.unravel_index(int(np.argmax(past)), past.shape)
+        kind = "joint limit" if index < arm.coordinates.joints else "base range"
+        return self._at_limit(kind, int(index), controls[k])
+
+    def _bent_in_tube(self, controls: FloatArray) -> Cut | None:
+        """Return which joint is bent on a span on which it is inside the guide tube, for control points (m, c)."""
+        arm = self.curve.arm
+        if arm.feed is None:
+            return None
+        layout = arm.coordinates
+        windows = np.lib.stride_tricks.sliding_window_view(controls, 4, axis=0)
+        held = arm.held(np.min(windows[:, layout.joints], axis=-1))
+        most = np.max(np.abs(windows[:, : layout.joints]), axis=-1)
+        bent = np.max(most.reshape(len(windows), arm.links, -1), axis=-1)
+        inside = np.where(held, bent, 0.0)
+        span, joint = np.unravel_index(int(np.argmax(inside)), inside.shape)
+        if inside[span, joint] <= TINY:
+            return None
+        return Cut("guide tube", f"joint {joint + 1}", float(inside[span, joint]), 0.0, "rad")
+
+    def _efforts_exceeded(self, controls: FloatArray) -> Cut | None:
+        """Return which drive needs too large an effort along a spline, at both ends and amid its spans."""
+        if self.efforts is None:
+            return None
+        states = [spline_values(controls, self.period, share) for share in (0.0, 0.5)]
+        return self.efforts(*(np.vstack(each) for each in zip(*states, strict=True)))
+
+    def _uncertified(self, controls: FloatArray) -> Cut | None:
+        """Return what is nearest to the arm where a spline with control points (m, c) is not certified."""
+        chords = self.chords(controls)
+        if not any(len(limit.failures(chords, self.depth)) for limit in reversed(self.limits)):
+            return None
+        contact = next(limit for limit in self.limits if isinstance(limit, ContactLimit))
+        found = contact.finder.tightest(contact.finder.find(self.curve.arm.joint_positions_at(chords[-1])))
+        name = f"{found[0]} and {found[1]}" if found else ""
+        return Cut("certificate", name, found[2] if found else np.inf, 0.0, "m")
+
+    def chords(self, controls: FloatArray) -> FloatArray:
+        """Return configurations on a spline with control points (m, c), whose chords it does not leave by more than s.
+
+        Here s is half of the certified spare. Once control points run straight, the last configuration is enough.
+        """
+        spans = len(controls) - 3
+        curved = min(_CURVED, spans)
+        bows = self._bows(controls)
+        parts = np.ceil(np.sqrt(bows[:curved])).astype(np.intp)
+        places = [_along(controls[k : k + 4], int(count)) for k, count in enumerate(parts)]
+        if curved < spans:
+            # The braking is straight in an affine map, and otherwise nearly so: several spans may share a chord.
+            joined = spans if self.curve.affine else int(np.sqrt(1.0 / max(np.max(bows[curved:]), TINY)))
+            knots = spline_values(controls[curved:], self.period, 0.0)[0]
+            places.append(knots[:: max(joined, 1)])
+        places.append(spline_values(controls[-4:], self.period, 1.0)[0])
+        return np.vstack(places)
+
+    def parts(self, controls: FloatArray) -> IntArray:
+        """Return into how many chords each span of a spline with control points (m + 3, c) is divided, shape (m,)."""
+        return np.asarray(np.ceil(np.sqrt(self._bows(controls))).astype(np.intp))
+
+    def _bows(self, controls: FloatArray) -> FloatArray:
+        """Return bounds on the deviation of a spline from the chords of its spans, in halves of the spare, shape (m,).
+
+        They are at least tiny. Over a chord of k spans, or of the k-th part of one, a bound is k² times as large.
+        """
+        arm = self.curve.arm
+        second = np.abs(np.diff(controls, n=2, axis=0))
+        # Half-way between two points a time h apart, a curve is off its chord by at most ⅛ h² times its acceleration.
+        bows = arm.coordinates.travel(np.maximum(second[:-1], second[1:]) / 8.0, arm.lengths)
+        return np.maximum(2.0 * bows / self.spare, TINY)
+
+
+def _along(controls: FloatArray, parts: int) -> FloatArray:
+    """Return the positions at the beginnings of the equal parts of a span with four control points, (parts, c)."""
+    return np.stack([_weights(k / parts)[0] for k in range(parts)]) @ controls
+
+
+def _closing(limit: LimitOf[Any], rows: LimitRows) -> LimitRows:
+    """Return constraints that let every distance from a limit close by at most a share, as those of contacts do.
+
+    If a motion takes a share up to ½ (1 + 1 / N) of a distance until rest, it can still be braked a tick later.
+    """
+    if isinstance(limit, ContactLimit):
+        return rows
+    lower, upper = (
+        np.where(np.abs(bounds) < UNBOUNDED, _CLOSING_SHARE * bounds, bounds) for bounds in (rows.lower, rows.upper)
+    )
+    return replace(rows, lower=lower, upper=upper)

@@ -1,0 +1,171 @@
+"""Servo control: whatever the hand does, the arm keeps clear and within its limits, and can be braked at any time."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
+
+import ccm_opt
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import JointPose, Limits, PointLimit, Problem, TipGoal
+from ccm_opt.problem.solution import JointTrajectory, Solution
+from ccm_opt.robot.base_axes import Feed
+from ccm_opt.scene.bodies import SphereBody
+from ccm_opt.scene.workspace import Obstacle, Workspace
+from tests.benchmarks.dense_sweep import sweep
+from tests.benchmarks.space_sweep import sweep_in_space
+from tests.space_arms import space_arm
+
+from .command_runs import CommandLine
+from .conftest import PROBLEMS
+
+LINKS = 8
+RADIUS = 0.02
+LAYOUTS = (
+    *("space/swan-neck-in-space", "space/tendon-arm", "space/tank-camera", "space/wing-box"),
+    *("swan-neck", "feed-s-duct"),
+)
+"""Problems with a fixed base, even sections, base axes and a tool, a feed; in the plane a fixed base, and a feed."""
+
+
+def scene(seed: int, *, fed: bool, torque: float | None = None) -> Problem:
+    """Return a problem of a bent arm of 0.8 m among balls that it does not touch."""
+    random = np.random.default_rng(seed)
+    arm = space_arm(LINKS, 0.1, RADIUS, **({"feed": Feed(0.0, 0.4, 0.2)} if fed else {}))
+    feed = 0.35 if fed else 0.0
+    bends = random.uniform(-0.3, 0.3, (LINKS, 2))
+    if fed:
+        bends[arm.held(feed)] = 0.0
+        bends[: int(np.sum(arm.held(feed))) + 1] = 0.0
+    start = JointPose(bends, feed)
+    points = arm.joint_positions_at(start.configuration(arm))
+    balls = []
+    while len(balls) < 6:
+        middle, radius = points[random.integers(2, LINKS + 1)] + random.normal(0.0, 0.15, 3), random.uniform(0.02, 0.06)
+        places = np.linspace(points[:-1], points[1:], 20).reshape(-1, 3)
+        if np.min(np.linalg.norm(places - middle, axis=1)) > RADIUS + radius + 0.004:
+            balls.append(Obstacle(f"ball {len(balls)}", SphereBody(middle, radius)))
+    rates = np.ones(3 * LINKS)
+    on_axis = {"feed_velocity": 0.1, "feed_acceleration": 0.5} if fed else {}
+    limits = Limits(2.0 * rates, 10.0 * rates, None if torque is None else torque * rates, **on_axis)
+    room = Workspace(bounds=None, obstacles=tuple(balls), clearance=0.0)
+    return Problem("hand", room, arm, limits, start, TipGoal(points[-1]))
+
+
+def between_samples(trajectory: JointTrajectory) -> FloatArray:
+    """Return the configurations of a motion four times as densely as it is sampled, by cubic interpolation."""
+    spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
+    return np.asarray(spline(np.interp(np.linspace(0, 1, 4 * len(trajectory.time)), *_unit(trajectory.time))))
+
+
+def _unit(time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.linspace(0.0, 1.0, len(time)), time
+
+
+def is_certified(solution: Solution) -> None:
+    """Check a driven motion by the verifier, and by poses and distances that share nothing with it."""
+    assert all(check.passed for check in solution.checks)
+    trajectory = solution.trajectory
+    dense = replace(trajectory, positions=between_samples(trajectory))
+    seen = (sweep_in_space if solution.problem.dimension == 3 else sweep)(solution.problem, dense)
+    assert not seen.violations
+
+
+@settings(max_examples=3, deadline=None)
+@given(st.integers(0, 10**6), st.booleans(), st.sampled_from([None, 4.0]), st.lists(st.integers(0, 24), max_size=2))
+def test_any_hand_is_followed_safely(seed: int, fed: bool, torque: float | None, brakes: list[int]) -> None:
+    """Whatever velocities are commanded, and whenever it is braked, no limit is broken and nothing is touched."""
+    problem = scene(seed, fed=fed, torque=torque)
+    servo = ccm_opt.Servo(problem)
+    random = np.random.default_rng(seed)
+    velocity = random.normal(0.0, 0.4, 3)
+    for tick in range(25):
+        velocity += random.normal(0.0, 0.05, 3)
+        step = servo.step(ccm_opt.Twist(velocity, random.normal(0.0, 1.0, 3) if tick % 3 == 0 else None))
+        held = servo.braking
+        np.testing.assert_allclose(held.positions[0], step.positions, atol=1e-12)
+        np.testing.assert_allclose(held.velocities[0], step.velocities, atol=1e-12)
+        np.testing.assert_allclose(held.velocities[-1], 0.0, atol=1e-9)
+        if tick in brakes:
+            servo.brake()
+    is_certified(servo.solution())
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_every_layout_is_driven(name: str) -> None:
+    """Arms on fixed bases, feeds, base axes, of sections that bend evenly, with tools, in the plane and in space."""
+    servo = ccm_opt.Servo(ccm_opt.load_problem(PROBLEMS / f"{name}.toml"))
+    d = servo.problem.dimension
+    moved = [servo.step(ccm_opt.Twist(0.05 * np.array([1.0, 0.3, 0.3])[:d])) for _ in range(8)]
+    assert any(np.any(step.velocities != 0.0) for step in moved)
+    servo.brake()
+    assert all(check.passed for check in servo.solution().checks)
+
+
+def test_the_tip_follows_in_free_space() -> None:
+    """Away from obstacles and limits the tip moves as commanded, to a place and direction, and rests there."""
+    problem = replace(scene(5, fed=False), workspace=Workspace(bounds=None, obstacles=(), clearance=0.0))
+    servo = ccm_opt.Servo(problem)
+    steps = [servo.step(ccm_opt.Twist((0.02, 0.05, 0.0))) for _ in range(30)]
+    assert max(step.lost for step in steps[15:]) < 0.02
+    assert not steps[-1].reasons
+    arm = problem.arm
+    target = arm.joint_positions_at(steps[-1].positions)[-1] + np.array([0.0, -0.02, 0.01])
+    direction = np.array([1.0, 0.2, 0.1])
+    for _ in range(100):
+        last = servo.step(TipGoal(target, direction))
+    assert np.linalg.norm(arm.joint_positions_at(last.positions)[-1] - target) < 1e-3
+    assert np.allclose(arm.link_rotations(last.positions)[-1, :, 0], direction / np.linalg.norm(direction), atol=0.02)
+    assert np.max(np.abs(last.velocities)) < 0.02
+
+
+def test_an_obstacle_stops_the_tip_and_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The reason names link and obstacle with their gap; the motion is a plan that the command line accepts."""
+    problem = scene(5, fed=False)
+    tip = problem.arm.joint_positions_at(problem.start.configuration(problem.arm))[-1]
+    ball = Obstacle("ball", SphereBody(tip + np.array([0.0, 0.0, 0.08]), 0.03))
+    servo = ccm_opt.Servo(replace(problem, workspace=Workspace(bounds=None, obstacles=(ball,), clearance=0.0)))
+    for _ in range(60):
+        step = servo.step(ccm_opt.Twist((0.0, 0.0, 0.2), (0.0, 0.0, 0.0)))
+    assert step.lost > 0.2
+    assert any("'ball'" in reason and "gap" in reason for reason in step.reasons), step.reasons
+    folder = servo.save(tmp_path)
+    assert CommandLine(capsys)("check", folder).code == 0
+    assert ccm_opt.load(folder).problem.name == "hand"
+
+
+@pytest.mark.parametrize(
+    ("changed", "key"),
+    [
+        ({"limits": {"jerk": np.full(3 * LINKS, 100.0)}}, "limits.jerk"),
+        ({"limits": {"points": (PointLimit(velocity=0.1),)}}, "limits.points"),
+        ({"joint_error": 0.01}, "tolerance.joint_error_deg"),
+    ],
+)
+def test_limits_that_are_not_kept_are_refused(changed: dict[str, object], key: str) -> None:
+    """A limit of the problem that servo control does not know is named by its key."""
+    problem = scene(1, fed=False)
+    if "limits" in changed:
+        changed = {"limits": replace(problem.limits, **changed["limits"])}  # type: ignore[arg-type]
+    with pytest.raises(ccm_opt.ProblemError, match=key):
+        ccm_opt.Servo(replace(problem, **changed))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(None, (0.1, 0.0, 0.0), ccm_opt.Twist((0.1, 0.0)), ccm_opt.Twist((0.1, 0.0, np.nan))),
+        ccm_opt.Twist((0.0, 0.0, 0.1), 1.0),
+    ],
+)
+def test_commands_that_do_not_fit_are_refused(command: object) -> None:
+    """Another type, another number of coordinates, and numbers that are not finite."""
+    servo = ccm_opt.Servo(scene(1, fed=False))
+    with pytest.raises(ccm_opt.ProblemError, match="expected"):
+        servo.step(command)  # type: ignore[arg-type]
+    with pytest.raises(ccm_opt.ProblemError, match="no motion yet"):
+        servo.solution()
