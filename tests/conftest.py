@@ -31,8 +31,8 @@ No test may fail because a machine is slow. A failing test prints a line that re
 of the report."""
 
 LONGEST = """
-    docs_blocks space_diagnosis real_jobs comparison_executors comparison_supervision surroundings space_suites
-    user_terms_in_space hill_climbing_planner pareto comparison followable_ways space_search how_to_cluster
+    docs_blocks hill_climbing_planner space_diagnosis real_jobs comparison_executors comparison_supervision
+    surroundings space_suites user_terms_in_space pareto comparison followable_ways space_search how_to_cluster
     tolerance own_units space_reach pipeline diagnosis space_retargeting determinism feed_planning space_pose
     hill_climbing_examples interrupts motion_certificate
 """.split()  # noqa: SIM905 - legible

@@ -55,9 +55,9 @@ def test_a_path_of_no_numbers_is_no_solution(tmp_path: Path) -> None:
 
 
 def test_a_suite_with_every_kind_of_planner_ends(tmp_path: Path) -> None:
-    """Two workers, all bad planners and a good one: each problem has one run of each method, none lost, none double."""
+    """Two workers, planners that die, return rubbish or fail, and a good one: one run each of each problem."""
     cases = small_cases(tmp_path, 1)
-    bad = [f"tests.comparison_tasks:{name}Planner" for name in ("Dying", "Leaving", "Rubbish", "Broken", "Nowhere")]
+    bad = [f"tests.comparison_tasks:{name}Planner" for name in ("Dying", "Rubbish", "Broken")]
     with open_journal(tmp_path / "journal.jsonl") as journal:
         found = compare(cases, (*bad, STRAIGHT), LocalWorkers(2), journal, time_limit=1.0)
     assert [run.solved for run in found.method_runs(STRAIGHT)] == [True, False]

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
@@ -31,12 +32,20 @@ FIGURES = st.lists(st.tuples(st.floats(0.5, 5.0), st.floats(0.0, 0.05)), min_siz
 """Durations [s] and least gaps [m] of some plans."""
 
 
-def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
-    """A plan of which only the duration and the least gap count."""
+@cache
+def small_plan() -> Solution:
+    """A plan of the small problem with its gaps over time."""
+    problem = parse_problem(SMALL_PROBLEM, "small.toml")
     solution = make_solution(problem, np.full(problem.arm.links, 0.3))
+    return replace(solution, room=clearance_over_time(problem, solution.trajectory, 0.0))
+
+
+def made_up(duration: float, gap: float) -> ParetoPlan:
+    """A plan of which only the duration and the least gap count."""
+    solution = small_plan()
+    assert solution.room is not None
     trajectory = replace(solution.trajectory, time=duration * solution.trajectory.time)
-    room = clearance_over_time(problem, trajectory, 0.0)
-    room = replace(room, nearest=replace(room.nearest, gap=gap, link=1, obstacle="post"))
+    room = replace(solution.room, nearest=replace(solution.room.nearest, gap=gap, link=1, obstacle="post"))
     return ParetoPlan(gap, replace(solution, trajectory=trajectory, room=room))
 
 
@@ -44,8 +53,7 @@ def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
 @given(figures=FIGURES)
 def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[float, float]]) -> None:
     """The fastest is never dominated but by an equally fast one, and the recommended plan is the roomiest in time."""
-    problem = parse_problem(SMALL_PROBLEM, "small.toml")
-    plans = [made_up(problem, duration, gap) for duration, gap in figures]
+    plans = [made_up(duration, gap) for duration, gap in figures]
     judgement = Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
     judged = [replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans]
     for plan in judged:
@@ -61,9 +69,9 @@ def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[flo
     assert min(best.gap, 0.04) == max(min(plan.gap, 0.04) for plan in in_time)
 
 
-def test_a_plan_that_is_slower_with_less_room_is_dominated(small_problem: Problem) -> None:
+def test_a_plan_that_is_slower_with_less_room_is_dominated() -> None:
     """Of three plans the slow one with little room is dominated; equal ones do not dominate each other."""
-    plans = [made_up(small_problem, *figures) for figures in ((1.0, 0.002), (1.1, 0.010), (1.3, 0.004), (1.0, 0.002))]
+    plans = [made_up(*figures) for figures in ((1.0, 0.002), (1.1, 0.010), (1.3, 0.004), (1.0, 0.002))]
     judgement = Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
     assert [judgement.dominator(plan) for plan in plans] == [0, 0, 2, 0]
     assert judgement.recommended() == 2
@@ -82,7 +90,7 @@ def test_the_energy_is_the_work_of_all_drives(small_solution: Solution) -> None:
 
 def test_the_picture_shows_plans_that_there_are_not(small_problem: Problem) -> None:
     """A plan without a solution has a place in the picture, and the picture is one."""
-    plans = (made_up(small_problem, 1.0, 0.002), ParetoPlan(0.01, None, "no motion was found"))
+    plans = (made_up(1.0, 0.002), ParetoPlan(0.01, None, "no motion was found"))
     picture = Image.open(BytesIO(pareto_png(ParetoPlans(small_problem, plans, 1, 0.15))))
     assert picture.width > picture.height > 200
 
