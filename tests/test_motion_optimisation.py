@@ -20,6 +20,7 @@ from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Swe
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
+from ccm_opt.planning.optimisation.staged_program import NO_PART, StageRows, solve_stages
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import JointPose, OptimiserName
@@ -174,6 +175,58 @@ def test_objective_is_a_quadratic_form_of_its_blocks(seed: int) -> None:
     gradient = np.einsum("kmpq,mq->kp", blocks, v)
     assert np.allclose(objective.gradient(sweep), gradient)
     assert objective.value(sweep) == pytest.approx(0.5 * float(np.vdot(v, gradient)))
+
+
+def stage_rows(rng: np.random.Generator, count: int, stages: int, width: int, parts: int) -> StageRows:
+    """Random rows, some of them with slack."""
+    stage, part = rng.integers(0, stages, count), rng.integers(NO_PART, parts, count)
+    own, before = rng.normal(size=(2, count, width))
+    return StageRows(stage, before, own, rng.normal(size=count), part)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10_000), stages=st.integers(1, 7), count=st.integers(0, 60), price=st.floats(0.1, 1e4))
+def test_programs_of_stages_are_solved(seed: int, stages: int, count: int, price: float) -> None:
+    """The solution satisfies the conditions of Karush, Kuhn and Tucker, which are sufficient."""
+    rng = np.random.default_rng(seed)
+    width, parts = 4, 3
+    n = stages * width
+    root = np.triu(np.tril(rng.normal(size=(n, n))), 1 - 2 * width)
+    hessian = np.kron(np.abs(np.subtract.outer(range(stages), range(stages))) <= 2, np.ones((width, width))) * (
+        root @ root.T
+    ) + 10.0 * n * np.eye(n)
+    blocks = np.zeros((3, stages, width, width))
+    for apart, k in ((a, k) for a in range(3) for k in range(a, stages)):
+        blocks[apart, k] = hessian[k * width : (k + 1) * width, (k - apart) * width : (k - apart + 1) * width]
+    gradient, prices = 100.0 * rng.normal(size=(stages, width)), np.full(parts, price)
+    equal = replace(stage_rows(rng, 2, stages, width, parts), bound=np.zeros(2), part=np.full(2, NO_PART))
+    rows = stage_rows(rng, count, stages, width, parts)
+    rows = replace(rows, bound=np.where(rows.part == NO_PART, np.abs(rows.bound), rows.bound))
+    found = solve_stages(blocks, gradient, equal, rows, prices)
+    assert found is not None
+    matrix, ties = (np.array([r.at(i, stages).ravel() for i in range(len(r))]).reshape(-1, n) for r in (rows, equal))
+    slack = np.where(rows.part == NO_PART, 0.0, found.slack[rows.part])
+    left = rows.bound + slack - rows.times(found.x)
+    scale = 1e-9 * (1.0 + np.abs(found.multipliers).max(initial=0.0)) * (1.0 + np.abs(gradient).max())
+    assert (
+        np.abs(hessian @ found.x.ravel() + gradient.ravel() + ties.T @ found.pulls + matrix.T @ found.multipliers).max()
+        < scale
+    )
+    assert np.abs(equal.times(found.x)).max() < 1e-8
+    assert left.min(initial=0.0) >= -2e-5
+    assert np.all(found.multipliers * np.abs(left) <= 2e-5 * (1.0 + found.multipliers))
+    loads = np.bincount(rows.part[rows.part >= 0], found.multipliers[rows.part >= 0], parts)
+    assert np.all(loads <= prices * (1.0 + 1e-4 * found.slack) * (1.0 + 1e-6))
+    assert np.all(loads[found.slack > 1e-6] >= prices[found.slack > 1e-6] * (1.0 - 1e-6))
+
+
+def test_programs_without_a_solution_are_told() -> None:
+    """Rows that exclude each other give no solution."""
+    away = StageRows(
+        np.zeros(2, dtype=np.intp), np.zeros((2, 1)), np.array([[1.0], [-1.0]]), np.full(2, -1.0), np.full(2, NO_PART)
+    )
+    none = replace(away, **{name: getattr(away, name)[:0] for name in ("stage", "before", "own", "bound", "part")})
+    assert solve_stages(np.ones((3, 1, 1, 1)), np.zeros((1, 1)), none, away, np.zeros(0)) is None
 
 
 def test_step_in_free_space_straightens_the_motion() -> None:

@@ -131,7 +131,7 @@ def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: Clearan
             yield bound
 
 
-PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
+PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "scipy", "shapely", "toppra")
 """Names of the packages on which results depend."""
 
 

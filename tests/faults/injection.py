@@ -15,7 +15,6 @@ from typing import Any
 
 import casadi as ca
 import daqp
-import piqp
 
 NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 REFUSED = PermissionError(errno.EACCES, os.strerror(errno.EACCES))
@@ -90,15 +89,10 @@ def install() -> None:
     sys.addaudithook(_hook)
     sys.dont_write_bytecode = True
     solve = daqp.solve
-    make = piqp.SparseSolver
 
     def daqp_met(*arguments: Any, **options: Any) -> Any:
         _solver("daqp")
         return solve(*arguments, **options)
-
-    def piqp_met() -> Any:
-        _solver("piqp")
-        return make()
 
     call = ca.Function.__call__
 
@@ -108,7 +102,6 @@ def install() -> None:
         return call(function, *arguments, **options)
 
     daqp.solve = daqp_met
-    piqp.SparseSolver = piqp_met
     ca.Function.__call__ = casadi_met
 
 

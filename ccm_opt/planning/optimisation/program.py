@@ -1,4 +1,4 @@
-"""Quadratic program of one step of trajectory optimisation, sparse and block-banded over all keyframes, solved by PIQP.
+"""Quadratic program of one step of trajectory optimisation over all keyframes, which are the stages of the program.
 
 Variables are the changes of the unknowns of keyframes 1..K, and one slack per part of an interval. Constraint rows are
 linearised; the convex part of their second derivatives, weighted by the multipliers of the previous step, enters the
@@ -6,46 +6,25 @@ Hessian if the motion provides it.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property
 
 import numpy as np
-import piqp
-import scipy.sparse as sp
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, Quadratic
+from ccm_opt.planning.limits.limit import KeyframeRows, MotionCost, Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep
 from ccm_opt.planning.optimisation.objective import Objective
+from ccm_opt.planning.optimisation.staged_program import (
+    NO_PART,
+    StageRows,
+    StageSolution,
+    joined_stage_rows,
+    solve_stages,
+)
 from ccm_opt.problem.solution import ClearanceLimit
 
 _DAMPING_RIDGE = 1e-3
 """Additional damping of the unknowns, relative to that of the link rotations. Heuristic."""
-_SLACK_CURVATURE = 1e-6
-"""Second derivative of the objective by every slack variable, so that the Hessian is positive definite. Heuristic."""
-
-_QP_TOLERANCE = 1e-5
-"""Absolute and relative tolerance of the QP solution. Heuristic."""
-_QP_GAP = 1e-3
-"""Absolute duality gap of the QP solution; the relative gap is a tenth. Heuristic."""
-_QP_ITERATIONS = 60
-"""Maximum number of iterations of the QP solver. Heuristic."""
-_MANY_ROWS = 2000
-"""Number of constraints above which the QP is first solved with the tightest ones alone.
-
-Heuristic: with as many constraints, solving takes as long as building the matrices.
-"""
-_TIGHTEST = 30
-"""Number of constraints per interval, and per keyframe, that enter the QP at a time if there are many.
-
-Measured in pipes: of 10,000 constraints 100 to 200 are active; with 30 at a time three QPs with 1000 to 2000
-constraints take a quarter of the time of one QP with all of them.
-"""
-_VIOLATED = 1e-3
-"""Violation above which a constraint that was left out enters the QP [nominal links, rad].
-
-Heuristic: a hundredth of the usual gap.
-"""
 
 
 @dataclass(frozen=True)
@@ -57,14 +36,12 @@ class QuadraticStep:
         slack: slack of every part of every interval, in nominal links, shape (parts,).
         multipliers: multipliers of the constraints over intervals, at least 0, shape (constraints,) [1/m].
         pull: multipliers of the tip's position at the goal, shape (d,) [1/m]; 0 if the last keyframe is fixed.
-        entered: indices of the inequalities that the QP had in the end, shape (e,).
     """
 
     change: FloatArray
     slack: FloatArray
     multipliers: FloatArray
     pull: FloatArray
-    entered: IntArray
 
 
 @dataclass(frozen=True)
@@ -127,39 +104,31 @@ class KeyframeProgram:
         prices: price of one nominal link of slack in each part of each interval, shape (parts,).
         curvature: second derivatives of the constraints, weighted by their multipliers; None if not known.
         damping: weight on the squared rotations of the links in the step.
-        first: indices of inequalities with which the QP is solved first if there are many, such as those of another
-            step from the same motion, shape (e,); None for the tightest.
     """
 
     motion: LinearMotion
     prices: FloatArray
     curvature: RowCurvature | None
     damping: float
-    first: IntArray | None = None
 
     @property
     def _intervals(self) -> int:
         return self.motion.sweep.intervals
 
-    @property
-    def width(self) -> int:
-        """Number of QP variables per stage, for the unknowns of a keyframe and the slacks of the interval before."""
-        return int(self.motion.sweep.unknowns.shape[1]) + self.motion.sweep.parts
-
     def solve(self) -> QuadraticStep | None:
         """Return the solution of the QP, or None if the solver fails."""
-        p = self.width - self.motion.sweep.parts
         motion = self.motion
-        result, multipliers, entered = self._solved()
-        if result is None:
+        found = self._solved()
+        if found is None:
             return None
         # Rows were divided by a nominal length, so multipliers are divided, too, to belong to rows in metres.
-        x = np.asarray(result.x).reshape(self._intervals, self.width)
         d = motion.rows.normal.shape[1]
-        pull = np.zeros(d) if motion.end_fixed else np.asarray(result.y)[:d] / motion.unit
-        multipliers = np.maximum(multipliers[: len(motion.active)], 0.0) / motion.unit
-        change = np.vstack((np.zeros(p), x[:, :p]))
-        return QuadraticStep(change, np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull, entered)
+        pull = np.zeros(d) if motion.end_fixed else found.pulls[:d] / motion.unit
+        multipliers = found.multipliers[: len(motion.active)] / motion.unit
+        return QuadraticStep(np.vstack((np.zeros_like(found.x[:1]), found.x)), found.slack, multipliers, pull)
+
+    def _solved(self) -> StageSolution | None:
+        return solve_stages(self.hessian(), self.gradient(), self.equations(), self.inequalities(), self.prices)
 
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
         """Return the cause that keeps the least clearance of the motion from growing.
@@ -175,118 +144,76 @@ class KeyframeProgram:
                 motion could still be improved, but no step that does so was accepted.
         """
         motion = self.motion
-        result, multipliers, _ = self._solved()
-        if result is None:
+        found = self._solved()
+        if found is None:
             return None
-        x = np.asarray(result.x)
-        unknown = np.tile(np.arange(self.width) < self.width - motion.sweep.parts, self._intervals)
-        matrix, _, _ = self.inequalities()
+        every = self.inequalities()
         count = len(motion.active)
         # Rows of one part share their slack; the one that lacks most carries the largest multiplier.
         part = int(np.argmax(motion.worst_rows(motion.sweep)))
         of_part = np.flatnonzero(motion.active.part(motion.sweep) == part)
         if len(of_part) == 0:
             return None  # clearance is lacking between the rows only
-        worst = of_part[np.argmax(multipliers[of_part])]
-        slack = x[~unknown][part]
-        if slack < (1.0 - improvement) * float(motion.worst_rows(motion.sweep)[part]) / motion.unit:
+        worst = of_part[np.argmax(found.multipliers[of_part])]
+        if found.slack[part] < (1.0 - improvement) * float(motion.worst_rows(motion.sweep)[part]) / motion.unit:
             return "steps"
-        force = np.where(unknown, multipliers[worst] * matrix[[worst]].toarray()[0], 0.0)
-        rows = multipliers * (matrix @ force)
+        force = found.multipliers[worst] * every.at(worst, self._intervals)
+        rows = found.multipliers * every.times(force)
         rows[worst] = 0.0
         against: dict[ClearanceLimit, float] = {
             "walls": _opposing(rows[:count][motion.active.against_walls]),
             "links": _opposing(rows[:count][~motion.active.against_walls]),
-            **self._against_by_cost(x, force),
+            **self._against_by_cost(found.x, force),
         }
-        held = np.asarray(result.y) * (self.equations() @ force)
+        held = found.pulls * self.equations().times(force)
         ends = len(motion.end_rows)
         against["goal"] = _opposing(held[:ends])
         equal = [(kept.kind, int(np.count_nonzero(self._apart_from_end(kept)))) for kept in motion.equations]
-        bounded = [(kept.kind, len(kept.keyframe)) for kept in motion.keyframe_rows]
+        bounded = [(kept.kind, 2 * len(kept.keyframe)) for kept in motion.keyframe_rows]
         for forces, groups in ((held[ends:], equal), (rows[count:], bounded)):
             first = 0
             for kind, number in groups:
                 against[kind] = against.get(kind, 0.0) + _opposing(forces[first : first + number])
                 first += number
         cause = max(against, key=against.__getitem__)
-        return cause if multipliers[worst] > 0.0 and against[cause] > 0.0 else None
+        return cause if found.multipliers[worst] > 0.0 and against[cause] > 0.0 else None
 
     def _against_by_cost(self, x: FloatArray, force: FloatArray) -> dict[ClearanceLimit, float]:
         """Return by how much the length of the motion and its further costs oppose a force, both at a solution.
 
         Args:
-            x: solution of the QP, shape (K width,).
-            force: the force, 0 for slack variables, shape (K width,).
+            x: solution of the QP, shape (K, p).
+            force: the force, shape (K, p).
         """
-        p = self.width - self.motion.sweep.parts
-        change, push = (np.vstack((np.zeros(p), v.reshape(self._intervals, -1)[:, :p])) for v in (x, force))
+        change, push = (np.vstack((np.zeros_like(v[:1]), v)) for v in (x, force))
         costs = sum(float(np.vdot(model.gradient_after(change), push)) for model in self.motion.cost_models)
         undamped = replace(self, damping=0.0, curvature=None)
-        length = float((undamped.hessian() @ x + self.gradient()) @ force) - costs
+        length = float(np.vdot(_times(undamped.hessian(), x) + self.gradient(), force)) - costs
         return {"length": max(-length, 0.0), "costs": max(-costs, 0.0)}
 
-    def _solved(self) -> tuple[Any, FloatArray, IntArray]:
-        """Return PIQP's result, the multipliers of all m inequalities, (m,), and the indices of those used, (e,).
-
-        The result is None if the solver fails. Multipliers are positive at upper and negative at lower bounds.
-
-        If there are many constraints, the tightest enter the QP first, then those that the solution violates, until
-        none is violated.
-        """
-        matrix, lower, upper = self.inequalities()
-        stage = np.concatenate((self.motion.active.interval, *(r.keyframe for r in self.motion.keyframe_rows)))
-        stage[len(self.motion.active) :] += self._intervals
-        fixed = (self.hessian(), self.gradient(), self.equations())
-        if len(upper) <= _MANY_ROWS:
-            entered = np.arange(len(upper))
-        else:
-            matrix = matrix.tocsr()
-            entered = _largest(np.maximum(lower, -upper), stage, _TIGHTEST) if self.first is None else self.first
-        while True:
-            some = matrix if len(entered) == len(upper) else matrix[entered].tocsc()
-            result = _solve(*fixed, some, lower[entered], upper[entered], self.lower_bounds())
-            if result is None or result.info.status != piqp.PIQP_SOLVED or not np.isfinite(result.x).all():
-                return None, upper, entered
-            reached = matrix @ np.asarray(result.x)
-            excess = np.maximum(lower - reached, reached - upper)
-            excess[entered] = 0.0
-            violated = np.flatnonzero(excess > _VIOLATED)
-            if len(violated) == 0:
-                multipliers = np.zeros(len(upper))
-                multipliers[entered] = np.asarray(result.z_u) - np.asarray(result.z_l)
-                return result, multipliers, entered
-            entered = np.union1d(entered, violated[_largest(excess[violated], stage[violated], _TIGHTEST)])
-
-    def hessian(self) -> Any:
-        """Return the Hessian of the QP, sparse and block-banded, shape (K width, K width)."""
+    def hessian(self) -> FloatArray:
+        """Return the blocks of the Hessian that couple keyframe k with k, k − 1 and k − 2, shape (3, K, p, p)."""
         intervals = self._intervals
-        p = self.width - self.motion.sweep.parts
-        k, m = _block_places(intervals)
-        blocks = np.zeros((len(k), self.width, self.width))
-        blocks[:, :p, :p] = self.motion.objective.blocks(self.motion.sweep, k, m)
-
-        own = k == m
-        blocks[own, :p, :p] += self._diagonal()[1:]
-        blocks[own, p:, p:] = _SLACK_CURVATURE * np.eye(self.motion.sweep.parts)
+        apart, k = np.indices((3, intervals)).reshape(2, -1) + np.array([[0], [1]])
+        inside = k - apart >= 1
+        p = self.motion.sweep.unknowns.shape[1]
+        blocks = np.zeros((3, intervals, p, p))
+        blocks.reshape(-1, p, p)[inside] = self.motion.objective.blocks(
+            self.motion.sweep, k[inside], k[inside] - apart[inside]
+        )
+        blocks[0] += self._diagonal()[1:]
         if self.curvature is not None:
             # ½ c (δ_{k+1} − δ_k)²: +c on both diagonal blocks, −c between them.
-            neighbours = np.abs(m - k) == 1
-            blocks[neighbours, :p, :p] -= self.curvature.beside[np.minimum(k, m)[neighbours]]
+            blocks[1, 1:] -= self.curvature.beside[1:]
         for model in self.motion.cost_models:
-            blocks[m == k + 1, :p, :p] += model.above[1:]
-            blocks[m == k - 1, :p, :p] += model.above[1:].transpose(0, 2, 1)
-
-        size = intervals * self.width
-        starts = np.concatenate(([0], np.cumsum(np.bincount(k - 1, minlength=intervals))))
-        return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
+            blocks[1, 1:] += model.above[1:].transpose(0, 2, 1)
+        return blocks
 
     def _diagonal(self) -> FloatArray:
         """Return the diagonal Hessian blocks of damping, constraints and further costs, shape (K + 1, p, p)."""
         # Levenberg–Marquardt damping in terms of link rotations: it damps motion of the arm, not large unknowns.
-        diagonal = self.damping * (
-            self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - self.motion.sweep.parts)
-        )
+        metrics = self.motion.sweep.turn_metrics
+        diagonal = self.damping * (metrics + _DAMPING_RIDGE * np.eye(metrics.shape[-1]))
         if self.curvature is not None:
             diagonal += self.curvature.diagonal
             diagonal[1:] += self.curvature.beside
@@ -296,150 +223,57 @@ class KeyframeProgram:
         return diagonal
 
     def gradient(self) -> FloatArray:
-        """Return the gradient of the QP's objective, shape (K width,)."""
+        """Return the gradient of the QP's objective, shape (K, p)."""
         gradient = self.motion.objective.gradient(self.motion.sweep)
         for model in self.motion.cost_models:
             gradient = gradient + model.gradient
-        return np.column_stack((gradient[1:], self.prices.reshape(self._intervals, -1))).ravel()
+        return gradient[1:]
 
-    def lower_bounds(self) -> FloatArray:
-        """Return the lower bounds of the QP variables, 0 for slack and none for the unknowns, shape (K width,)."""
-        bounds = np.full((self._intervals, self.width), -UNBOUNDED)
-        bounds[:, -self.motion.sweep.parts :] = 0.0
-        return bounds.ravel()
-
-    def equations(self) -> Any:
-        """Return the matrix of the QP equations, for the end of the motion and for single keyframes."""
+    def equations(self) -> StageRows:
+        """Return the QP equations, for the end of the motion and for single keyframes."""
         # Right-hand sides are 0: the last keyframe is already on the goal, and a step only has to keep it there to
         # first order.
         end = self.motion.end_rows
-        parts = [self._at_keyframes(np.full(len(end), self._intervals), end)]
+        parts = [(np.full(len(end), self._intervals), end)]
         for equations in self.motion.equations:
             moves = self._apart_from_end(equations)
-            parts.append(self._at_keyframes(equations.keyframe[moves], equations.slopes[moves]))
-        return sp.vstack(parts).tocsc()
+            parts.append((equations.keyframe[moves], equations.slopes[moves]))
+        keyframe, slopes = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return _at_keyframes(keyframe, slopes, None, np.zeros(len(keyframe)))
 
     def _apart_from_end(self, equations: KeyframeRows) -> BoolArray:
         """Return which equations enter the QP, shape (m,): all, or all but those of a fixed last keyframe."""
         # A fixed end satisfies these already; duplicate rows would make the equations dependent.
         return (equations.keyframe < self._intervals) | (not self.motion.end_fixed)
 
-    def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
-        """Return constraints on single keyframes as a sparse matrix over all QP variables, shape (m, K width).
+    def inequalities(self) -> StageRows:
+        """Return the inequalities over intervals, with slack, then on keyframes: upper bounds, then lower ones."""
+        active, unit = self.motion.active, self.motion.unit
+        start, end = active.slopes(self.motion.sweep)
+        part = active.part(self.motion.sweep)
+        rows = [StageRows(active.interval, start / unit, end / unit, -active.values(self.motion.sweep) / unit, part)]
+        for each in self.motion.keyframe_rows:
+            before = each.before
+            rows.append(_at_keyframes(each.keyframe, each.slopes, before, each.upper))
+            rows.append(_at_keyframes(each.keyframe, -each.slopes, None if before is None else -before, -each.lower))
+        return joined_stage_rows(rows)
 
-        Args:
-            keyframe: index of the keyframe of each constraint, at least 1, shape (m,).
-            slopes: derivatives with respect to the unknowns of the keyframe, shape (m, p).
-        """
-        count, p = slopes.shape
-        row = np.repeat(np.arange(count), p)
-        column = ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()
-        return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
-    def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Return matrix, lower and upper bounds of the inequalities: over intervals, with slack, then on keyframes."""
-        active = self.motion.active
-        data, row, column = self._row_entries()
-        m = len(active)
-        matrices = [sp.csc_matrix((data, (row, column)), shape=(m, self._intervals * self.width))]
-        lower = [np.full(m, -UNBOUNDED)]
-        upper = [-active.values(self.motion.sweep) / self.motion.unit]
-        for rows in self.motion.keyframe_rows:
-            matrices.append(self._at_keyframes(rows.keyframe, rows.slopes))
-            if rows.before is not None:
-                moves = rows.keyframe > 1
-                matrices[-1] += self._at_keyframes(np.maximum(rows.keyframe - 1, 1), rows.before * moves[:, None])
-            lower.append(rows.lower)
-            upper.append(rows.upper)
-        return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
+def _at_keyframes(keyframe: IntArray, slopes: FloatArray, before: FloatArray | None, bound: FloatArray) -> StageRows:
+    """Return rows on keyframes from 1 on, and the ones before them, without slack."""
+    before = np.zeros_like(slopes) if before is None else before
+    return StageRows(keyframe - 1, before, slopes, bound, np.full(len(keyframe), NO_PART))
 
-    def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return the nonzero entries of the interval constraints as (data, row, column) of a sparse matrix.
 
-        The first keyframe is fixed and has no columns.
-        """
-        parts = self.motion.sweep.parts
-        p = self.width - parts
-        unit = self.motion.unit
-        k = self.motion.active.interval
-        start, end = self.motion.active.slopes(self.motion.sweep)
-        # Interval k: unknowns of keyframe k, then those of k + 1 and the slack of k, which are adjacent in one stage.
-        # One slack per part keeps the QP small; the price applies to it.
-        slack = self.motion.active.part(self.motion.sweep) - parts * k
-        data = np.column_stack((start / unit, end / unit, np.where(slack[:, None] == np.arange(parts), -1.0, 0.0)))
-        data[k == 0, :p] = 0.0
-
-        # Columns begin at keyframe 1. Rows of interval 0 have no entries for keyframe 0: np.maximum only keeps their
-        # indices legal, the zeros are dropped below.
-        columns = np.empty(data.shape, dtype=np.intp)
-        columns[:, :p] = (np.maximum(k - 1, 0) * self.width)[:, None] + np.arange(p)
-        columns[:, p:] = (k * self.width)[:, None] + np.arange(self.width)
-
-        row, place = np.nonzero(data)
-        return data[row, place], row, columns[row, place]
+def _times(blocks: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the product of a Hessian, given by its blocks (3, K, p, p), and a vector (K, p), shape (K, p)."""
+    product = np.einsum("kpq,kq->kp", blocks[0], x)
+    for apart in (1, 2):
+        product[apart:] += np.einsum("kpq,kq->kp", blocks[apart, apart:], x[:-apart])
+        product[:-apart] += np.einsum("kpq,kp->kq", blocks[apart, apart:], x[apart:])
+    return product
 
 
 def _opposing(products: FloatArray) -> float:
     """Return the sum of the magnitudes of the negative values among scalar products of forces with one force."""
     return -float(np.sum(np.minimum(products, 0.0)))
-
-
-@lru_cache(maxsize=8)
-def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Return the block rows and columns, counted from 1, of the nonzero Hessian blocks, each of shape (b,).
-
-    Second differences couple keyframes up to two apart.
-    """
-    row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
-    near = np.abs(row - column) <= 2
-    return row[near], column[near]
-
-
-def _largest(values: FloatArray, group: IntArray, most: int) -> IntArray:
-    """Return the sorted indices of the largest values, at most ``most`` per group.
-
-    Args:
-        values: the values, shape (m,).
-        group: index of the group of each value, shape (m,).
-        most: maximum number per group.
-    """
-    order = np.lexsort((-values, group))
-    ordered = group[order]
-    place = np.arange(len(group)) - np.searchsorted(ordered, ordered)
-    return np.sort(order[place < most])
-
-
-def _solve(
-    hessian: Any,
-    gradient: FloatArray,
-    equal: Any,
-    matrix: Any,
-    lower: FloatArray,
-    upper: FloatArray,
-    least: FloatArray,
-) -> Any:
-    """Return PIQP's result for min ½ xᵀHx + gᵀx with equal x = 0, lower ≤ matrix x ≤ upper and x ≥ least.
-
-    The result is None if the solver raises an exception.
-    """
-    try:
-        solver = piqp.SparseSolver()
-        _set(solver.settings)
-        most = np.full(len(gradient), UNBOUNDED)
-        solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
-        solver.solve()
-    except RuntimeError:
-        return None
-    return solver.result
-
-
-def _set(settings: Any) -> None:
-    """Set the tolerances and options of this module in the settings object of a PIQP solver."""
-    settings.verbose = False
-    # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
-    settings.kkt_solver = piqp.sparse_multistage
-    settings.eps_abs = _QP_TOLERANCE
-    settings.eps_rel = _QP_TOLERANCE
-    settings.eps_duality_gap_abs = _QP_GAP
-    settings.eps_duality_gap_rel = 0.1 * _QP_GAP
-    settings.max_iter = _QP_ITERATIONS

@@ -352,11 +352,8 @@ def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
     """
     program = iterate.motion.program
     # Rows are linearised once; only the QP is solved again, with more damping and higher prices.
-    entered = None
     for _ in range(_TRIES):
-        problem = KeyframeProgram(iterate.motion.linear, iterate.prices, iterate.curvature, iterate.damping, entered)
-        step = problem.solve()
-        entered = None if step is None else step.entered
+        step = KeyframeProgram(iterate.motion.linear, iterate.prices, iterate.curvature, iterate.damping).solve()
         following, failing = (None, _NONE) if step is None else _part_taken(iterate, step)
         if following is not None:
             return following
