@@ -9,6 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import poses_with
 from ccm_opt.robot.arc_sections import arc_deviation
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.bad_pose import joints_at_limits
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.tool_links import points_with_tool, with_tool_links
 from ccm_opt.verification.chain_motion import (
@@ -69,6 +70,13 @@ def test_arc_is_within_its_deviation_of_its_tangents(length: float, turn: float)
     gaps = [segment_distances(arc, arc, *(np.broadcast_to(p, arc.shape) for p in ends))[2]
             for ends in ((np.zeros(3), corner), (corner, arc[-1]))]  # fmt: skip
     np.testing.assert_allclose(np.max(np.minimum(*gaps)), arc_deviation(length, turn), rtol=2e-4, atol=1e-12)
+
+
+def test_a_limit_of_bends_is_named_by_the_key_of_sections() -> None:
+    """The advice names the key that files of such sections have."""
+    arm = arc_arm((2, 3), (0.2, 0.3))
+    _, advice = joints_at_limits(arm, arm.bend_limits.reshape(-1, 2))
+    assert advice[0].startswith("raise bend_limit_deg in arm.sections ")
 
 
 @given(SEEDS, st.sampled_from([1e-4, 1.0]))

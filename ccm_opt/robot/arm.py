@@ -219,6 +219,8 @@ class Arm(LinkLayout):
 
     def key(self, name: str) -> str:
         """Return the key of problem files, for messages, that gives a value of links: the arm's or its sections'."""
+        if self.sections is not None and name == "joint_limit_deg":
+            name = "bend_limit_deg"
         return f"arm.{name}" if self._has_equal_links else f"{name} in arm.sections"
 
     @property
