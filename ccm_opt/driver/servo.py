@@ -48,6 +48,8 @@ _LOST = 0.01
 _SPARE = 0.01
 """Certified gap beyond contact in space, in nominal links: larger than for plans, so that chords of the motion, which
 deviates from them by up to half of it, are long. Heuristic."""
+_DEPTH = 3
+"""Number of bisections of certificates of ticks in the plane. Heuristic: refusals that cost more come too late."""
 _FIRM = 0.2
 """Fraction of a gap's shortfall from the planning margin that the arm makes good until it rests. Heuristic."""
 _EFFORT_RESERVE = 0.98
@@ -148,7 +150,7 @@ class Servo:
             rates=limits.of_coordinates(self._arm.coordinates).rates_within(problem.planner.effort_share),
             spare=spare,
             period=self.period,
-            depth=stepper.settings.step.proof_depth,
+            depth=stepper.settings.step.proof_depth or _DEPTH,
             efforts=_efforts(problem, self._in_metres),
         )
         self._state = self._engine.at_rest(v)
@@ -198,8 +200,9 @@ class Servo:
             np.vstack((along, end[-1:]))
             for along, end in zip(*(spline_values(controls, self.period, share) for share in (0.0, 1.0)), strict=True)
         ]
-        time = self.period * np.arange(spans + 1)
-        return JointTrajectory(time, *map(self._in_metres, states), self.problem.arm.coordinates)
+        time = np.asarray(self.period * np.arange(spans + 1), dtype=np.float64)
+        positions, velocities, accelerations = map(self._in_metres, states)
+        return JointTrajectory(time, positions, velocities, accelerations, self.problem.arm.coordinates)
 
     @property
     def ticks(self) -> int:
@@ -208,8 +211,8 @@ class Servo:
 
     def _now(self, lost: float, reasons: tuple[str, ...]) -> ServoStep:
         controls = np.vstack((self._state.controls, self._state.controls[-1:]))
-        states = (self._in_metres(each)[0] for each in spline_values(controls, self.period, 0.0))
-        return ServoStep(self.period * self.ticks, *states, lost, reasons)
+        place, velocity, gain = (self._in_metres(each)[0] for each in spline_values(controls, self.period, 0.0))
+        return ServoStep(self.period * self.ticks, place, velocity, gain, lost, reasons)
 
     # ------------------------------------------------------------ commands
     def _velocity(self, command: Twist | TipGoal, pose: Pose) -> TipVelocity:
@@ -322,8 +325,11 @@ class Servo:
         states.append(tuple(each[-1:] for each in spline_values(controls, self.period, 1.0)))
         order = np.argsort(np.concatenate(time))
         places, *rates = (np.vstack(each)[order] for each in zip(*states, strict=True))
-        joined = (self._places(places), *map(self._in_metres, rates))
-        return JointTrajectory(np.concatenate(time)[order], *joined, self.problem.arm.coordinates)
+        velocities, accelerations = map(self._in_metres, rates)
+        coordinates = self.problem.arm.coordinates
+        return JointTrajectory(
+            np.concatenate(time)[order], self._places(places), velocities, accelerations, coordinates
+        )
 
     def _path(self, controls: FloatArray) -> JointPath:
         """Return the path of the motion with control points (m + 3, c), with its time as the path parameter."""

@@ -32,7 +32,7 @@ _BRAKING = 0.5
 """Longest time of braking [s]: where brakes are weaker, the arm moves more slowly. Heuristic."""
 _ROWS_SHARE = 0.998
 """Fraction of the rate limits that the program uses, since its solution and its linearisation are not exact."""
-_SHARES = (1.0, 0.5, 0.25, 0.125)
+_SHARES = (1.0, 0.4, 0.1)
 """Fractions of the way from braking to the program's solution that are tried until one is certified. Heuristic."""
 _TIP = 30.0
 """Weight of the tip's velocity, with distances in nominal links, as that of guides of planning."""
