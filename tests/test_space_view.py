@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,6 +185,10 @@ def test_moved_bodies_are_the_same_elsewhere(by: list[float]) -> None:
         np.testing.assert_allclose(moved.obstacle_centre("it"), room.obstacle_centre("it") + by, atol=1e-12)
 
 
+TOWARDS_Y = np.array([1.0, -1.0, 0.0, 0.0]) / np.sqrt(2.0)
+"""Rotation of a camera, whose z axis is its direction of view and whose y axis points down, that looks along y."""
+
+
 @pytest.fixture
 def viewer() -> Iterator[ViewerApp]:
     """The page of a plan in space."""
@@ -214,6 +219,19 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
         for meaning in ("gap", "torque"):
             scene.colour_by = meaning
             scene.pose(0.5)
+        viewer._cut("y", 0.0)
+        assert list(scene._obstacles) == ["/room/box"]  # whose lowest side is in the plane
+        viewer._cut("nothing", 0.0)
+        scene.shade(0.9)
+        assert {mesh.opacity for mesh in scene._obstacles.values()} == {0.9}
+        assert len(scene._obstacles) == 2
+        # Along y the ball and the box are in line, and far away: only the name of the nearer one is shown.
+        camera = SimpleNamespace(position=np.array([0.0, -1e4, 0.0]), wxyz=TOWARDS_Y, fov=0.8, image_height=800)
+        scene.arrange_names(camera)  # type: ignore[arg-type]
+        assert [path for path, label in scene._labels.items() if label.visible] == ["/names/box"]
+        camera.position = np.array([0.6, -2.0, 0.0])
+        scene.arrange_names(camera)  # type: ignore[arg-type]
+        assert all(label.visible for label in scene._labels.values())
     live = viewer.live
     assert isinstance(live, LivePlan)
     viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))

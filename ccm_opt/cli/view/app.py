@@ -163,6 +163,8 @@ class ViewerApp:
         self.scene = Scene(self.server, frames)
         self.scene.draw()
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        if hasattr(self.server.gui, "main_panel"):  # viser 1.1; before, the panel lies over the scene
+            self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(self._connected)
         self._summary = _summary(frames, checks)
         self._status = self.server.gui.add_markdown(self._summary)

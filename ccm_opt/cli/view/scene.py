@@ -101,9 +101,13 @@ class Scene:
             towards = np.array([0.12, -1.0, 0.25])
         low, high = seen.min(axis=0), seen.max(axis=0)
         middle = 0.5 * (low + high)
-        # In a window that is higher than wide, the scene is as wide as the window only from farther away.
-        away = max(float(np.max(high - low)), 0.5) / min(client.camera.aspect, 1.0)
-        client.camera.position = middle + away * towards
+        # In a window that is higher than wide, the scene fits in only from farther away, and the panel covers the lower
+        # part.
+        narrow = min(client.camera.aspect, 1.0)
+        sight = max(float(np.max(high - low)), 0.5) / narrow * towards
+        if narrow < 1.0:
+            middle[2] -= VIEW.above_panel * np.tan(0.5 * client.camera.fov) * np.linalg.norm(sight)
+        client.camera.position = middle + sight
         client.camera.look_at = middle
 
     def draw(self) -> None:

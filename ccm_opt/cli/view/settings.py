@@ -26,6 +26,7 @@ class ViewSettings:
         names: size of names, as a fraction of viser's.
         letter: width of a letter of a name [pixels].
         line: height of a name [pixels].
+        above_panel: height of the scene's middle above that of a narrow window, as a fraction of half its height.
         poses: number of intermediate poses displayed.
         quiet: wall time without dragging after which a shorter plan is sought from scratch [s].
         anew: CPU time limit of the search from scratch [s].
@@ -44,6 +45,7 @@ class ViewSettings:
     names: float = 0.8
     letter: float = 7.0
     line: float = 20.0
+    above_panel: float = 0.54
     poses: int = 12
     quiet: float = 1.0
     anew: float = 3.0
