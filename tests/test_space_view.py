@@ -227,9 +227,10 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
         assert len(scene._obstacles) == 2
         # Along y the ball and the box are in line, and far away: only the name of the nearer one is shown.
         camera = SimpleNamespace(position=np.array([0.0, -1e4, 0.0]), wxyz=TOWARDS_Y, fov=0.8, image_height=800)
+        scene.switch("names", on=True)
         scene.arrange_names(camera)  # type: ignore[arg-type]
         assert [path for path, label in scene._labels.items() if label.visible] == ["/names/box"]
-        camera.position = np.array([0.6, -2.0, 0.0])
+        camera.position = np.array([0.6, -2.0, 0.5])
         scene.arrange_names(camera)  # type: ignore[arg-type]
         assert all(label.visible for label in scene._labels.values())
     live = viewer.live
