@@ -271,7 +271,7 @@ def _times(blocks: FloatArray, x: FloatArray) -> FloatArray:
     for apart in (1, 2):
         product[apart:] += np.einsum("kpq,kq->kp", blocks[apart, apart:], x[:-apart])
         product[:-apart] += np.einsum("kpq,kp->kq", blocks[apart, apart:], x[apart:])
-    return product
+    return np.asarray(product)
 
 
 def _opposing(products: FloatArray) -> float:
