@@ -19,10 +19,12 @@ from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.tour_order import OrderSolver, tour_cost
 from ccm_opt.driver.tours import TourPlanner
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.planning.joining import Tube
+from ccm_opt.planning.joining import PathJoiner, Tube
 from ccm_opt.problem import PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 from ccm_opt.robot.base_axes import Feed
+from ccm_opt.scene.bodies import SphereBody
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.tour import in_order
 from ccm_opt.viz.document import plan_badges
 from ccm_opt.viz.tour_section import tour_sentences
@@ -263,3 +265,28 @@ def test_an_even_motion_of_a_fed_arm_bends_no_joint_in_the_tube(feeds: tuple[flo
     assert not np.any(tube.bent_inside(rows))
     assert np.all(tube.beyond(rows)[rows[:, :-1] != 0.0] > tube.travel)
     assert np.all(np.abs(np.diff(rows[:, -1])) <= tube.step + 1e-12)
+
+
+@given(below=st.floats(0.036, 0.08))
+@settings(max_examples=10, deadline=None)
+def test_a_joined_motion_keeps_the_preferred_clearance_of_the_motions_it_joins(below: float) -> None:
+    """The straight motion passes a ball more closely than is preferred, the known motions far above it."""
+    ball = SphereBody(np.array([0.9, 0.0, -below]), 0.02)
+    problem = replace(
+        in_space(0.1),
+        workspace=Workspace(bounds=None, obstacles=(Obstacle("ball", ball),)),
+        planner=PlannerOptions(wanted_gap=0.02),
+    )
+    aside, above = np.zeros((2, 8))
+    aside[0], above[1] = 0.5, -0.3
+    chain = np.vstack((np.linspace(-aside, above, 10), np.linspace(above, aside, 10)[1:]))
+    path = PathJoiner(problem, np.ones(8)).path(chain)
+    assert path is not None
+    q = path.spline(np.linspace(0.0, 1.0, 400))
+    np.testing.assert_allclose(q[[0, -1]], chain[[0, -1]])
+    joints = problem.arm.joint_positions_at(q)
+    start, along = joints[:, :-1], np.diff(joints, axis=1)
+    share = np.sum((ball.center - start) * along, axis=2) / np.sum(along**2, axis=2)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * along
+    gaps = np.linalg.norm(nearest - ball.center, axis=2) - ball.radius - problem.arm.radius
+    assert np.min(gaps) >= 0.9 * problem.wanted_gap

@@ -3,11 +3,11 @@
 A chain of configurations leads from one goal to another over motions that are certified already, backwards and
 forwards. Of the straight motions between two configurations of the chain, those that save most time are tried first;
 the first one with a certificate replaces what it cuts off, as often as that helps. Then a spline near the chain is
-certified.
+certified. If possible, all of this keeps the chain's gap, up to the preferred one.
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,8 +18,10 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.planner import MotionPlanner, with_clamped_base
+from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.planning.spline_path import certified_spare, certified_spline
@@ -40,6 +42,9 @@ _TRIES = 40
 """Number of straight motions that are tried for each of them. Heuristic."""
 _SAVED = 0.02
 """Least time that a straight motion has to save, as a fraction of the chain's. Heuristic."""
+_GAP_KEPT = 0.9
+"""Fraction of the chain's gap, at most the preferred one, that a path has to keep if possible. Heuristic: a smooth path
+deviates from the configurations of the chain."""
 _FEED_STEP = 1.0 / 6.0
 """Travel of the base between two configurations of a chain, in link lengths. Heuristic."""
 _MIXED = 2
@@ -86,27 +91,48 @@ class PathJoiner:
                 metres[whole.coordinates.base] = units.metres
                 ends = resolve_ends(scaled)
                 task = MotionPlanner().task_without_routes(scaled, ends, _NO_DEADLINE)
-                tube = _tube(scaled)
-                found = _Shortening(task.certificate, pace / metres, tube).path(chain / metres)
+                found = _shortest(_planar_certificates(task, chain / metres), pace / metres, scaled, chain / metres)
                 if found is None:
                     return None
                 keyframes, spline, curves = task.keyframes_along(found.keyframes, found.spline, legs=False)
                 found = replace(found, keyframes=keyframes, spline=spline, curves=curves)
                 found = units.path_in_metres(found, whole)
         else:
-            found = _Shortening(self._certificate(problem), pace, _tube(problem)).path(chain)
+            found = _shortest(self._certificates(problem, chain), pace, problem, chain)
             if found is None:
                 return None
         # Units round lengths; the next leg begins exactly where this one ends.
         found.spline.c[[0, -1]] = chain[[0, -1]]
         return found if whole is arm else path_without_tool_links(found, arm, whole)
 
-    def _certificate(self, problem: Problem) -> IntervalCertificate:
-        """Return the certificate of motions in space between the start and the goal of a problem."""
+    def _certificates(self, problem: Problem, chain: FloatArray) -> Iterator[IntervalCertificate]:
+        """Yield certificates of motions in space between the ends of a chain, that of the chain's own gap first."""
         if problem.arm.carrier:
-            return SpaceCertificate(problem.arm, self._tree, problem.workspace.clearance)
+            yield SpaceCertificate(problem.arm, self._tree, problem.workspace.clearance)
+            return
         problem = with_clamped_base(problem, self._tree)
-        return space_task(problem, self._tree, _NO_DEADLINE, SpaceMotionSettings()).certificate
+        task = space_task(problem, self._tree, _NO_DEADLINE, SpaceMotionSettings())
+        yield replace(task, clearance=task.clearance + _kept_gap(task, chain)).certificate
+        yield task.certificate
+
+
+def _planar_certificates(task: MotionTask, chain: FloatArray) -> Iterator[IntervalCertificate]:
+    """Yield certificates of motions in the plane, that of a chain's own gap first."""
+    yield task.certificate_with(_kept_gap(task, chain))
+    yield task.certificate
+
+
+def _kept_gap(task: SearchTask, chain: FloatArray) -> float:
+    """Return the gap beyond contact that paths along a chain, (K, c), keep if possible, at least 0 [m]."""
+    return _GAP_KEPT * max(task.least_gap(chain), 0.0)
+
+
+def _shortest(
+    certificates: Iterable[IntervalCertificate], pace: FloatArray, problem: Problem, chain: FloatArray
+) -> JointPath | None:
+    """Return the path along a chain, (K, c), by the first certificate that admits one, or None."""
+    paths = (_Shortening(certificate, pace, _tube(problem)).path(chain) for certificate in certificates)
+    return next((path for path in paths if path is not None), None)
 
 
 def _with_bodies(values: FloatArray, whole: Arm, still: float) -> FloatArray:
