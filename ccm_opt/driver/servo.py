@@ -265,8 +265,7 @@ class Servo:
     def _in_metres(self, values: FloatArray) -> FloatArray:
         """Return the coordinates (m, c) of the arm itself, with lengths in metres, from those of planning."""
         own = values[:, own_coordinates(self._arm)]
-        base = self.problem.arm.coordinates.base
-        own[:, base] *= self._metres
+        own[:, np.array(self.problem.arm.coordinates.units) == "m"] *= self._metres
         return own
 
     def _places(self, values: FloatArray) -> FloatArray:
