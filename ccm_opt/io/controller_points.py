@@ -444,7 +444,7 @@ def drive_columns(arm: Arm, motion: JointTrajectory, torques: FloatArray) -> dic
         return {}
     values, efforts = sections.drives(motion.bend_angles), drive_torques(arm, torques)
     rates = (sections.drives(each) for each in (motion.bend_velocities, motion.bend_accelerations))
-    columns = {}
+    columns: dict[str, FloatArray] = {}
     for what, table in zip(QUANTITIES, (values, *rates, efforts), strict=True):
         columns |= {f"{name}_{what}": column for name, column in zip(sections.drive_names, table.T, strict=True)}
     names = [f"section{k}" for k in range(1, len(sections.counts) + 1)]
