@@ -138,6 +138,20 @@ def test_the_order_of_the_file_makes_no_difference(bends: list[int], end: TourEn
     assert [stop.goal for stop in planned.goals] == [stop.goal for stop in expected.goals]
 
 
+def test_a_joined_motion_that_takes_longer_than_its_parts_is_not_taken() -> None:
+    """Where the motion joined over the start takes long, its parts are gone one after the other."""
+
+    def time(leg: Leg) -> float:
+        return sum(1e3 if part.candidate == "joined" else 2.0 for part in leg.path.parts or (leg.path,))
+
+    planner = TourPlanner(free_order("start", [10, -10]), Lines(), time, lambda _: None, Stages(), share=1.0)
+    planner._grow(Deadline.after(60.0))
+    path, duration = planner._made(1, 2)
+    through = planner._chain(1, 2)
+    assert len(through) == 2
+    assert duration == 2.0 * len(through) == time(Leg(planner.problem, path))
+
+
 def test_a_report_says_what_is_solved_in_part(small_problem: Problem) -> None:
     """The badge of a plan that leaves out goals is not that of one that visits all."""
     solution = make_solution(small_problem, np.zeros(small_problem.arm.links))

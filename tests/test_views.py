@@ -175,7 +175,7 @@ def test_from_all_of_a_view_the_place_is_seen(seed: int, dimension: int) -> None
         float(rng.uniform(0.2, 1.5)),
     )
     surfaces = CheckedSurfaces.from_workspace(problem.workspace)
-    for view in SampledViews.of(problem, look_at).chosen():
+    for view in SampledViews.of(problem, look_at).chosen(problem.start):
         offset = rng.normal(size=dimension)
         tip = view.goal.position + view.tolerances.position * offset / np.linalg.norm(offset)
         sight = look_at.place - tip
@@ -306,6 +306,34 @@ def test_what_is_proved_of_one_view_is_not_proved_of_the_place(tmp_path: Path) -
         ViewPlanner(Refusing(), Stages()).plan(_loaded(SPACE, tmp_path))
     assert not failure.value.diagnosis.proved
     assert failure.value.diagnosis.findings
+
+
+def test_views_are_sampled_once_and_ranked_from_each_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two legs to a place share its views; each tries first one for which the line of sight turns less from its own."""
+    problem = _loaded(SPACE, tmp_path)
+    counts: list[LookAt] = []
+    sampled = SampledViews.of
+    monkeypatch.setattr(SampledViews, "of", lambda *given: (counts.append(given[1]), sampled(*given))[1])
+    first: list[FloatArray] = []
+
+    class Refusing:
+        def plan(self, problem: Problem) -> JointPath:
+            assert problem.goal.for_tip is not None
+            first.append(problem.goal.for_tip.direction)
+            raise UnreachableGoal(Diagnosis("refused", "motion"))
+
+    planner = ViewPlanner(Refusing(), Stages())
+    for bend in (-0.15, 0.15):
+        start = replace(problem.start, bends=np.full((10, 2), bend))
+        with pytest.raises(NoPlanFound, match="refused"):
+            planner.plan(replace(problem, start=start))
+    assert counts == [problem.goal.look_at]
+    half = len(first) // 2
+    assert not np.array_equal(first[:half], first[half:])
+    # The best views of both starts, exchanged, turn no less in all.
+    ahead = [np.diff(problem.arm.joint_positions_at(np.full(20, bend))[-2:], axis=0)[0] for bend in (-0.15, 0.15)]
+    turns = np.arccos(np.array([first[0], first[half]]) @ np.transpose(ahead) / problem.arm.link_length)
+    assert np.trace(turns) <= np.trace(turns[::-1]) + 1e-9
 
 
 @pytest.mark.planning

@@ -35,6 +35,9 @@ _SAMPLES = 12
 """Number of configurations of a chain for each keyframe of a path. Heuristic."""
 _SLOW = 1.1
 """Duration of a motion above which it is planned for by itself, as a multiple of its lower bound. Heuristic."""
+_LONG = 3.0
+"""Duration of a joined motion above which the motions that it joins are timed one by one too, as a multiple of its
+lower bound. Heuristic."""
 _PLANNING_SHARE = 0.75
 """Fraction of the time limit until which motions are planned for by themselves. Heuristic."""
 _TRY_SHARE = 0.2
@@ -228,12 +231,17 @@ class TourPlanner:
         problem = self._leg_problem(begin, self.rests[second].stop)
         # The way from the start to a goal is kept as it was planned, with its clearance.
         joined = None if first == 0 and len(through) == 1 else self._joiner.path(rows)
-        for path in [*([] if joined is None else [joined]), end_to_end(through)]:
+        best, least = end_to_end(through), _UNTIMED
+        for path in [*([] if joined is None else [joined]), best]:
             try:
-                return path, self.time(Leg(problem, path))
+                duration = self.time(Leg(problem, path))
             except NoPlanFound:
                 continue
-        return path, _UNTIMED
+            if duration < least:
+                best, least = path, duration
+            if least <= _LONG * self._bounds([first, second])[0, 1]:
+                break
+        return best, least
 
     def _planned(self, first: int, second: int, deadline: Deadline) -> tuple[JointPath, float] | None:
         """Return a path between two nodes that is planned by itself, and its duration [s]; None if there is none."""

@@ -7,7 +7,7 @@ distances of the line of sight from the obstacles. Planners get a view as a goal
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ccm_opt.core.length_words import file_length, short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner
 from ccm_opt.planning.tool_problem import problem_with_tool_links
-from ccm_opt.problem import LookAt, Problem, TipGoal, Tolerances
+from ccm_opt.problem import JointPose, LookAt, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import rotation_to_axis
@@ -42,8 +42,9 @@ _PIECES_AT_END = 16
 """Number of pieces of the line of sight between the end of the cone and its own."""
 _PIECES = 48
 """Number of pieces of the line of sight; each piece is a tenth longer than the one before it."""
-_DIRECTIONS = {2: 180, 3: 500}
-"""Number of sampled lines of sight, in the plane and in space. Heuristic: 2° and some 9° apart without a normal."""
+_DIRECTIONS = {2: (180,), 3: (125, 500)}
+"""Number of sampled lines of sight, in the plane and in space; more where the place is seen along none of the first
+ones. Heuristic: without a normal, 2° apart in the plane, and in space some 18° and 9°."""
 _DISTANCES = (0.5, 0.2, 0.8)
 """Sampled distances, as fractions of the range of distances. Heuristic."""
 _INSIDE = 0.98
@@ -60,8 +61,10 @@ _MOST = 10
 """Maximum number of views that are tried. Heuristic."""
 _APART = (0.1, float(np.deg2rad(30.0)))
 """Least difference of views that are tried: distance as a fraction of the arm's length, or angle [rad]. Heuristic."""
-_FIRST_TRY = 1.0
+_FIRST_TRY = 0.25
 """CPU time limit of planning to each view in the first round [s]; four times as much in each further one. Heuristic."""
+_TURNED = 1.0
+"""Weight of the turn of the line of sight from that at the start, in that of its turn from the base. Heuristic."""
 _EASY = 0.85
 """Distance from the base, as a fraction of the arm's length, beyond which a tip is harder to bring there. Heuristic."""
 
@@ -86,10 +89,12 @@ class ViewPlanner:
     Attributes:
         planner: planner of motions to goals for the tip.
         stages: measures the durations of the stages.
+        sampled: views of the places for which motions were planned already; legs and tries of a tour share them.
     """
 
     planner: Planner
     stages: Stages
+    sampled: "list[SampledViews]" = field(default_factory=list)
 
     def plan(self, problem: Problem) -> JointPath:
         """Return a certified path to the problem's goal.
@@ -101,7 +106,7 @@ class ViewPlanner:
         if look_at is None:
             return self.planner.plan(problem)
         with self.stages("views"):
-            left = list(reachable_views(problem, look_at))
+            left = list(self._views(problem, look_at).chosen(problem.start))
         deadline = Deadline.after(problem.planner.time_limit)
         tried, share = len(left), _FIRST_TRY
         failures: list[NoPlanFound] = []
@@ -126,6 +131,19 @@ class ViewPlanner:
                     break
             share *= 4.0
         raise _not_reached(failures, tried, hidden, passed=deadline.passed())
+
+    def _views(self, problem: Problem, look_at: LookAt) -> "SampledViews":
+        """Return the sampled views of a place.
+
+        Raises:
+            UnreachableGoal: the place is not seen from any of them.
+        """
+        views = next((views for views in self.sampled if views.are_of(problem, look_at)), None)
+        if views is None:
+            views = SampledViews.of(problem, look_at)
+            self.sampled.append(views)
+        views.refuse()
+        return views
 
 
 def _not_reached(failures: list[NoPlanFound], tried: int, hidden: int, *, passed: bool) -> NoPlanFound:
@@ -179,27 +197,13 @@ def _pieces(place: FloatArray, tips: FloatArray) -> tuple[FloatArray, FloatArray
     return ends[:, :-1], ends[:, 1:], shares[1:]
 
 
-def reachable_views(problem: Problem, look_at: LookAt) -> Iterator[View]:
-    """Return views of a place that are far apart, the most promising first.
-
-    Args:
-        problem: problem with the arm, its start and the obstacles.
-        look_at: the place, and how the arm has to look at it.
-
-    Raises:
-        UnreachableGoal: no view was found; the message says what prevents them.
-    """
-    found = SampledViews.of(problem, look_at)
-    found.refuse()
-    return found.chosen()
-
-
 @dataclass(frozen=True, eq=False)
 class SampledViews:
     """Sampled tip positions from which a place might be seen.
 
     Attributes:
-        problem: problem whose arm has its tool as links.
+        posed: problem as given; its start and goal do not matter.
+        problem: the same problem, whose arm has its tool as links.
         look_at: the place, and how the arm has to look at it.
         tree: distances from the obstacles.
         tips: tip positions, shape (m, d) [m].
@@ -207,10 +211,11 @@ class SampledViews:
         clear: mask of the positions within reach where the tip keeps clear of the obstacles, shape (m,).
         room: radius of the ball of positions about each from which the place is seen, shape (m,) [m]; not positive if
             it is hidden, and for positions that are not clear.
-        limiting: index of the piece of each line of sight with the least room, or -1 less that of the obstacle that
-            limits it next to the place, shape (m,).
+        limiting: index of the piece of each line of sight with the least room, the number of pieces if the whole line
+            crosses an obstacle, or -1 less the index of the obstacle that limits it next to the place, shape (m,).
     """
 
+    posed: Problem
     problem: Problem
     look_at: LookAt
     tree: SurfaceTree
@@ -228,9 +233,18 @@ class SampledViews:
             problem: problem with the arm, its start and the obstacles.
             look_at: the place, and how the arm has to look at it.
         """
-        problem = problem_with_tool_links(problem)
+        posed, problem = problem, problem_with_tool_links(problem)
         tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
-        tips, off = _sampled_tips(look_at)
+        for count in _DIRECTIONS[problem.dimension]:
+            views = cls._among(posed, problem, look_at, tree, count)
+            if np.any(views.seeing):
+                break
+        return views
+
+    @classmethod
+    def _among(cls, posed: Problem, problem: Problem, look_at: LookAt, tree: SurfaceTree, count: int) -> "SampledViews":
+        """Return the views along a number of lines of sight, at several distances each."""
+        tips, off = _sampled_tips(look_at, count)
         away = np.linalg.norm(tips - look_at.place, axis=1)
         beyond = _beyond_reach(problem.arm, tips)
         clear = beyond <= 0.0
@@ -238,12 +252,18 @@ class SampledViews:
         least, most = look_at.distance
         turn = np.sin(_OFF_AXIS * 0.5 * look_at.field_of_view)
         room = np.minimum.reduce((away - least, most - away, away * turn, away * np.sin(look_at.angle - off)))
-        lit, limiting = np.full(len(tips), -np.inf), np.zeros(len(tips), dtype=np.intp)
-        lit[clear], limiting[clear] = _sight_room(tree, look_at.place, tips[clear], float(np.max(room)))
-        at_end, hiding = _room_at_end(problem.workspace, look_at.place, tips[clear], float(np.max(room)))
-        limiting[clear] = np.where(at_end < lit[clear], -1 - hiding, limiting[clear])
-        lit[clear] = np.minimum(lit[clear], at_end)
-        return cls(problem, look_at, tree, tips, beyond, clear, np.minimum(room, lit), limiting)
+        lit, limiting = np.full(len(tips), -np.inf), np.full(len(tips), _PIECES)
+        free = np.flatnonzero(clear)[~_crossed(tree, look_at.place, tips[clear])]
+        lit[free], limiting[free] = _sight_room(tree, look_at.place, tips[free], float(np.max(room)))
+        at_end, hiding = _room_at_end(problem.workspace, look_at.place, tips[free], float(np.max(room)))
+        limiting[free] = np.where(at_end < lit[free], -1 - hiding, limiting[free])
+        lit[free] = np.minimum(lit[free], at_end)
+        return cls(posed, problem, look_at, tree, tips, beyond, clear, np.minimum(room, lit), limiting)
+
+    def are_of(self, problem: Problem, look_at: LookAt) -> bool:
+        """Return whether these are the views of a place for a problem; start and goals of problems do not matter."""
+        same = self.posed.arm is problem.arm and self.posed.workspace is problem.workspace
+        return same and self.look_at is look_at
 
     @property
     def seeing(self) -> BoolArray:
@@ -318,7 +338,9 @@ class SampledViews:
     def _hiding(self) -> Counter[str]:
         """Return how many of the lines of sight from clear positions each obstacle hides, by its name."""
         hidden = np.flatnonzero(self.clear)
-        start, end, _ = _pieces(self.look_at.place, self.tips[hidden])
+        place, tips = self.look_at.place, self.tips[hidden][:, None]
+        start, end, _ = _pieces(place, self.tips[hidden])
+        start, end = np.append(start, place + _END * (tips - place), axis=1), np.append(end, tips, axis=1)
         at = np.arange(len(hidden)), np.maximum(self.limiting[hidden], 0)
         pieces = np.stack((in_space(start[at]), in_space(end[at])), axis=1)
         owners = self.tree.nearest(pieces, float(self.look_at.distance[1])).owner
@@ -327,49 +349,61 @@ class SampledViews:
         owners = np.where(limiting < 0, -1 - limiting, owners)
         return Counter(names[owner] if owner >= 0 else "the sight's own limits" for owner in owners)
 
-    def chosen(self) -> Iterator[View]:
-        """Yield up to ten views that differ, the most promising first."""
-        place, arm = self.look_at.place, self.problem.arm
+    def chosen(self, start: JointPose) -> Iterator[View]:
+        """Yield up to ten views that differ, the most promising first.
+
+        Args:
+            start: pose from which the arm moves to them.
+        """
+        place = self.look_at.place
         seeing = np.flatnonzero(self.seeing)
-        if len(seeing) == 0:
-            return
-        ranked = seeing[np.argsort(self._costs()[seeing], kind="stable")]
-        taken: list[int] = []
-        for k in ranked:
-            if len(taken) == _MOST:
+        left = seeing[np.argsort(self._costs(seeing, start), kind="stable")]
+        for _ in range(_MOST):
+            if len(left) == 0:
                 return
+            k = left[0]
             towards = place - self.tips[k]
-            along = towards / np.linalg.norm(towards)
-            if any(self._alike(int(k), other) for other in taken):
-                continue
-            taken.append(int(k))
             radius = float(self.room[k])
             turn = 0.5 * self.look_at.field_of_view - float(np.arcsin(radius / np.linalg.norm(towards)))
-            tolerances = Tolerances(_USED * min(radius, arm.length), _USED * turn)
-            yield View(TipGoal(self.tips[k], along), tolerances)
+            tolerances = Tolerances(_USED * min(radius, self.problem.arm.length), _USED * turn)
+            yield View(TipGoal(self.tips[k], towards / np.linalg.norm(towards)), tolerances)
+            left = left[~self._alike(left, k)]
 
-    def _alike(self, one: int, other: int) -> bool:
-        lines = (self.tips[[one, other]] - self.look_at.place).T
-        turn = np.arccos(np.clip(lines[:, 0] @ lines[:, 1] / np.prod(np.linalg.norm(lines, axis=0)), -1.0, 1.0))
-        near = np.linalg.norm(self.tips[one] - self.tips[other]) < _APART[0] * self.problem.arm.length
-        return bool(near and turn < _APART[1])
+    def _alike(self, some: IntArray, one: np.intp) -> BoolArray:
+        """Return a mask of the positions that need not be tried beside one."""
+        lines = self.tips - self.look_at.place
+        near = np.linalg.norm(self.tips[some] - self.tips[one], axis=1) < _APART[0] * self.problem.arm.length
+        return np.asarray(near & (_angles(lines[some], lines[one]) < _APART[1]))
 
-    def _costs(self) -> FloatArray:
-        """Return how unpromising each position is: turned away from the base, far from it, or with little room."""
-        arm = self.problem.arm
-        out = self.tips - _bases(arm, self.tips)
-        away = np.linalg.norm(out, axis=1)
-        ahead = self.look_at.place - self.tips
-        cosine = np.sum(out * ahead, axis=1) / np.maximum(away * np.linalg.norm(ahead, axis=1), 1e-300)
-        stretched = np.maximum(away / arm.length - _EASY, 0.0) / (1.0 - _EASY)
-        narrow = 1.0 - np.clip(self.room / np.max(self.room), 0.0, 1.0)
-        return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi + stretched + narrow)
+    def _costs(self, some: IntArray, start: JointPose) -> FloatArray:
+        """Return how unpromising some positions are.
+
+        They are if the line of sight turns back to the base or away from that at the start, if they are far from the
+        base, or have little room.
+
+        Args:
+            some: indices of the positions.
+            start: pose from which the arm moves to them.
+        """
+        arm, tips = self.problem.arm, self.tips[some]
+        out = tips - _bases(arm, tips)
+        ahead = self.look_at.place - tips
+        stretched = np.maximum(np.linalg.norm(out, axis=1) / arm.length - _EASY, 0.0) / (1.0 - _EASY)
+        narrow = 1.0 - np.clip(self.room[some] / np.max(self.room), 0.0, 1.0)
+        before = np.diff(points_with_tool(self.posed.arm, start.configuration(self.posed.arm))[-2:], axis=0)[0]
+        turned = _TURNED * _angles(ahead, before)
+        return np.asarray((_angles(out, ahead) + turned) / np.pi + stretched + narrow)
 
 
-def _sampled_tips(look_at: LookAt) -> tuple[FloatArray, FloatArray]:
+def _angles(some: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the angles between vectors (..., d) and others, of shapes that go together [rad]."""
+    lengths = np.linalg.norm(some, axis=-1) * np.linalg.norm(other, axis=-1)
+    return np.asarray(np.arccos(np.clip(np.sum(some * other, axis=-1) / np.maximum(lengths, 1e-300), -1.0, 1.0)))
+
+
+def _sampled_tips(look_at: LookAt, count: int) -> tuple[FloatArray, FloatArray]:
     """Return sampled tip positions, shape (m, d) [m], and the angles of their lines of sight from the normal, (m,)."""
     d = len(look_at.place)
-    count = _DIRECTIONS[d]
     widest = np.pi if look_at.normal is None else _INSIDE * look_at.angle
     axis = np.eye(d)[-1] if look_at.normal is None else look_at.normal
     if d == 2:
@@ -415,6 +449,12 @@ def _clear(problem: Problem, tree: SurfaceTree, tips: FloatArray) -> BoolArray:
     inside = np.zeros(len(tips), dtype=bool)
     inside[enclosed(problem.workspace, tips, problem.arm.tip_radius)] = True
     return np.asarray(clear & ~inside)
+
+
+def _crossed(tree: SurfaceTree, place: FloatArray, tips: FloatArray) -> BoolArray:
+    """Return a mask of the tip positions (m, d) whose lines of sight cross a surface but at the place, shape (m,)."""
+    lines = np.stack((in_space(place + _END * (tips - place)), in_space(tips)), axis=1)
+    return np.asarray(tree.distances(lines, 1e-9) <= 0.0)
 
 
 def _sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
