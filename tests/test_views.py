@@ -313,8 +313,13 @@ def test_views_are_sampled_once_and_ranked_from_each_start(tmp_path: Path, monke
     problem = _loaded(SPACE, tmp_path)
     counts: list[LookAt] = []
     sampled = SampledViews.of
-    monkeypatch.setattr(SampledViews, "of", lambda *given: (counts.append(given[1]), sampled(*given))[1])
-    first: list[FloatArray] = []
+
+    def counted(problem: Problem, look_at: LookAt) -> SampledViews:
+        counts.append(look_at)
+        return sampled(problem, look_at)
+
+    monkeypatch.setattr(SampledViews, "of", counted)
+    first: list[Any] = []
 
     class Refusing:
         def plan(self, problem: Problem) -> JointPath:

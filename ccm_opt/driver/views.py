@@ -61,10 +61,12 @@ _MOST = 10
 """Maximum number of views that are tried. Heuristic."""
 _APART = (0.1, float(np.deg2rad(30.0)))
 """Least difference of views that are tried: distance as a fraction of the arm's length, or angle [rad]. Heuristic."""
-_FIRST_TRY = 0.25
-"""CPU time limit of planning to each view in the first round [s]; four times as much in each further one. Heuristic."""
-_TURNED = 1.0
-"""Weight of the turn of the line of sight from that at the start, in that of its turn from the base. Heuristic."""
+_FIRST_TRY = {2: 1.0, 3: 0.25}
+"""CPU time limit of planning to each view in the first round, in the plane and in space [s]; four times as much in each
+further one. Heuristic."""
+_TURNED = {2: 0.0, 3: 1.0}
+"""Weight of the turn of the line of sight from that at the start, relative to that of its turn from the base, in the
+plane and in space. Heuristic."""
 _EASY = 0.85
 """Distance from the base, as a fraction of the arm's length, beyond which a tip is harder to bring there. Heuristic."""
 
@@ -108,7 +110,7 @@ class ViewPlanner:
         with self.stages("views"):
             left = list(self._views(problem, look_at).chosen(problem.start))
         deadline = Deadline.after(problem.planner.time_limit)
-        tried, share = len(left), _FIRST_TRY
+        tried, share = len(left), _FIRST_TRY[problem.dimension]
         failures: list[NoPlanFound] = []
         hidden = 0
         while left and not deadline.passed():
@@ -391,7 +393,7 @@ class SampledViews:
         stretched = np.maximum(np.linalg.norm(out, axis=1) / arm.length - _EASY, 0.0) / (1.0 - _EASY)
         narrow = 1.0 - np.clip(self.room[some] / np.max(self.room), 0.0, 1.0)
         before = np.diff(points_with_tool(self.posed.arm, start.configuration(self.posed.arm))[-2:], axis=0)[0]
-        turned = _TURNED * _angles(ahead, before)
+        turned = _TURNED[arm.dimension] * _angles(ahead, before)
         return np.asarray((_angles(out, ahead) + turned) / np.pi + stretched + narrow)
 
 
