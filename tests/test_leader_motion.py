@@ -124,7 +124,7 @@ def test_motions_among_obstacles_follow_their_tip(name: str) -> None:
     assert solution.metrics["leader_deviation_worst_m"] < 10e-3
 
 
-@pytest.mark.parametrize("name", ["space/blade-row", "feed-views"])
+@pytest.mark.parametrize("name", ["space/blade-row", "feed-s-duct"])
 def test_a_bound_on_following_is_kept_and_verified(name: str) -> None:
     """In the plane and in space, also where the arm would rather change its shape; the check tells how much is used."""
     problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml", changes=["planner.follow_within=0.01"])
