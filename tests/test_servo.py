@@ -1,6 +1,7 @@
 """Servo control: whatever the hand does, the arm keeps clear and within its limits, and can be braked at any time."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.servoing import spline_values
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
 from ccm_opt.robot.base_axes import Feed
@@ -160,12 +162,52 @@ def test_limits_that_are_not_kept_are_refused(changed: dict[str, object], key: s
     [
         *(None, (0.1, 0.0, 0.0), ccm_opt.Twist((0.1, 0.0)), ccm_opt.Twist((0.1, 0.0, np.nan))),
         ccm_opt.Twist((0.0, 0.0, 0.1), 1.0),
+        TipGoal(np.zeros(3), np.zeros(3)),
     ],
 )
 def test_commands_that_do_not_fit_are_refused(command: object) -> None:
-    """Another type, another number of coordinates, and numbers that are not finite."""
+    """Another type, another number of coordinates, numbers that are not finite, and no direction."""
     servo = ccm_opt.Servo(scene(1, fed=False))
     with pytest.raises(ccm_opt.ProblemError, match="expected"):
         servo.step(command)  # type: ignore[arg-type]
     with pytest.raises(ccm_opt.ProblemError, match="no motion yet"):
         servo.solution()
+
+
+@pytest.mark.parametrize("period", [0.0, 1e-9, 0.06, np.nan])
+def test_ticks_that_are_too_short_or_too_long_are_refused(period: float) -> None:
+    """A motion to rest has a control point a tick: a tick may not be shorter than 0.1 ms."""
+    with pytest.raises(ccm_opt.ProblemError, match="a period from"):
+        ccm_opt.Servo(scene(1, fed=False), period=period)
+
+
+def test_fast_fed_arms_brake_near_the_chords_that_are_certified() -> None:
+    """Where joints slide along a curve, braking is not straight, but nearer to its chords than these are to contact.
+
+    The base passes the hole, too, so that no joint is at the first knot of the curve.
+    """
+    problem = scene(0, fed=True)
+    rates = np.ones(3 * LINKS)
+    limits = Limits(5.0 * rates, 40.0 * rates, None, feed_velocity=1.0, feed_acceleration=10.0)
+    free = Workspace(bounds=None, obstacles=(), clearance=0.0)
+    servo = ccm_opt.Servo(replace(problem, workspace=free, limits=limits), period=0.03)
+    engine, points = servo._engine, problem.arm.joint_positions_at
+    for _ in range(6):
+        step = servo.step(ccm_opt.Twist((0.3, 0.4, 0.0)))
+        controls = servo._state.to_rest()
+        chords = engine.chords(controls)
+        along = np.linspace(0.0, 1.0, 60)[:, None]
+        certified = points(np.vstack([a + along * (b - a) for a, b in pairwise(chords)]))
+        shares = np.linspace(0.0, 1.0, 9)
+        driven = points(np.vstack([spline_values(controls, servo.period, share)[0] for share in shares]))
+        off = np.linalg.norm(driven[:, None] - certified[None], axis=3).max(axis=2).min(axis=1)
+        assert np.max(off) < engine.spare
+    assert np.any(step.velocities != 0.0)
+
+
+def test_a_driven_folder_of_an_arm_on_base_axes_is_accepted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their dynamics are not modelled, and the folder says so as that of any plan does."""
+    servo = ccm_opt.Servo(ccm_opt.load_problem(PROBLEMS / "space/tank-camera.toml"))
+    for _ in range(3):
+        servo.step(ccm_opt.Twist((0.05, 0.02, 0.01)))
+    assert CommandLine(capsys)("check", servo.save(tmp_path)).code == 0

@@ -39,6 +39,8 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_SHORTEST = 1e-4
+"""Shortest duration of a tick [s]: the motion to rest has a control point a tick."""
 _LONGEST = 0.05
 """Longest duration of a tick [s]."""
 _SAMPLE = 5e-3
@@ -115,7 +117,7 @@ class Servo:
 
     Attributes:
         problem: the problem: arm, limits, workspace and the start from which the motion begins.
-        period: duration of a tick [s].
+        period: duration of a tick, from 0.0001 to 0.05 [s].
         settings: settings of all stages of planning.
 
     Raises:
@@ -134,8 +136,8 @@ class Servo:
 
     def __post_init__(self) -> None:
         Problem.expected(self.problem)
-        fits = is_number(self.period) and 0.0 < self.period <= _LONGEST
-        expect_that(lambda: fits, self.period, f"a period above 0 and at most {_LONGEST} s")
+        fits = is_number(self.period) and _SHORTEST <= self.period <= _LONGEST
+        expect_that(lambda: fits, self.period, f"a period from {_SHORTEST} to {_LONGEST} s")
         expect(self.settings, Settings, "ccm_opt.Settings for settings=")
         _refuse_unsupported(self.problem)
         problem = _ending_at(self.problem, self.problem.start)
@@ -237,6 +239,7 @@ class Servo:
         turn, axes = np.zeros(1), None
         if command.direction is not None:
             direction = _vector(command.direction, (d,), "a direction")
+            expect_that(lambda: bool(np.any(direction)), command.direction, "a direction other than zero")
             frame = pose.frames[-1]
             turn = _turn_onto(frame, direction / np.linalg.norm(direction))
             axes = None if d == 2 else frame[:, 1:].T
@@ -255,6 +258,8 @@ class Servo:
             return near if cut.kind == "contact" else f"not certified; {near}"
         if cut.kind == "stretched":
             return "the arm is stretched, so that hardly any joint moves the tip that way"
+        if cut.kind == "unsolved":
+            return "no motion was found that keeps all limits; the arm goes on with its braking"
         angle = cut.unit.startswith("rad")
         value, limit = ((np.rad2deg(x) if angle else x * self._metres) for x in (cut.value, cut.limit))
         if cut.kind == "effort":

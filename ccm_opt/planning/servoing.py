@@ -88,8 +88,8 @@ class Cut:
     """Reason why the tip moves otherwise than commanded.
 
     Attributes:
-        kind: "contact", "joint limit", "base range", "guide tube", "velocity", "acceleration", "effort", "certificate"
-            or "stretched".
+        kind: "contact", "joint limit", "base range", "guide tube", "velocity", "acceleration", "effort", "certificate",
+            "stretched", or "unsolved" where no change was found.
         name: coordinate or drive at its limit, or the two bodies that are near each other.
         value: value that the motion has, or would have: a gap [length], a bend or position, a rate or an effort.
         limit: value that it may have; 0 for a gap.
@@ -298,14 +298,18 @@ class TipServo:
         hessian, gradient = normal_equations(terms, _RIDGE)
         matrix, lower, upper, sense = stacked_rows(parts)
         most = _ITERATIONS_A_ROW * len(upper)
-        rests = solve_small_qp(hessian, gradient, matrix, upper, lower, sense.copy(), most)
+        # Unknowns of curves that hardly any joint is on are of another size than the others.
+        scale = 1.0 / np.sqrt(np.diag(hessian))
+        program = hessian * scale * scale[:, None], gradient * scale, matrix * scale
+        rests = solve_small_qp(*program, upper, lower, sense.copy(), most)
         if rests is None:
             # Braking stays possible, whatever the linearisation says: it is certified.
             values = np.where(sense == 0, matrix @ braked, 0.0)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
-            rests = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
-        if rests is None:
-            return None, ()
+            rests = solve_small_qp(*program, upper, lower, sense, most)
+        if rests is None or not np.isfinite(rests).all():
+            return None, (Cut("unsolved", "", 0.0, 0.0, ""),)
+        rests = scale * rests
         for rows in parts:
             # Equations hold single joints straight: exactly, not to the accuracy of the solver.
             held = rows.matrix[: rows.equations]
@@ -459,15 +463,16 @@ class TipServo:
         Here s is half of the certified spare. Once control points run straight, the last configuration is enough.
         """
         spans = len(controls) - 3
-        curved = min(_CURVED, spans)
         bows = self._bows(controls)
+        # The braking is straight in an affine map, and otherwise nearly so: where it bows less than allowed, several
+        # spans share a chord.
+        bow = 0.0 if self.curve.affine else np.max(bows[_CURVED:], initial=0.0)
+        curved = spans if bow > 1.0 else min(_CURVED, spans)
         parts = np.ceil(np.sqrt(bows[:curved])).astype(np.intp)
         places = [_along(controls[k : k + 4], int(count)) for k, count in enumerate(parts)]
         if curved < spans:
-            # The braking is straight in an affine map, and otherwise nearly so: several spans may share a chord.
-            joined = spans if self.curve.affine else int(np.sqrt(1.0 / max(np.max(bows[curved:]), TINY)))
-            knots = spline_values(controls[curved:], self.period, 0.0)[0]
-            places.append(knots[:: max(joined, 1)])
+            joined = spans if self.curve.affine else int(np.sqrt(1.0 / max(bow, TINY)))
+            places.append(spline_values(controls[curved:], self.period, 0.0)[0][::joined])
         places.append(spline_values(controls[-4:], self.period, 1.0)[0])
         return np.vstack(places)
 
