@@ -117,9 +117,8 @@ def simulate_and_check(
     Returns:
         The simulated motion with its outcome, and figures of merit by names that end in their unit.
     """
-    if reason := problem.arm.unsimulated:
-        step = problem.simulation.step
-        return not_simulated(problem.arm, trajectory, joints, step, reason, outcome="not modelled"), {}
+    if problem.arm.unsimulated:
+        return not_simulated(problem.arm, trajectory, joints, problem.simulation.step), {}
     requested = simulated_once(problem, trajectory, joints)
     best = requested
     before = requested
@@ -229,9 +228,8 @@ def not_simulated(
     trajectory: JointTrajectory,
     joints: JointStates,
     step: float,
-    reason: str,
+    reason: str = "skipped",
     advice: tuple[str, ...] = (),
-    outcome: SimulationOutcome = "not simulated",
 ) -> SimulatedMotion:
     """Return the result for an arm that was not simulated, which rests in the start pose, without samples if it cannot.
 
@@ -240,18 +238,20 @@ def not_simulated(
         trajectory: the planned motion.
         joints: states of all revolute joints over the planned motion.
         step: integration step that was requested [s].
-        reason: reason why the arm was not simulated.
+        reason: reason why the arm was not simulated, unless arms of its kind are not modelled.
         advice: changes that would make a simulation possible.
-        outcome: "not modelled" if nothing could make it possible.
     """
-    samples = 0 if outcome == "not modelled" else len(trajectory.time)
+    unmodelled = arm.unsimulated
+    samples = 0 if unmodelled else len(trajectory.time)
     return SimulatedMotion(
         angles=np.repeat(joints.angles[:1], samples, axis=0),
         torques=np.zeros((samples, len(drive_names(arm)))),
         tracking_error=np.nan,
         saturated=False,
         base_positions=np.repeat(trajectory.base_positions[:1], samples, axis=0),
-        verdict=SimulationVerdict(outcome, step, reason, advice=advice),
+        verdict=SimulationVerdict(
+            "not modelled" if unmodelled else "not simulated", step, unmodelled or reason, advice=advice
+        ),
     )
 
 

@@ -164,11 +164,7 @@ def draft_solution(
     if plan.tour is not None:
         problem = plan.tour.visited
     if simulated is None:
-        reason = problem.arm.unsimulated
-        simulated = not_simulated(
-            problem.arm, plan.trajectory, plan.joints, problem.simulation.step, reason or "skipped",
-            outcome="not modelled" if reason else "not simulated",
-        )  # fmt: skip
+        simulated = not_simulated(problem.arm, plan.trajectory, plan.joints, problem.simulation.step)
     plan_metrics = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
         problem=problem,
