@@ -84,6 +84,23 @@ def expect_callable(value: object, what: str, hint: str = "") -> None:
         raise ProblemError(refusal(value, what, hint))
 
 
+def expect_vector(value: object, size: int, what: str) -> FloatArray:
+    """Return a vector of finite numbers given by the user, shape (size,).
+
+    Args:
+        value: the value given.
+        size: number of coordinates.
+        what: what is expected, for the message.
+
+    Raises:
+        ProblemError: the value is something else.
+    """
+    found = finite_array(value)
+    if found is None or found.shape != (size,):
+        raise ProblemError(refusal(value, what))
+    return found
+
+
 def refusal(value: object, what: str, hint: str = "") -> str:
     """Return the message that rejects a value: the expected kind, the actual value, and a hint if there is one."""
     advice = f"; {hint}" if hint else ""

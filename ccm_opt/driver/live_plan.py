@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.core.arguments import expect, expect_that, finite_array, is_number, refusal
+from ccm_opt.core.arguments import expect, expect_that, expect_vector, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.length_words import words_in
@@ -312,8 +312,10 @@ class LivePlan:
         """
         expect_arguments(progress=progress)
         problem, plan = self.plan.problem, self._verified
-        checks = verified(problem, plan.trajectory, plan.joints, self.settings.verification)
-        return described(problem, replace(plan, checks=checks), Stages(progress), self.settings)
+        if self._settings is not self.settings:
+            checks = verified(problem, plan.trajectory, plan.joints, self.settings.verification)
+            plan = replace(plan, checks=checks)
+        return described(problem, plan, Stages(progress), self.settings)
 
     def _changed(self, problem: Problem) -> LiveAnswer:
         """Replan a changed problem and return the result; if no plan is found, the last plan is kept."""
@@ -400,11 +402,8 @@ class LivePlan:
         Raises:
             ProblemError: the value is not a vector of this shape.
         """
-        vector = finite_array(value)
         size = self.problem.dimension
-        if vector is None or vector.shape != (size,):
-            raise ProblemError(refusal(value, what.format("(x, y)" if size == 2 else "(x, y, z)")))
-        return vector
+        return expect_vector(value, size, what.format("(x, y)" if size == 2 else "(x, y, z)"))
 
     def _unit(self, value: object) -> FloatArray:
         vector = self._vector(value, "a direction {}")

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from ccm_opt.core.arguments import expect, expect_that, finite_array, is_number, refusal
+from ccm_opt.core.arguments import expect, expect_that, expect_vector, is_number
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ProblemError
@@ -29,7 +29,7 @@ from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.planner import MotionPlanner, with_clamped_base
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.section_map import unknowns_through
-from ccm_opt.planning.servoing import Cut, ServoState, TipServo, TipVelocity, spline_values
+from ccm_opt.planning.servoing import Cut, ServoState, TipServo, TipVelocity, knot_values, spline_values
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.planning.step import StepperOf
 from ccm_opt.planning.tool_problem import own_coordinates, problem_with_tool_links
@@ -197,13 +197,8 @@ class Servo:
     def braking(self) -> JointTrajectory:
         """The certified motion from now to rest, sampled at every tick; a single sample at rest."""
         controls = self._state.to_rest()
-        spans = len(controls) - 3
-        states = [
-            np.vstack((along, end[-1:]))
-            for along, end in zip(*(spline_values(controls, self.period, share) for share in (0.0, 1.0)), strict=True)
-        ]
-        time = np.asarray(self.period * np.arange(spans + 1), dtype=np.float64)
-        positions, velocities, accelerations = map(self._in_metres, states)
+        positions, velocities, accelerations = map(self._in_metres, knot_values(controls, self.period))
+        time = np.asarray(self.period * np.arange(len(positions)), dtype=np.float64)
         return JointTrajectory(time, positions, velocities, accelerations, self.problem.arm.coordinates)
 
     @property
@@ -226,19 +221,19 @@ class Servo:
         expect(command, (Twist, TipGoal), "a ccm_opt.Twist or ccm_opt.TipGoal")
         d = self.problem.dimension
         if isinstance(command, Twist):
-            linear = _vector(command.linear, (d,), "a velocity")
+            linear = _vector(command.linear, d, "a velocity")
             if command.angular is None:
                 return TipVelocity(linear / self._metres)
             about = [command.angular] if d == 2 and is_number(command.angular) else command.angular
-            return TipVelocity(linear / self._metres, _vector(about, (2 * d - 3,), "an angular velocity"))
+            return TipVelocity(linear / self._metres, _vector(about, 2 * d - 3, "an angular velocity"))
         if command.path is not None or command.via or command.look_at is not None:
             raise ProblemError("servo control follows a position and a direction; leave out path, via and look_at")
         unit, seconds = self._engine.curve.nominal_length, self._engine.seconds_to_rest
         # The tip is at its target when the arm, braked from now on, rests.
-        away = _vector(command.position, (d,), "a position") / self._metres - pose.tip
+        away = _vector(command.position, d, "a position") / self._metres - pose.tip
         turn, axes = np.zeros(1), None
         if command.direction is not None:
-            direction = _vector(command.direction, (d,), "a direction")
+            direction = _vector(command.direction, d, "a direction")
             expect_that(lambda: bool(np.any(direction)), command.direction, "a direction other than zero")
             frame = pose.frames[-1]
             turn = _turn_onto(frame, direction / np.linalg.norm(direction))
@@ -337,8 +332,7 @@ class Servo:
 
     def _path(self, controls: FloatArray) -> JointPath:
         """Return the path of the motion with control points (m + 3, c), with its time as the path parameter."""
-        knots = [spline_values(controls, self.period, 0.0)[0], spline_values(controls[-4:], self.period, 1.0)[0]]
-        places = self._places(np.vstack(knots))
+        places = self._places(knot_values(controls, self.period)[0])
         spline = make_interp_spline(np.linspace(0.0, 1.0, len(places)), places, 3, bc_type="clamped")
         kept = np.unique(np.linspace(0, len(places) - 1, _KEYFRAMES).round().astype(np.intp))
         keyframes = np.ascontiguousarray(places[kept])
@@ -442,13 +436,6 @@ def _refuse_unsupported(problem: Problem) -> None:
         raise ProblemError(f"servo control does not keep {', '.join(found)}; leave it out")
 
 
-def _vector(value: object, shape: tuple[int, ...], what: str) -> FloatArray:
-    """Return a vector of finite numbers.
-
-    Raises:
-        ProblemError: it has another shape or numbers that are not finite.
-    """
-    found = finite_array(value)
-    if found is None or found.shape != shape:
-        raise ProblemError(refusal(value, f"{what} of {shape[0]} finite numbers"))
-    return found
+def _vector(value: object, size: int, what: str) -> FloatArray:
+    """Return a vector of finite numbers that a command gives, shape (size,)."""
+    return expect_vector(value, size, f"{what} of {size} finite numbers")

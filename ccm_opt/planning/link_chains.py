@@ -96,7 +96,7 @@ class LinkChains:
             exact: whether a chain must have the maximum number of links.
         """
         length = arm.link_length
-        mounted = 0 if arm.base_axes else int(np.ceil(arm.mount_length / length - 1e-9))
+        mounted = 0 if arm.base_axes else arm.mounted_links
         first = arm.next_self_pairs[:, 0]
         apart = (first - np.arange(arm.links))[first < arm.links]
         return cls(tree, box, length, limits, int(apart.max(initial=0)) or arm.links, 2.0 * arm.radius, exact, mounted)

@@ -57,6 +57,10 @@ class CurveMotion(Generic[CurveType]):
         """Return a copy of the motion with other keyframes, given by unknowns (K, p)."""
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
+    def backwards(self) -> "CurveMotion[CurveType]":
+        """Return the motion from its end to its start; nothing in it may depend on the path parameter."""
+        return replace(self, unknowns=self.unknowns[::-1].copy(), configurations=self.configurations[::-1].copy())
+
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
         """Yield versions of the motion deformed to another end, by a change that grows smoothly along the motion.
 

@@ -166,12 +166,7 @@ def _within_limits(stepper: Stepper, pose: Pose) -> bool:
 
 def reversed_motion(motion: Motion) -> Motion:
     """Return a motion in reverse, from its end to its start."""
-    return replace(
-        motion,
-        unknowns=motion.unknowns[::-1].copy(),
-        configurations=motion.configurations[::-1].copy(),
-        candidate=f"{motion.candidate}, backwards",
-    )
+    return replace(motion.backwards(), candidate=f"{motion.candidate}, backwards")
 
 
 _ADVANCE = 0.2

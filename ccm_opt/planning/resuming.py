@@ -110,18 +110,13 @@ def resumed_in_space(known: SpaceMotion, task: SpaceTask) -> SpaceMotion | None:
     known = replace(known, end_pose=None)
     if np.max(np.abs(known.configurations[0] - task.start)) > _SAME:
         curve, start = known.curve.blended_to(task.start)
-        moved = led_to(_reversed(known.without_blending(curve)), start, task, (0.0,))
+        moved = led_to(known.without_blending(curve).backwards(), start, task, (0.0,))
         if moved is None:
             return None
-        known = _reversed(moved)
+        known = moved.backwards()
     stepper = task.stepper(known.curve, 0.0)
     try:
         settled = settle(stepper, task.limited_goal, stepper.pose(known.unknowns[-1]), task.deadline)
     except Stalled:
         return None
     return led_to(known, settled[-1].v, task, (0.0,))
-
-
-def _reversed(motion: SpaceMotion) -> SpaceMotion:
-    """Return a motion that does not depend on the path parameter, traversed backwards."""
-    return replace(motion, unknowns=motion.unknowns[::-1], configurations=motion.configurations[::-1])

@@ -173,6 +173,15 @@ def spline_values(controls: FloatArray, period: float, share: float) -> tuple[Fl
     return position, velocity / period, acceleration / period**2
 
 
+def knot_values(controls: FloatArray, period: float) -> tuple[FloatArray, ...]:
+    """Return positions, velocities and accelerations at the m + 1 ends of all spans, three arrays of shape (m + 1, c).
+
+    Arguments are those of ``spline_values``.
+    """
+    begins, ends = spline_values(controls, period, 0.0), spline_values(controls[-4:], period, 1.0)
+    return tuple(np.vstack(each) for each in zip(begins, ends, strict=True))
+
+
 @lru_cache(maxsize=256)
 def _weights(share: float) -> FloatArray:
     """Return the weights of four control points in position, velocity and acceleration at a share of a span, (3, 4).

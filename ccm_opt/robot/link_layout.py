@@ -176,6 +176,12 @@ class LinkLayout:
         return int(np.searchsorted(shares, self.mount_length / self.link_length + 1e-9, side="right"))
 
     @property
+    def mounted_links(self) -> int:
+        """Number of links that belong to the mount in whole or in part; links are equal."""
+        # Rounding may not place the end of a mount of whole links on the next link.
+        return int(np.ceil(self.mount_length / self.link_length - 1e-9))
+
+    @property
     def free_shares(self) -> FloatArray:
         """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
         within = self.mount_length / self.link_length - self.place_shares[:-1]

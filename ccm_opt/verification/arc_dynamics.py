@@ -127,12 +127,10 @@ def arc_efforts(
     moments = across * growth + more * (turning + spin * cross(rate, frames.along))
     moments += cross(places + centres, forces)
     fixed = PointMasses.of(arm)
-    for link, mass, place in zip(fixed.link, fixed.mass, fixed.place, strict=True):
-        out = after[:, link] @ place
-        turned = np.cross(rate[:, link], out)
-        pull = mass * (ends[:, link] + np.cross(growth[:, link], out) + np.cross(rate[:, link], turned) - gravity)
-        forces[:, link] += pull
-        moments[:, link] += np.cross(places[:, link] + out, pull)
+    if len(fixed.mass):
+        added_forces, about_ends = fixed.loads(fixed.turned(*np.moveaxis(after, 3, 0)), rate, growth, ends, gravity)
+        forces += added_forces
+        moments += about_ends + cross(places, added_forces)
     at_tip = arm.payload * (ends[:, -1:] - gravity)
     moments[:, -1:] += cross(places[:, -1:], at_tip)
     forces[:, -1:] += at_tip

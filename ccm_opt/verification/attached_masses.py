@@ -12,6 +12,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.verification.base_motion import cross
 
 _CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
@@ -64,6 +65,30 @@ class PointMasses:
         """
         x, y, z = self.place.T[..., None]
         return np.asarray(x * along[:, self.link] + y * left[:, self.link] + z * across[:, self.link])
+
+    def loads(
+        self, out: FloatArray, rate: FloatArray, growth: FloatArray, ends: FloatArray, gravity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the forces on each link, and the moments about its distal end, that the masses require.
+
+        Args:
+            out: vectors from the ends of the links to the masses, as ``turned`` gives them, shape (T, n, 3) [m].
+            rate: angular velocities of the links, shape (T, links, 3) [rad/s].
+            growth: their derivatives, likewise [rad/s²].
+            ends: accelerations of the distal ends of the links, likewise [m/s²].
+            gravity: gravitational acceleration, shape (3,) [m/s²].
+
+        Returns:
+            Two arrays of shape (T, links, 3) [N, N m].
+        """
+        turning = rate[:, self.link]
+        gain = ends[:, self.link] + cross(growth[:, self.link], out) + cross(turning, cross(turning, out))
+        forces, moments = np.zeros((2, *rate.shape))
+        each = self.mass[:, None] * (gain - gravity)
+        # Several masses may be on one link, whose index comes first here.
+        np.add.at(forces.swapaxes(0, 1), self.link, each.swapaxes(0, 1))
+        np.add.at(moments.swapaxes(0, 1), self.link, cross(out, each).swapaxes(0, 1))
+        return forces, moments
 
 
 def all_masses(arm: Arm) -> FloatArray:

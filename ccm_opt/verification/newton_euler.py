@@ -126,16 +126,8 @@ def _of_fixed_masses(
     masses = PointMasses.of(arm)
     if not len(masses.mass):
         return 0.0, 0.0
-    link = masses.link
     out = masses.turned(frames.along, cross(frames.across, frames.along), frames.across)
-    rate, growth = rates.rate[:, link], rates.growth[:, link]
-    gain = rates.ends[:, link] + cross(growth, out) + cross(rate, cross(rate, out))
-    forces, moments = np.zeros((2, *frames.along.shape))
-    each = masses.mass[:, None] * (gain - gravity)
-    # Several masses may be on one link, whose index comes first here.
-    np.add.at(forces.swapaxes(0, 1), link, each.swapaxes(0, 1))
-    np.add.at(moments.swapaxes(0, 1), link, cross(out, each).swapaxes(0, 1))
-    return forces, moments
+    return masses.loads(out, rates.rate, rates.growth, rates.ends, gravity)
 
 
 def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArray:

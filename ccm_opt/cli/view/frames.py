@@ -62,7 +62,7 @@ class MotionFrames:
     @cached_property
     def least_gaps(self) -> FloatArray:
         """Least clearance of the arm beyond its mount at the F inspected samples, as in ``gaps``, shape (F,) [m]."""
-        return np.asarray(np.min(self._gaps[:, self._first_exposed :], axis=1, initial=np.inf))
+        return np.asarray(np.min(self._gaps[:, self.problem.arm.mounted_links :], axis=1, initial=np.inf))
 
     @cached_property
     def largest_torques(self) -> FloatArray:
@@ -78,7 +78,8 @@ class MotionFrames:
         """
         workspace, arm = self.problem.workspace, self.problem.arm
         points = self.pose(time)
-        links = np.stack((points[:-1], points[1:]), axis=1)[self._first_exposed :]
+        first = arm.mounted_links
+        links = np.stack((points[:-1], points[1:]), axis=1)[first:]
         kept = arm.radius + workspace.clearance
         if not len(links):
             return np.inf, 0, ""
@@ -88,11 +89,11 @@ class MotionFrames:
             owner = int(near.owner[link])
             if owner < 0:
                 return np.inf, 0, ""
-            return float(near.gap[link]) - kept, self._first_exposed + link, workspace.triangle_soup.names[owner]
+            return float(near.gap[link]) - kept, first + link, workspace.triangle_soup.names[owner]
         lines = shapely.linestrings(links)
         away = np.array([shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls])
         wall, beyond = divmod(int(np.argmin(away)), away.shape[1])
-        return float(away[wall, beyond]) - kept, self._first_exposed + beyond, workspace.walls[wall].name
+        return float(away[wall, beyond]) - kept, first + beyond, workspace.walls[wall].name
 
     def most_bent(self, time: float) -> tuple[int, float]:
         """Return the joint, from 0, that is nearest to its limit at a time [s], and its bend as a fraction of that."""
@@ -100,12 +101,6 @@ class MotionFrames:
         bends = np.array([np.interp(time, self.trajectory.time, column) for column in self.trajectory.positions.T])
         shares = np.abs(bends[: len(limits)]) / np.where(limits > 0.0, limits, np.inf)
         return int(np.argmax(shares)) // self.problem.arm.bends_a_joint, float(np.max(shares))
-
-    @property
-    def _first_exposed(self) -> int:
-        """Index of the first link that is wholly beyond the mount."""
-        arm = self.problem.arm
-        return int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
 
     @cached_property
     def _tree(self) -> SurfaceTree:
