@@ -36,6 +36,8 @@ from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.chain_motion import LinkFrames, acceleration_bounds, chain_points
 from ccm_opt.verification.newton_euler import drive_efforts
 
+from .command_runs import CommandLine
+
 LINKS = 5
 PROBLEMS = Path(__file__).parents[1] / "problems"
 seeds = st.integers(0, 2**32)
@@ -380,8 +382,11 @@ def test_a_moving_base_is_no_reason_to_pass_through_an_obstacle(tmp_path: Path) 
 
 
 @pytest.mark.planning
-def test_torques_are_limited_on_several_axes(tmp_path: Path) -> None:
-    """Joints with a limit on their torque are timed on two axes, with a camera head that weighs, and are checked."""
+def test_torques_are_limited_on_several_axes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Joints with a limit on their torque are timed on two axes, with a camera head that weighs, and are checked.
+
+    That such arms are not simulated is said by the command that would.
+    """
     text = SLIDE.replace("acceleration = 5.0", "acceleration = 5.0\ntorque = 20.0").replace("0.24, 0.1", "0.21, -0.08")
     text = text.replace("[arm.base]", f"{HEAD}\n[arm.base]", 1)
     (tmp_path / "slide.toml").write_text(text.replace("[-0.019, 0.2, -0.1]", "[-0.019, 0.2, -0.3]"))
@@ -390,6 +395,10 @@ def test_torques_are_limited_on_several_axes(tmp_path: Path) -> None:
     tip = points_with_tool(solution.problem.arm, solution.trajectory.positions[-1])[-1]
     np.testing.assert_allclose(tip, [0.45, 0.4, 0.03], atol=1e-3)
     assert all(check.passed for check in solution.checks)
+    done = CommandLine(capsys)("simulate", solution.save(tmp_path / "plan"))
+    assert done.code == 0, done.err
+    assert "not modelled" in done.out
+    assert not (tmp_path / "plan" / "simulation.png").exists()
 
 
 HEAD = """\

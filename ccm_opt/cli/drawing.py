@@ -194,7 +194,9 @@ def plan_viewer(item: Path, port: int) -> "ViewerApp":
 
     problem = load_any_problem(item) if item.is_dir() else load_problem(item, allow_outside=output().allow_outside)
     if problem.arm.proportions is not None:
-        raise ProblemError("the viewer draws arms of equal links only; use ccm-opt solve, whose report.html shows all")
+        raise ProblemError(
+            "the viewer draws arms of equal links without tools and bodies only; ccm-opt solve draws all in report.html"
+        )
     door = claim_port(port)
     try:
         return _serve_viewer(door, item, problem)

@@ -210,7 +210,7 @@ def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[st
     # Recorded options were checked before planning; those of the command line are checked here.
     check_options(problem.arm, problem.simulation)
     simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
-    if pictures:
+    if pictures and simulated.verdict.is_run:
         from ccm_opt.viz.simulated_motion import simulation_png  # noqa: PLC0415 - loads matplotlib
 
         picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
@@ -241,8 +241,9 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
         words, _, unit = name.rpartition("_")
         limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
         table.add_row(words.replace("_", " "), units.shown(value, unit), limit, "")
-    peak, bound, _, where = peak_torque(problem, simulated.torques, motion.joints.names)
-    table.add_row("peak torque", peak, bound, where)
+    if simulated.verdict.is_run:
+        peak, bound, _, where = peak_torque(problem, simulated.torques, motion.joints.names)
+        table.add_row("peak torque", peak, bound, where)
     outcome, _, _, reason = verdict_cells(simulated.verdict)
     table.add_row("simulation", outcome, "", reason)
     report_console().print(table)
