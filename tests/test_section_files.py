@@ -15,6 +15,8 @@ from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitting_arcs
 
+from .command_runs import CommandLine
+
 TEXT = """
 schema = 1
 space = 3
@@ -195,6 +197,22 @@ def test_sections_are_divided_as_finely_as_their_radius_asks() -> None:
     turn = np.sqrt(2.0) * limit
     assert arc_deviation(length / count, turn / count) <= 0.1 * radius
     assert arc_deviation(length / (count - 1), turn / (count - 1)) > 0.1 * radius
+
+
+def test_describe_tells_sections_with_the_figures_of_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Limits, torque, inertia and friction of the bends of whole sections are told, and the tool."""
+    tool = "arm.tool={tip=[30,0,0],direction=[1,0,0],mass=0.1,bodies=[{sphere={center=[0,0,0],radius=5}}]}"
+    of_drives = ("limits.torque=[2,3]", "arm.friction=0.1", "arm.rotor_inertia=[0.01,0.02]", tool)
+    file = tmp_path / "tendons.toml"
+    file.write_text(TEXT)
+    done = CommandLine(capsys)("describe", file, *(part for change in of_drives for part in ("--set", change)))
+    assert done.code == 0, done.err
+    rows = {" ".join(row.split()) for row in done.out.splitlines() if row.startswith("section ")}
+    assert "section 2 160 12, 8 8 none 112 0.5 2 3 0.02 0.1" in rows
+    assert any(row.endswith("3 at 9 mm 120 0.5 1 2 0.01 0.1") for row in rows)
+    assert "tool: 0.1 kg, covered by 1 capsule, tip at (30, 0, 0) mm" in done.out
 
 
 def test_what_needs_independent_joints_is_refused() -> None:

@@ -13,11 +13,10 @@ from ccm_opt.cli.loading import report_scene
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all, simulation_exit_code
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, result_units, value_table, verdict_cells
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.core.length_words import in_unit, span_words
-from ccm_opt.driver.arguments import refuse_sections
 from ccm_opt.driver.verified_plan import failed_checks
 from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data
@@ -26,8 +25,10 @@ from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.io.records import tolerance_data, tolerance_json
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import SimulatedMotion, ToleratedError
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
+from ccm_opt.robot.tool import RigidBody
 from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.clearance_section import tolerated_error_words
 
@@ -54,12 +55,14 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
 
 def _describe(problem: Problem) -> int:
     report_scene(problem)
-    refuse_sections(problem.arm, "link parameters")
 
     def show() -> None:
         console = report_console()
         for line in arm_lines(problem):
             console.print(line, markup=False)
+        if problem.arm.sections is not None:
+            console.print(section_table(problem, problem.arm.sections))
+            return
         console.print(parameter_table(problem))
         console.print(link_table(problem.arm))
 
@@ -69,14 +72,15 @@ def _describe(problem: Problem) -> int:
 def _data(problem: Problem) -> dict[str, object]:
     """Return arm and limits in the layout of a problem file, and link parameters, for JSON output.
 
-    Lengths are in metres. Link parameters are Denavit–Hartenberg parameters with angles in radians.
+    Lengths are in metres. Link parameters are Denavit–Hartenberg parameters with angles in radians; sections that bend
+    evenly have none.
     """
     whole = problem_data(replace(problem, length_unit="m"))
+    told = {"status": "described", "name": problem.name, "arm": whole["arm"], "limits": whole["limits"]}
+    if problem.arm.sections is not None:
+        return told
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
-    parameters = [{"joint": name, **row._asdict()} for name, row in rows]
-    return {"status": "described", "name": problem.name, "arm": whole["arm"], "limits": whole["limits"]} | {
-        "link_parameters": parameters
-    }
+    return told | {"link_parameters": [{"joint": name, **row._asdict()} for name, row in rows]}
 
 
 def arm_lines(problem: Problem) -> list[str]:
@@ -92,10 +96,15 @@ def arm_lines(problem: Problem) -> list[str]:
         return f"{number(length)} {unit}"
 
     base = f"({', '.join(number(value) for value in arm.base)}) {unit}, {_pointing(problem)}"
-    each = span_words(arm.lengths, words)
+    if arm.sections is None:
+        each, radii = span_words(arm.lengths, words), arm.radii
+        layout = f"{arm.links} links of {each}, {3 * arm.links} revolutes, axes {arm.axes}"
+    else:
+        each, radii = span_words(arm.sections.lengths, words), arm.sections.radii
+        layout = f"{len(arm.sections.counts)} sections of {each} that bend evenly, in {sum(arm.sections.counts)} arcs"
     lines = [
-        f"{problem.name}: {arm.links} links of {each}, {3 * arm.links} revolutes, axes {arm.axes}",
-        f"base at {base}; radius {span_words(arm.radii, words)}, length {words(arm.length)}",
+        f"{problem.name}: {layout}",
+        f"base at {base}; radius {span_words(radii, words)}, length {words(arm.length)}",
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
     along = "the base's direction" if problem.dimension == 3 else "the base heading"
@@ -108,11 +117,21 @@ def arm_lines(problem: Problem) -> list[str]:
         f"{axis.unit}, direction {_components(axis.direction)}"
         for axis_name, axis in zip(arm.coordinates.base_names, arm.carrier, strict=bool(arm.carrier))
     ]
+    lines += [f"body on link {body.link % arm.links + 1}: {_weight_and_size(body)}" for body in arm.bodies]
+    if arm.tool is not None:
+        tip = f"({', '.join(number(value) for value in arm.tool.tip)}) {unit}"
+        pointing = _components(arm.tool.direction)
+        lines.append(f"tool: {_weight_and_size(arm.tool)}, tip at {tip} in the frame of the end, direction {pointing}")
     if problem.stops:
         planner = problem.planner
         ends = {"free": "", "last": ", the last one at the end", "start": ", and back to the start"}[planner.end]
         lines.append(f"{len(problem.goals)} goals in {planner.order} order{ends}")
     return lines
+
+
+def _weight_and_size(body: RigidBody) -> str:
+    """Return the mass of a body on a link and the number of capsules that cover it, in words."""
+    return f"{body.mass:g} kg, covered by {len(body.bodies)} capsule{'s' if len(body.bodies) != 1 else ''}"
 
 
 def _pointing(problem: Problem) -> str:
@@ -146,6 +165,42 @@ def parameter_table(problem: Problem) -> Table:
         geometry = (offset, *lengths, f"{np.rad2deg(row.alpha):g}")
         drive = (f"{limits.velocity[j]:g}", f"{limits.acceleration[j]:g}", torque[j])
         table.add_row(name, *geometry, *drive, f"{rotors[j]:g}", f"{friction[j]:g}")
+    return table
+
+
+def section_table(problem: Problem, sections: ArcSections) -> Table:
+    """Return a table of the sections that bend evenly: their shape, their tendons, and the drive of each of two bends.
+
+    Limits, inertia and friction are those of the bends of whole sections.
+    """
+    arm, limits, unit = problem.arm, problem.limits, problem.length_unit
+    shape = ("section", f"length [{unit}]", f"radius [{unit}]", "arcs", "tendons", "bend limit [deg]")
+    table = columned_table("sections", (*shape, *_DRIVE))
+
+    def words(length: float) -> str:
+        return f"{in_unit(length, unit):.9g}"
+
+    def of_sections(values: FloatArray | float, factors: FloatArray | IntArray | int = 1) -> list[str]:
+        """Return the values of the two bends of each section: those of its joints times a factor."""
+        of_joints = sections.of_drives(np.broadcast_to(values, (3 * arm.links,))).reshape(-1, 2)
+        whole = of_joints * np.reshape(factors, (-1, 1))
+        return [", ".join(dict.fromkeys(f"{value:g}" for value in pair)) for pair in whole]
+
+    torques = ["none"] * len(sections.counts) if limits.torque is None else of_sections(limits.torque)
+    rates = (of_sections(each, sections.counts) for each in (limits.velocity, limits.acceleration))
+    passive = (of_sections(each, 1.0 / sections.counts) for each in (arm.rotor_inertia, arm.friction))
+    drives = zip(*rates, torques, *passive, strict=True)
+    tendons = sections.tendons or (None,) * len(sections.counts)
+    for k, (given, drive) in enumerate(zip(tendons, drives, strict=True)):
+        table.add_row(
+            f"section {k + 1}",
+            words(sections.lengths[k]),
+            ", ".join(dict.fromkeys(words(radius) for radius in sections.radii[k])),
+            f"{sections.counts[k]}",
+            "none" if given is None else f"{given.number} at {words(given.radius)} {unit}",
+            f"{np.rad2deg(sections.limits[k]):.6g}",
+            *drive,
+        )
     return table
 
 
