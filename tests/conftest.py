@@ -1,6 +1,7 @@
 """Hooks of pytest, and problems and an artificial plan that several tests share."""
 
 import os
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTraject
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
 
+from .drawn_cases import left_out_cases
 from .planning_marker import plans
 
 hypothesis_settings.register_profile(
@@ -70,6 +72,11 @@ position = [0.3, 0.1]
 """
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option with which no case is left out."""
+    parser.addoption("--all-cases", action="store_true", help="run all cases of the tests that are marked drawn")
+
+
 def pytest_report_header(config: pytest.Config) -> str:
     """Return a line for the report's header that says how to repeat the random examples."""
     seed = config.getoption("--hypothesis-seed")
@@ -85,20 +92,31 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run the slowest files first, and mark tests that plan; without those, run properties with fewer random examples.
+    """Draw cases, run the slowest files first, and mark tests that plan; without those, draw fewer random examples.
 
-    With ``-m "not planning"``, which takes about a minute, each property gets a quarter of its examples.
+    Of files that are named all cases are run. With ``-m "not planning"``, which takes about a minute, each property
+    gets a quarter of its examples.
     """
+    if not (config.option.all_cases or any(".py" in given for given in config.args)):
+        left_out = left_out_cases(items, _seed_of_cases(config))
+        config.hook.pytest_deselected(items=list(left_out))
+        items[:] = [item for item in items if item not in left_out]
     places = {f"test_{name}": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.stem, len(places)))
     for item in items:
-        if plans(item):
+        if config.option.markexpr and plans(item):
             item.add_marker(pytest.mark.planning)
         law = getattr(item, "function", None)
         own = getattr(law, "_hypothesis_internal_use_settings", None)
         if own is not None and config.option.markexpr == "not planning":
             fewer = hypothesis_settings(own, max_examples=min(own.max_examples, max(own.max_examples // 4, 3)))
             law._hypothesis_internal_use_settings = fewer  # type: ignore[union-attr]
+
+
+def _seed_of_cases(config: pytest.Config) -> str:
+    """Return the seed of the run, or else what all processes of this run have in common and no other run has."""
+    worker: dict[str, str] = getattr(config, "workerinput", {})
+    return str(config.getoption("--hypothesis-seed") or worker.get("testrunuid") or uuid.uuid4())
 
 
 @pytest.fixture

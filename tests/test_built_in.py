@@ -29,6 +29,7 @@ class Counting:
         return self.retimer.retime(problem, path)
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", ["open-space", "feed-penetration"])
 def test_what_is_wrapped_gives_what_solve_gives(name: str) -> None:
     """Wrapped planner and retimer are asked once each, and the motion is the one without them."""

@@ -40,6 +40,7 @@ def standing(
     )
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize(
     ("links", "radius", "turned"), [(8, 0.02, (0, 0, 0)), (14, 0.03, (180, 0, 30)), (60, 0.02, (40, 65, 10))]
 )

@@ -26,6 +26,7 @@ def run_of(tmp_path: Path, planner: str, settings: SupervisionSettings) -> Run:
     return run_apart(Task(case, f"tests.comparison_tasks:{planner}", time_limit=1.0), settings)
 
 
+@pytest.mark.drawn(3)
 @pytest.mark.parametrize(
     ("planner", "outcome", "words"),
     [

@@ -10,6 +10,7 @@ import pytest
 from .conftest import PROBLEMS
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("problem", ["feed-s-duct", "space/elbow"])
 def test_surroundings_change_no_byte(problem: str, tmp_path: Path) -> None:

@@ -152,6 +152,7 @@ def test_advice_about_room_is_what_the_problem_has_to_give() -> None:
     assert caught.value.diagnosis.advice == ("change the start",)
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("place", ["[5.0, 5.0]", "[60.0, 0.3]", "[0.65, 0.5]"])
 def test_goals_far_out_of_reach_are_moved_to_where_they_can_be_taken(place: str) -> None:

@@ -308,6 +308,7 @@ def test_feed_and_shape_change_at_once() -> None:
     assert solution.trajectory.time[-1] < 0.6 * drawing_back
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [0, 703])
 def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> None:
     """Where the arm gets to the tip's goal without any feed, it is not drawn back for longer than that takes."""

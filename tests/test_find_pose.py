@@ -54,6 +54,7 @@ def assert_sound(found: StaticPose) -> None:
         assert room.min() >= found.pose.gap - 1e-6 * arm.length
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_best_of_all_tries_is_a_sound_pose_with_the_gap_it_says(seed: int) -> None:
     """In clutter the pose ends at the goal and has the room that it claims; no other try costs less."""
@@ -65,6 +66,7 @@ def test_the_best_of_all_tries_is_a_sound_pose_with_the_gap_it_says(seed: int) -
     assert sum(segment.length for segment in found.curve.segments) == pytest.approx(found.problem.arm.length)
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_pocket_that_a_wide_tolerance_reaches_is_found(seed: int) -> None:
     """Where the middle of the goal lies in a wall, a pose in the pocket before it is found, with the tip in the set."""

@@ -211,6 +211,7 @@ def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
         assert np.all(tip <= box[1] + 1e-9)
 
 
+@pytest.mark.drawn(4)
 @pytest.mark.parametrize("family", SITES)
 def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None:
     """One of each family, judged by dense samples from its start to its goal."""
@@ -227,6 +228,7 @@ def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None
         assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("family", ["double-back", "pipe-three-bends"])
 def test_few_long_links_go_through_tight_bends(family: str) -> None:
     """Links that are as long as the bends: each goes where the chords have room, close to the way of the tip."""
@@ -251,6 +253,7 @@ def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
     assert min(least_gaps(task.arm, triangle_soup, motion.configurations, 10)) > 0.0
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("family", ["pipe-two-bends", "tank", "tee"])
 def test_ways_out_of_a_guide_tube_begin_where_a_joint_can_bend(family: str) -> None:
     """An arm that stands inside its tube goes straight until a joint is out of it, and never back through the hole."""
@@ -297,6 +300,7 @@ def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
     assert np.max(np.abs(apart / link - 1.0)) < tolerance
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("seed", [41, 42, 43])
 def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
@@ -312,6 +316,7 @@ def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
     assert q[-1, -1] < task.arm.base_range[0] + 2.0 * task.unit
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [100, 102])
 def test_a_pose_of_all_joints_is_reached_exactly_behind_a_bend(seed: int) -> None:
     """Though unknowns that hardly turn a joint are never quite those of the pose."""

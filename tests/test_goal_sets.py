@@ -47,6 +47,7 @@ def missed(problem: Problem, bends: FloatArray) -> tuple[float, float]:
     return off - problem.tolerances.position, turn - problem.tolerances.heading
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("family", sorted(SCENES))
 @settings(deadline=None, max_examples=2)
 @given(seed=seeds)

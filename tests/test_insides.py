@@ -161,6 +161,7 @@ def asked(body: MeshBody, rng: np.random.Generator) -> FloatArray:
     return places[[distance_from_triangles(place, body.triangles) > 1e-5 for place in places]]
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("made", [crossing_bodies, touching_bodies, a_box_in_the_corner_of_another])
 @settings(max_examples=40, deadline=None)
@@ -311,6 +312,7 @@ KINDS = {
 }
 
 
+@pytest.mark.drawn(3)
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_arm_inside_is_refused_by_name_and_depth(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

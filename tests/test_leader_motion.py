@@ -115,6 +115,7 @@ def test_an_arm_that_cannot_be_drawn_back_far_enough_has_no_such_motion() -> Non
     assert keyframes_behind_tip(short, pose(1, -0.2), pose(2, -0.1)) is None
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", ["elbow", "wing-box", "blade-row"])
 def test_motions_among_obstacles_follow_their_tip(name: str) -> None:
     """Within 3 mm in the mean and 10 mm at worst, where an optimised motion leaves its path by up to 63 mm."""
@@ -124,6 +125,7 @@ def test_motions_among_obstacles_follow_their_tip(name: str) -> None:
     assert solution.metrics["leader_deviation_worst_m"] < 10e-3
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", ["space/blade-row", "feed-s-duct"])
 def test_a_bound_on_following_is_kept_and_verified(name: str) -> None:
     """In the plane and in space, also where the arm would rather change its shape; the check tells how much is used."""

@@ -65,6 +65,7 @@ def test_news_from_a_search_keep_their_unit_in_other_threads() -> None:
     assert str(Progress("motion", distance=0.0254, unit="in")).endswith("closest so far 1.000 in from the goal")
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize(("name", "unit"), [("wing-box-too-thick", "in"), ("hot-cell-out-of-reach", "mm")])
 def test_failures_are_told_in_the_files_unit(name: str, unit: LengthUnit) -> None:

@@ -125,6 +125,7 @@ def test_nothing_to_begin_with_is_an_error(swan: ccm_opt.Problem) -> None:
         LivePlan(replace(swan, goal=far))
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", ["swan-neck", "space/elbow"])
 def test_a_start_in_contact_is_refused_as_by_a_solve(name: str) -> None:
     """Whether a plan is to be followed or made once, there is no way from a start that is too near to a wall."""

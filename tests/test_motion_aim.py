@@ -14,6 +14,7 @@ def with_goal(position: str, tolerance: float) -> str:
     return SMALL_PROBLEM.replace("position = [0.3, 0.1]", f"position = {position}\nposition_tolerance = {tolerance}")
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize(
     ("position", "tolerance"), [("[0.0, -0.42]", 0.05), ("[0.0, 0.19]", 0.03), ("[0.0, 0.21]", 0.06)]
 )

@@ -84,6 +84,7 @@ def followed(stepper: Stepper, start: Pose, candidate: GuideCandidate) -> tuple[
     return poses, arrived
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.planning
 @pytest.mark.parametrize("turn", [1.5, 2.3, -2.0])
 @pytest.mark.parametrize("heading", [0.0, 1.0])
@@ -104,6 +105,7 @@ def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float
         assert len(Certificate(scene.arm, room).failures(stack_configurations(poses))) == 0
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("seed", range(3))
 def test_wherever_a_candidate_leads_it_leads_safely(seed: int) -> None:

@@ -135,6 +135,7 @@ def test_goals_of_the_whole_arm_behind_a_gate_are_not_called_closed() -> None:
         assert tip_paths_along(problem, ends, (), route_room(problem, ends))
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [2, 3])
 def test_gates_of_two_to_five_percent_play_are_passed(seed: int) -> None:
     """A gate with hardly any play is passed, and the timed motion verified."""

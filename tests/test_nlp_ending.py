@@ -24,6 +24,7 @@ from tests.space_arms import space_arm
 PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", ["elbow", "wing-box", "blade-row"])
 def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     """It is at the goal, has no less room than the search's or nearly all that is wanted, and is reached safely."""

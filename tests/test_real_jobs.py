@@ -42,6 +42,7 @@ def test_every_job_is_tested() -> None:
     assert {file.stem for file in JOBS.glob("*.toml")} == {*POSSIBLE, BY_EXAMPLE, *IMPOSSIBLE}
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("name", POSSIBLE)
 def test_jobs_are_solved(name: str, tmp_path: Path) -> None:
     """The plan is followed by the simulated arm; that of the drawing is verified again from its folder alone."""
@@ -50,6 +51,7 @@ def test_jobs_are_solved(name: str, tmp_path: Path) -> None:
         assert run("check", tmp_path / name)[0] == 0
 
 
+@pytest.mark.drawn(1, of="impossible jobs")
 @pytest.mark.parametrize(
     ("name", "words", "short_of", "enough"),
     [
@@ -75,6 +77,7 @@ def reason(record: dict[str, object]) -> str:
     return str(diagnosis["reason"])
 
 
+@pytest.mark.drawn(1, of="impossible jobs")
 def test_the_change_that_is_proposed_helps(tmp_path: Path) -> None:
     """The arm that is too thick is told a radius; with it alone the job is solved, above the hole's own it is not."""
     code, record = solved("wing-box-too-thick", tmp_path)
@@ -117,6 +120,7 @@ def test_the_drawing_is_the_one_that_its_example_draws(
     assert {file.name for file in (tmp_path / "copy").iterdir()} == {"turbine-stages.toml", "turbine-stages.dxf"}
 
 
+@pytest.mark.drawn(3, of="examples")
 def test_the_camera_looks_at_the_weld(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,6 +133,7 @@ def test_the_camera_looks_at_the_weld(
     assert way @ (np.cos(heading), np.sin(heading)) > 0.99 * np.hypot(*way)
 
 
+@pytest.mark.drawn(3, of="examples")
 def test_the_tour_with_a_cost_bends_the_mast_less(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,6 +67,7 @@ def test_steps_that_hide_an_acceleration_are_halved_and_no_others() -> None:
     assert refine_unresolved(swinging, np.ones(1), patient) is None
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [104, 122])
 def test_what_hill_climbing_finds_in_open_space_is_accepted(seed: int) -> None:
     """The baseline's ragged paths are timed so that the verifier accepts them: none of these is refused."""

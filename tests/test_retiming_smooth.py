@@ -52,6 +52,7 @@ def distance_to_way(arm: Arm, path: JointPath, bends: FloatArray) -> float:
     return float(apart[k])
 
 
+@pytest.mark.drawn(8)
 @pytest.mark.planning
 @pytest.mark.parametrize("share", [1.0, 0.6])
 @pytest.mark.parametrize("jerk", [None, 200.0])

@@ -35,6 +35,7 @@ def swept(problem: Problem, positions: FloatArray) -> tuple[float, float]:
     return min(gaps) - RADIUS, least_own_distance(points[::4, ::3], at[::3], apart) - 2.0 * RADIUS
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize(("sections", "seed"), [(3, 1), (4, 2), (6, 3)])
 def test_body_of_true_arcs_touches_nothing(sections: int, seed: int) -> None:
     """A plan among 40 bodies keeps the true arcs clear of them, and their tip ends at the goal."""

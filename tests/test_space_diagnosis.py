@@ -86,6 +86,7 @@ BEYOND = TipGoal(np.array([0.7, 0.05, 0.0]))
 
 
 # ------------------------------------------------------------ through the command line
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize(
     ("family", "seed", "closest"),
     [

@@ -66,6 +66,7 @@ def assert_sound(found: StaticPose) -> None:
     assert gaps.min() >= found.pose.gap - 1e-6 * arm.length
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [3, 4])
 def test_the_best_of_all_beginnings_is_a_sound_pose_with_the_gap_it_says(seed: int) -> None:
     """Among balls and boxes the pose ends at the goal and has the room that it claims; no other costs less."""
@@ -152,6 +153,7 @@ def test_questions_without_an_answer_are_refused() -> None:
         ccm_opt.find_pose(replace(problem, goal=TipGoal(np.array([3.0, 0.0, 0.0]))))
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize(
     ("share", "said"), [(0.999, "cannot turn to the goal"), (0.5, "no goal pose was found")], ids=["far", "near"]
 )

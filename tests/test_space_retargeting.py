@@ -28,6 +28,7 @@ def bowed() -> Solution:
     return ccm_opt.solve(problem)
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
 def test_a_new_goal_is_reached_from_wherever_the_arm_is(share: float) -> None:
     """The whole motion is verified; until the moment it is the plan, and it ends at the new goal."""

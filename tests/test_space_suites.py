@@ -27,6 +27,7 @@ def tip_of(problem: Problem) -> TipGoal:
     return TipGoal(problem.arm.joint_positions_at(problem.goal.configuration(problem.arm))[-1])
 
 
+@pytest.mark.drawn(5)
 @pytest.mark.planning
 @pytest.mark.parametrize(
     "suite",

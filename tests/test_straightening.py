@@ -23,6 +23,7 @@ def to_and_fro(seed: int, times: int) -> tuple[MotionTask, Motion]:
     return task, replace(found, unknowns=coordinates, configurations=found.curve.configurations(coordinates))
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [50_001, 50_004])
 def test_a_motion_to_and_fro_is_cut_short(seed: int) -> None:
     """What is left has the same ends, is certified, touches nothing in a dense sweep, and is much shorter."""

@@ -92,6 +92,7 @@ def foreign(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("numbers", [(1,), (2,), (0, 1, 2)])
 def test_closed_streams_are_no_failure(tmp_path: Path, numbers: tuple[int, ...]) -> None:
     """Nobody reads it, and the folder is written all the same, none of its files with what was printed in it."""

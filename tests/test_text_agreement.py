@@ -42,6 +42,7 @@ def test_what_is_left_of_zero_may_differ(written: Folder, tmp_path: Path) -> Non
         assert check_folders([tmp_path / number]) == outcome
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("text", ["", "nonsense", "\x00", "<robot/>", "time\n1\n2", "joint_names: []\npoints:"])
 def test_what_is_nothing_of_the_kind_is_refused(written: Folder, tmp_path: Path, text: str) -> None:
     """With a reason, and never with a traceback."""

@@ -95,6 +95,7 @@ def test_a_constraint_that_the_free_motion_breaks_is_kept_all_the_way() -> None:
     assert solution.metrics["residual_bulge"] <= 1e-6
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("fed", [False, True])
 def test_a_constraint_on_direction_and_middle_is_kept(fed: bool) -> None:
     """A vector of entries, on the way and at the goal, with a fixed base and with one that is fed."""
@@ -116,6 +117,7 @@ def ccm_opt_vertcat(*entries: Any) -> Any:
     return ca.vertcat(*entries)
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("fed", [False, True])
 def test_a_constraint_of_an_interval_is_kept_there_alone(fed: bool) -> None:
     """From u = 0.4 to 0.7 the tip is higher than it has to be before and behind."""
@@ -127,6 +129,7 @@ def test_a_constraint_of_an_interval_is_kept_there_alone(fed: bool) -> None:
     assert abs(float(height[-1]) - 0.2) < 2e-3
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize(
     ("gap", "where"),
     [

@@ -30,6 +30,7 @@ def gaps_of(solution: Solution) -> np.ndarray:
     return np.array([search.gap(pose) for pose in [*poses[::4], poses[-1]]])
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize(("name", "gap"), [("fork", 0.010), ("swan-neck", 0.009)])
 def test_motions_keep_the_wanted_gap_where_there_is_room(name: str, gap: float) -> None:

@@ -115,6 +115,7 @@ def test_no_arm_is_drawn_in_where_it_fills_no_passage() -> None:
     assert passage_entry(stepper, start, motion_task(scene.problem()).tip_paths[0]) is None
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("kind", ["tip", "arm"])
 def test_an_arm_whose_base_is_in_a_bottle_is_drawn_in_through_its_neck(kind: str) -> None:
     """From outside the arm comes back into the bottle, coils up there, and the verifier passes the motion."""

@@ -52,6 +52,7 @@ def test_an_arm_goes_back_no_farther_than_it_must(triangle_soup: TriangleSoup) -
     assert least == pytest.approx(0.7) if len(triangle_soup) == 0 else 0.2 < least < 0.5
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize(("links", "seed"), [(12, 2), (24, 0)])
 def test_a_task_that_begins_deep_in_a_hole_is_solved(links: int, seed: int) -> None:
