@@ -206,6 +206,25 @@ def test_several_blends_each_reproduce_their_configuration(seed: int, links: int
     np.testing.assert_allclose(both.slopes(w)[:, -1], _difference(both, w), atol=1e-6)
 
 
+@given(seeds, st.integers(4, 40), st.floats(0.0, 0.85), st.floats(0.0, 0.85))
+@settings(max_examples=30, deadline=None)
+def test_a_further_blend_leaves_configurations_at_all_feeds_as_they_are(
+    seed: int, links: int, begin: float, end: float
+) -> None:
+    """Not only in the poses that the map is made of: what is certified stays certified."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links, feed=fed)
+    start, goal = (np.append(0.3 * rng.normal(size=2 * links), feed) for feed in (begin, end))
+    for q in (start, goal):
+        q[: 2 * links][held_bends(arm, float(q[-1]))] = 0.0
+    curve, v = CurveMap.through(arm, start)
+    blended, _ = curve.blended_to(goal)
+    unknowns = np.tile(v, (8, 1))
+    unknowns[:, curve.feed_column] = rng.uniform(0.0, 0.85, 8) / curve.scale[curve.feed_column]
+    padded = np.pad(unknowns, ((0, 0), (0, 1)))
+    np.testing.assert_allclose(blended.configurations(padded), curve.configurations(unknowns), atol=1e-9)
+
+
 @given(seeds, st.integers(8, 40))
 @settings(max_examples=30, deadline=None)
 def test_the_blends_of_two_maps_together_keep_the_configurations_of_both(seed: int, links: int) -> None:

@@ -51,6 +51,8 @@ class CurveMap(CurveUnknowns):
         offset_at: arc lengths of ``offset`` and ``blends``, increasing, shape (m,) [m].
         blends: bends that are added with the last b unknowns as weights, at the arc lengths ``offset_at``, shape
             (b, m, 2) [rad].
+        full_from: arc length of the first bent joint of the offset and of each blend, shape (1 + b,) [m], between which
+            and the guide tube their bends grow from zero; None for the first nonzero bends.
     """
 
     spacing: float
@@ -59,6 +61,7 @@ class CurveMap(CurveUnknowns):
     offset: FloatArray
     offset_at: FloatArray
     blends: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    full_from: FloatArray | None = None
 
     @classmethod
     def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
@@ -166,8 +169,8 @@ class CurveMap(CurveUnknowns):
         if fed:
             change = (turns[m : 2 * m] - turns[2 * m :]) / (2.0 * step)
             slopes[:, : 2 * n, axes] = change[..., None] * self.scale[axes]
-        for column, blend in enumerate(self.blends, start=len(self.scale)):
-            slopes[:, : 2 * n, column] = self._interpolated(blend, places[:m]).reshape(m, 2 * n)
+        for number in range(1, len(self.blends) + 1):
+            slopes[:, : 2 * n, len(self.scale) + number - 1] = self._gated(number, places[:m]).reshape(m, 2 * n)
         if self._held is not None:
             slopes[:, : 2 * n][:, self._held.ravel()] = 0.0
         return np.concatenate((turns[:m], feeds), axis=1), slopes
@@ -243,15 +246,10 @@ class CurveMap(CurveUnknowns):
         v = self.fitted(q, SMOOTHNESS)
         left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
         places = self.places(float(np.sum(q[2 * self.arm.links :])))
-        offset = self._interpolated(self.offset, places)
         grid = places if self.affine else np.union1d(self.offset_at, places)
-        # Gated by the end's own joints: a joint of the start may lie between one that the tube holds and one that is
-        # bent.
-        known = replace(self, offset=left, offset_at=places, blends=np.zeros((0, len(places), 2)))
-        at_grid = known.offsets(grid, v[: len(self.scale)]) * (grid <= places[-1])[:, None]
-        own = offset if self.affine else self._interpolated(self.offset, grid)
-        blends = np.stack([*(self._interpolated(blend, grid) for blend in self.blends), at_grid])
-        return replace(self, offset=own, offset_at=grid, blends=blends), np.append(v, 1.0)
+        last = _interpolated(grid, places, left) * (grid <= places[-1])[:, None]
+        both = self._on_grid(grid, last[None], np.append(self._full_from, _first_bent(places, left)))
+        return both, np.append(v, 1.0)
 
     def with_blends_of(
         self, other: "CurveMap", own: FloatArray, others: FloatArray
@@ -267,12 +265,23 @@ class CurveMap(CurveUnknowns):
             The map, ``own`` in it, shape (m, p + b'), and ``others`` in it, shape (k, p + b').
         """
         grid = np.union1d(self.offset_at, other.offset_at)
-        blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 - its own kind
-        both = replace(self, offset=np.zeros((len(grid), 2)), offset_at=grid, blends=np.stack(blends))
+        appended = np.stack([_interpolated(grid, other.offset_at, blend) for blend in other.blends])
+        both = self._on_grid(grid, appended, np.concatenate((self._full_from, other._full_from[1:])))  # noqa: SLF001 - its own kind
         shared = len(self.scale)
         after = np.pad(own, ((0, 0), (0, len(other.blends))))
         before = np.insert(others, np.full(len(self.blends), shared), 0.0, axis=1)
         return both, after, before
+
+    def _on_grid(self, grid: FloatArray, appended: FloatArray, full_from: FloatArray) -> "CurveMap":
+        """Return the map with offset and blends at other arc lengths that include the present ones, and more blends.
+
+        Args:
+            grid: arc lengths, increasing, shape (m,) [m].
+            appended: bends of the further blends at these arc lengths, shape (k, m, 2) [rad].
+            full_from: arc length of the first bent joint of the offset and of all blends, shape (1 + b + k,) [m].
+        """
+        offset, *blends = (_interpolated(grid, self.offset_at, values) for values in (self.offset, *self.blends))
+        return replace(self, offset=offset, offset_at=grid, blends=np.array([*blends, *appended]), full_from=full_from)
 
     @cached_property
     def _held(self) -> BoolArray | None:
@@ -413,9 +422,9 @@ class CurveMap(CurveUnknowns):
         turned = self._base_turns
         curvatures = (v[:, turned : turned + 2 * k] * self.scale[turned : turned + 2 * k]).reshape(len(v), 2, k)
         turns = np.matmul(shapes, np.swapaxes(curvatures, 1, 2))
-        turns += self._interpolated(self.offset, places)
-        for share, blend in zip(v[:, len(self.scale) :].T, self.blends, strict=True):
-            turns += share[:, None, None] * self._interpolated(blend, places)
+        turns += self._gated(0, places)
+        for number, share in enumerate(v[:, len(self.scale) :].T, start=1):
+            turns += share[:, None, None] * self._gated(number, places)
         if turned:
             turns[:, 0] += v[:, :2] * self._bent_by_base
         if self._held is not None:
@@ -429,36 +438,36 @@ class CurveMap(CurveUnknowns):
             places: the arc lengths.
             v: unknowns, shape (p,).
         """
-        offsets = self._interpolated(self.offset, places)
-        for share, blend in zip(v[len(self.scale) :], self.blends, strict=True):
-            offsets = offsets + share * self._interpolated(blend, places)
+        offsets = self._gated(0, places)
+        for number, share in enumerate(v[len(self.scale) :], start=1):
+            offsets = offsets + share * self._gated(number, places)
         return offsets
 
-    def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
-        """Return bends interpolated linearly at arc lengths, zero for joints inside the guide tube, (..., 2) [rad].
+    def _gated(self, number: int, places: FloatArray) -> FloatArray:
+        """Return bends of the offset or of a blend at arc lengths, zero inside the guide tube, shape (..., 2) [rad].
 
         Args:
-            values: bends at the arc lengths ``offset_at``, shape (m, 2) [rad].
+            number: 0 for the offset, k for the k-th blend.
             places: arc lengths, shape (...) [m].
         """
-        first = self._first_bent(values)
-        turns = np.zeros((*places.shape, 2))
+        first = self._full_from[number]
         if not np.isfinite(first):
-            return turns
-        for axis in (0, 1):
-            turns[..., axis] = np.interp(places, self.offset_at, values[:, axis])
+            return np.zeros((*places.shape, 2))
+        turns = _interpolated(places, self.offset_at, self.blends[number - 1] if number else self.offset)
         if not self.affine:
             # Between a joint in the guide tube and the first bent one outside, turns grow from where they are allowed
-            # to.
-            straight = self.straight_before
+            # to. Each blend has limits of its own, so that further blends leave motions as they are.
+            straight = self._straight_before(first)
             gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
             turns *= gate[..., None]
         return turns
 
-    def _first_bent(self, values: FloatArray) -> float:
-        """Return the first arc length in ``offset_at`` with a nonzero bend in ``values`` (m, 2) [m], or inf."""
-        bent = np.flatnonzero(np.any(values != 0.0, axis=1))
-        return float(self.offset_at[bent[0]]) if len(bent) else np.inf
+    @cached_property
+    def _full_from(self) -> FloatArray:
+        """Arc length of the first bent joint of the offset and of each blend, shape (1 + b,) [m]; inf if none bends."""
+        if self.full_from is not None:
+            return self.full_from
+        return np.array([_first_bent(self.offset_at, values) for values in (self.offset, *self.blends)])
 
     @cached_property
     def straight_before(self) -> float:
@@ -467,8 +476,11 @@ class CurveMap(CurveUnknowns):
         If offset or blends bend a joint closer to the tube than the usual value, half the joint's arc length is used:
         the joint has to become straight before it enters the tube, and a smooth path needs some length for that.
         """
+        return self._straight_before(float(np.min(self._full_from)))
+
+    def _straight_before(self, first: float) -> float:
+        """Return the arc length up to which joints are straight if the first bent one is at ``first`` [m]."""
         usual = free_before(self.arm)
-        first = min(self._first_bent(values) for values in (self.offset, *self.blends))
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
@@ -534,6 +546,17 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
         return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf
     outside = places[places > straight]
     return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
+
+
+def _interpolated(places: FloatArray, at: FloatArray, values: FloatArray) -> FloatArray:
+    """Return bends (m, 2) [rad], given at arc lengths ``at`` (m,), at other ones of any shape (...), (..., 2)."""
+    return np.stack([np.interp(places, at, of_axis) for of_axis in values.T], axis=-1)
+
+
+def _first_bent(at: FloatArray, values: FloatArray) -> float:
+    """Return the first of the arc lengths (m,) at which bends (m, 2) are not zero [m], or inf."""
+    bent = np.flatnonzero(np.any(values != 0.0, axis=1))
+    return float(at[bent[0]]) if len(bent) else np.inf
 
 
 def _through(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:

@@ -203,9 +203,9 @@ def led_to(
                 poses = follow(stepper, PoseLed(stepper.space, first.v, end), first, task.deadline)
             except Stalled as stalled:
                 poses = stalled.poses
-        way = [*poses, stepper.pose(end)]
-        if len(task.failures(motion.curve, np.array([pose.v for pose in way]))) == 0:
-            return motion.continued(way[1:])
+        continued = motion.continued([*poses[1:], stepper.pose(end)])
+        if len(task.failures(continued.curve, continued.unknowns)) == 0:
+            return continued
     return None
 
 

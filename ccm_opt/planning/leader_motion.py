@@ -209,11 +209,13 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
             between these ends.
     """
     ends = motion.configurations[0], motion.configurations[-1]
+    bounded = any(isinstance(limit, FollowingLimit) for limit in task.held)
+    if not bounded and _fed_too_far(motion.configurations, task, optimised=optimised):
+        return None
     slides = _slides(task.arm, *ends)
     on_path = _joined_slides(task.arm, *ends, slides, np.inf)
     if on_path is None or len(task.certificate.failures(on_path)) > 0:
         return None
-    bounded = any(isinstance(limit, FollowingLimit) for limit in task.held)
     most_lack = np.max(task.clearance_shortfall(on_path)) + _LOST_ROOM * task.wanted_gap
     for weight in _WEIGHTS:
         if weight < np.inf and task.deadline.passed():
@@ -242,9 +244,8 @@ def with_clearance_limit(path: JointPath, limit: ClearanceLimit, task: SpaceTask
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
     """Return whether ``_worth`` would prefer a motion (K, c) to every possible motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
-    fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
     roomy = task.shortfall_on_the_way(behind) <= _LOST_ROOM * task.wanted_gap
-    return roomy and _time(behind, task) <= _LONGER * fastest
+    return roomy and _time(behind, task) <= _LONGER * _fastest(behind, task)
 
 
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
@@ -266,6 +267,25 @@ def _time(q: FloatArray, task: SpaceTask) -> float:
         task: task with the slowness of the drives.
     """
     return float(np.sum(np.max(np.abs(np.diff(q, axis=0)) * task.slowness, axis=1)))
+
+
+def _fastest(q: FloatArray, task: SpaceTask) -> float:
+    """Return a lower bound of the measure ``_time`` of all motions between the ends of one (K, c), from their feed."""
+    return float(abs(q[-1, -1] - q[0, -1]) * task.slowness[-1])
+
+
+def _fed_too_far(q: FloatArray, task: SpaceTask, *, optimised: bool) -> bool:
+    """Return whether the feed alone makes the motion along the tip's path too long, so that it is not worth making.
+
+    Args:
+        q: keyframes of the motion with which it would be compared, shape (K, c).
+        task: task with the slowness of the drives.
+        optimised: whether it would be compared with this motion only, not with all between its ends.
+    """
+    out, inwards, fork = _paths(task.arm, q[0], q[-1])
+    fed = (out.feed - fork) + (inwards.feed - fork)
+    longest = _LONGER_WITH_ROOM * _time(q, task) if optimised else _LONGER * _fastest(q, task)
+    return bool(fed * task.slowness[-1] > (1.0 + _STRAIGHT) * longest + _STRAIGHT * task.arm.length)
 
 
 def keyframes_behind_tip(
@@ -290,12 +310,17 @@ def _slides(arm: Arm, start: FloatArray, end: FloatArray) -> tuple[FloatArray | 
 
     Both begin where the tip lies on the axis, which both paths share; either is None if its pose lies there already.
     """
-    out, inwards = OwnPath.from_configuration(arm, start), OwnPath.from_configuration(arm, end)
-    fork = min(out.feed, inwards.feed, min(out.straight, inwards.straight) + arm.hole - arm.length)
-    fork = max(fork, arm.base_range[0])
+    out, inwards, fork = _paths(arm, start, end)
     least = _STRAIGHT * arm.length
     slides = [path.slide(fork) if path.feed - fork > least else None for path in (out, inwards)]
     return slides[0], slides[1]
+
+
+def _paths(arm: Arm, start: FloatArray, end: FloatArray) -> tuple[OwnPath, OwnPath, float]:
+    """Return the paths of two poses (c,), and the feed at which the tip lies on the axis, which both share [m]."""
+    out, inwards = OwnPath.from_configuration(arm, start), OwnPath.from_configuration(arm, end)
+    fork = min(out.feed, inwards.feed, min(out.straight, inwards.straight) + arm.hole - arm.length)
+    return out, inwards, max(fork, arm.base_range[0])
 
 
 def _joined_slides(
