@@ -115,3 +115,41 @@ def test_a_leg_that_is_not_found_begins_anew_from_the_first_start() -> None:
     assert limits[1] < 0.53 * problem.planner.time_limit
     with pytest.raises(MotionNotFound, match="bent at both ends"):
         plan_legs(problem, AroundOnly(), retrace=False)
+
+
+class Improvable(AroundOnly):
+    """A planner of lines that lack clearance, a third less each time that they are optimised further."""
+
+    def plan(self, problem: Problem) -> JointPath:
+        """A line that lacks the more clearance, the less its goal is bent."""
+        goal = problem.goal.whole(problem.arm)
+        assert goal is not None
+        return lacking(super().plan(problem), 0.7 - float(goal[0]))
+
+
+def lacking(path: JointPath, fraction: float) -> JointPath:
+    """The path with a middle that says how much it lacks, and a way to lack less until that is a tenth."""
+    control = path.spline.c.copy()
+    control[2] = fraction
+    further = (lambda _: lacking(path, 0.67 * fraction)) if fraction > 0.1 else (lambda _: again)
+    again = replace(path, spline=BSpline(path.spline.t, control, 3), lacking=fraction, further=further)
+    return again
+
+
+def test_time_that_is_left_is_used_for_legs_that_lack_clearance() -> None:
+    """The worst is optimised first, until one gains nothing, and replaced wherever the arm moves along it."""
+    problem = in_space(0.1, 0.2, 0.3)
+    recorded: list[tuple[Problem, JointPath]] = []
+    legs = plan_legs(problem, Improvable(), recorded)
+    first, second, third = (leg.path for leg in legs)
+    parts = [first, *second.parts, *third.parts]
+    assert max(part.lacking for part in parts) < 0.1
+    for there, back in ((first, second.parts[0]), (second.parts[1], third.parts[0])):
+        np.testing.assert_array_equal(there.spline.c, back.spline.c[::-1])
+    np.testing.assert_array_equal(whole_path(legs).spline([0.0, 1.0]), [np.zeros(8), np.full(8, 0.3)])
+    for (_, path), leg in zip(recorded, legs, strict=True):
+        np.testing.assert_array_equal(path.spline.c, leg.path.spline.c)
+    # One leg is left as it is, and so are several without time.
+    assert plan_legs(in_space(0.1), Improvable())[0].path.lacking == 0.6
+    hasty = replace(problem, planner=replace(problem.planner, time_limit=0.5))
+    assert plan_legs(hasty, Improvable())[0].path.lacking == 0.6

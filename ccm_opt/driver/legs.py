@@ -19,7 +19,9 @@ _DIRECT_SHARE = 0.7
 """Fraction of a leg's time, for an arm in space, spent on planning it from the previous goal. If that fails, the leg is
 planned from the first start. Heuristic."""
 _RESERVED = 0.35
-"""Time kept for each later leg in space, as a fraction of that of this leg. Heuristic: few legs are hard to find."""
+"""Time kept for each later leg, as a fraction of that of this leg. Heuristic: few legs are hard to find."""
+_FURTHER_SHARE = 0.8
+"""Fraction of the time limit until which legs are optimised further. Heuristic: the rest is for timing and checks."""
 
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations, since numbers in files are rounded [rad, m]."""
@@ -115,7 +117,8 @@ def plan_legs(
     """Return one planned leg for every goal of a problem, each from the end of the previous one.
 
     If no path between two goals is found for an arm in space, the arm returns to the first start by traversing the
-    certified legs backwards, and the next leg is planned from there.
+    certified legs backwards, and the next leg is planned from there. Time that is left after the last leg is used to
+    optimise the legs that lack most clearance.
 
     Args:
         problem: problem with any number of intermediate goals; its time limit applies to all legs together.
@@ -132,15 +135,13 @@ def plan_legs(
     deadline = Deadline.after(problem.planner.time_limit)
     legs: list[Leg] = []
     for number, (goal, tolerances) in enumerate(goals, start=1):
-        options = problem.planner
-        if legs:
-            options = replace(options, time_limit=max(deadline.left, LEAST_TIME))
-        leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
+        leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=())
         path = (way_back(legs, goal) if retrace else None) or recorded_path(known, leg)
         if path is None:
             begun = legs if retrace and problem.dimension == 3 else []
             try:
-                path = _planned(planner, leg, begun, deadline, len(goals) - number)
+                later = len(goals) - number
+                path = planner.plan(leg) if len(goals) == 1 else _planned(planner, leg, begun, deadline, later)
             except NoPlanFound as error:
                 if len(goals) == 1:
                     raise
@@ -148,6 +149,9 @@ def plan_legs(
             known.append((leg, path))
         legs.append(Leg(leg, path))
         start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
+    if len(goals) > 1:
+        used = problem.planner.time_limit - deadline.left
+        legs = _improved(legs, known, deadline.within(_FURTHER_SHARE * problem.planner.time_limit - used))
     return tuple(legs)
 
 
@@ -164,14 +168,14 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
     Raises:
         NoPlanFound: neither path was found; the error is that of the leg itself.
     """
-    if not legs:
-        return planner.plan(leg)
 
     def within(problem: Problem, share: float) -> Problem:
         limit = max(share * deadline.left, LEAST_TIME)
         return replace(problem, planner=replace(problem.planner, time_limit=limit))
 
     share = 1.0 / (1.0 + _RESERVED * later)
+    if not legs:
+        return planner.plan(within(leg, share))
     try:
         return planner.plan(within(leg, _DIRECT_SHARE * share))
     except UnreachableGoal:
@@ -188,6 +192,39 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
         if np.max(np.abs(part.spline(0.0) - first)) < _SAME:
             break
     return end_to_end([*back, anew])
+
+
+def _improved(legs: list[Leg], known: list[tuple[Problem, JointPath]], deadline: Deadline) -> list[Leg]:
+    """Return the legs, with the parts that lack most clearance optimised further until one gains none.
+
+    Args:
+        legs: the legs.
+        known: known paths with their problems, which are replaced too.
+        deadline: time limit.
+    """
+    while deadline.left > LEAST_TIME:
+        parts = [part for leg in legs for part in leg.path.parts or (leg.path,)]
+        worst = max(parts, key=lambda part: part.lacking)
+        if worst.further is None:
+            break
+        better = worst.further(deadline.left)
+        if better is worst or better.lacking >= worst.lacking:
+            break
+        legs = [replace(leg, path=_with_part(leg.path, worst, better)) for leg in legs]
+        known[:] = [(problem, _with_part(path, worst, better)) for problem, path in known]
+    return legs
+
+
+def _with_part(path: JointPath, part: JointPath, other: JointPath) -> JointPath:
+    """Return a path in which one with the same ends replaces a part, wherever the arm moves along it, or back."""
+    if not path.parts:
+        for old, new in ((part, other), (part.reversed(), other.reversed())):
+            if np.array_equal(path.spline.c, old.spline.c):
+                return new
+        return path
+    parts = [_with_part(each, part, other) for each in path.parts]
+    changed = any(new is not old for new, old in zip(parts, path.parts, strict=True))
+    return end_to_end(parts) if changed else path
 
 
 def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:

@@ -236,7 +236,7 @@ class GoalPoses:
 
         Args:
             seed: collision-free configuration at or near the goal, shape (c,) [rad, m].
-            deadline: time after which no further solution is started, or None.
+            deadline: time by which further solutions end that take as long as the one before, or None.
 
         Returns:
             At least one pose; if the last is feasible, it is the best. The answer of an infeasible pose names the
@@ -244,10 +244,12 @@ class GoalPoses:
         """
         found: list[ArmPose] = []
         start = seed
+        deadline = deadline or Deadline.never()
         for _ in range(self.settings.rounds):
+            left = deadline.left
             pose = self.solved(start, seed)
             found.append(pose)
-            if not self.feasible(pose) or self._good_enough(found) or (deadline is not None and deadline.passed()):
+            if not self.feasible(pose) or self._good_enough(found) or deadline.left < left - deadline.left:
                 break
             start = pose.q
         return tuple(found)

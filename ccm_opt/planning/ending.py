@@ -72,6 +72,8 @@ _CLEARANCE_SHARE = 1.6
 is close to its end pose during the whole motion, and deviates from it by part of the gap. Measured: with 1.6 fed
 arms keep 0.82 to 1.2 of the preferred gap during the whole motion among bays, blades and pipes, with 1 they keep 0.6 to
 1."""
+_ENDING_SHARE = 0.5
+"""Fraction of the time left that may be used to find a better pose at the goal. Heuristic."""
 _OPENED = 0.02
 """Displacement of the joints below which the steps that widen gaps end, in nominal links."""
 
@@ -268,17 +270,23 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         task: search task of the problem.
         motion: motion to the goal.
     """
-    goal = task.limited_goal
     # The program's poses bend every joint by itself, which sections that bend evenly cannot, on a base that no axes
     # but a feed axis carry; and it takes long for the many short links of bodies beside the arm.
     untried = task.arm.sections or task.arm.carrier or not np.all(task.arm.arc_shares)
     if task.goal_pose is not None or untried or task.deadline.passed():
         return Ending(task, motion)
+    ending = _ended_in_better_pose(problem, task.deadline_within(_ENDING_SHARE * task.deadline.left), motion)
+    return replace(ending, task=replace(ending.task, deadline=task.deadline))
+
+
+def _ended_in_better_pose(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
+    """Return the motion of ``ended_by_nlp`` for a goal of the tip, within the task's deadline."""
+    goal = task.limited_goal
     terms = None if task.user is None else task.user.terms
     asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_CLEARANCE_SHARE)
     ending = _solve_goal_pose(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
-    if room >= _ENOUGH * task.wanted_gap:
+    if room >= _ENOUGH * task.wanted_gap or task.deadline.passed():
         return ending
     opened_up = _opened_motion(asked, task, motion)
     if opened_up is motion:

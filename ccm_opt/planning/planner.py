@@ -72,6 +72,14 @@ _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
 _OPTIMISATION_SHARE = 0.5
 """Fraction of the time left in space that the optimisation may use: the rest is for the smooth path. Heuristic."""
+_FURTHER_SHARE = 0.6
+"""Fraction of the time for improving a path that the optimisation may use, likewise."""
+_GAINED = 0.02
+"""Least gain of clearance, as a fraction of the preferred one, for which a path is replaced. Heuristic."""
+_IMPROVABLE = frozenset(("steps", "time", "smooth path"))
+"""Causes of lacking clearance that more time may remove."""
+_LOOKS = 5
+"""Number of samples per keyframe at which the clearance that a path lacks is measured. Heuristic."""
 _CONTACT_SHARE = 0.5
 """Fraction of the problem's contact tolerance up to which planning accepts penetration. Heuristic."""
 _STRAIGHT = 1e-9
@@ -149,7 +157,7 @@ class MotionPlanner:
             raise ProblemError("this planner takes goals for the tip; goal.look_at is taken by ccm_opt.solve")
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
-            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm)
+            return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
         if self.sampled and problem.arm.feed is not None:
             raise ProblemError(
                 "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
@@ -180,15 +188,53 @@ class MotionPlanner:
                 motion = resumed_in_space(known, task)
             if motion is not None:
                 with suppress(MotionNotFound), self.stages("smooth path"):
-                    return PlannedPath(_smoothed(problem, task, (motion,)), motion, resumed=True)
+                    return replace(_smoothed(problem, task, (motion,)), resumed=True)
         try:
             found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
             planned = found or self._planned(problem, task)
         except NoPlanFound as none:
             raise annotate_clamped_base(none, problem) from none
+        if planned.behind_tip is not None:
+            return PlannedPath(replace(planned.behind_tip, goal_pose=planned.end), planned.motions[0])
         with self.stages("smooth path"):
-            path = planned.behind_tip or _smoothed(problem, task, planned.motions)
-        return PlannedPath(replace(path, goal_pose=planned.end), planned.motions[0])
+            smooth = _smoothed(problem, task, planned.motions)
+        return self._improvable(problem, task, replace(smooth, path=replace(smooth.path, goal_pose=planned.end)))
+
+    def _improvable(self, problem: Problem, task: SpaceTask, planned: PlannedPath) -> PlannedPath:
+        """Return a plan in space whose path has a function that optimises it further, if that may gain clearance."""
+        path = planned.path
+        if path.clearance_limit not in _IMPROVABLE:
+            return planned
+        looks = np.linspace(0.0, 1.0, _LOOKS * len(planned.motion.unknowns) + 1)
+        lacking = task.shortfall_on_the_way(np.asarray(path.spline(looks))) / task.wanted_gap
+        further = partial(self._optimised_further, problem, task, planned.motion, replace(path, lacking=lacking))
+        return replace(planned, path=replace(path, lacking=lacking, further=further))
+
+    def _optimised_further(
+        self, problem: Problem, task: SpaceTask, motion: SpaceMotion, path: JointPath, seconds: float
+    ) -> JointPath:
+        """Return a path in space with the ends of a known one and more clearance, or the known one.
+
+        Args:
+            problem: the problem.
+            task: search task of the problem.
+            motion: motion of the known path.
+            path: the known path, with the clearance that it lacks.
+            seconds: CPU time that this may take [s].
+        """
+        task = replace(task, deadline=Deadline.after(seconds))
+        ended = replace(task.deadline_within(_FURTHER_SHARE * seconds), goal_pose=motion.configurations[-1])
+        with self.stages("optimisation"):
+            more = with_more_clearance(optimise(motion, ended), ended, begun=motion)
+        try:
+            with self.stages("smooth path"):
+                smooth = _smoothed(problem, task, (more,))
+        except MotionNotFound:
+            return path
+        ends = path.spline.c[[0, -1]]
+        smooth.path.spline.c[[0, -1]] = ends
+        better = self._improvable(problem, task, replace(smooth, path=replace(smooth.path, goal_pose=path.goal_pose)))
+        return better.path if better.path.lacking < path.lacking - _GAINED else path
 
     def _space_task(self, problem: Problem) -> tuple[Problem, SpaceTask]:
         """Return a problem in space, with the base clamped if its mount requires that, and its search task.
@@ -334,10 +380,10 @@ class MotionPlanner:
         return SAMPLED_WAYS if self.sampled else WAYS
 
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
-        """Return the optimised motion in space and the motion as found, with the record of the goal pose.
+        """Return the optimised motion in space and those from which it was made, with the record of the goal pose.
 
-        The motion as found is kept because its smooth path may be certified if that of the shorter, optimised motion
-        lacks clearance. If the arm can simply follow its tip, only that motion and its path are returned.
+        These are kept because their smooth paths may be certified if that of the shorter, optimised motion lacks
+        clearance. If the arm can simply follow its tip, only that motion and its path are returned.
 
         Raises:
             NoPlanFound: no motion was found.
@@ -355,11 +401,11 @@ class MotionPlanner:
         with self.stages("optimisation"):
             ended = ending.task
             ended = replace(ended, deadline=ended.deadline.within(_OPTIMISATION_SHARE * ended.deadline.left))
-            motions = (
-                with_more_clearance(optimise(motion, ended), ended, begun=motion),
-                found if motion.u is None else motion,
-            )
-        return _Planned(motions, ending.record)
+            optimised = optimise(motion, ended)
+            roomy = with_more_clearance(optimised, ended, begun=motion)
+        # Motions that are tied to the path parameter differ from the one that was found.
+        before = (optimised, motion, found) if motion.u is None else (optimised, motion)
+        return _Planned((roomy, *(each for each in before if each is not roomy)), ending.record)
 
     def _along_path(self, problem: Problem, task: SpaceTask, path: FloatArray) -> JointPath:
         """Return the motion whose tip follows the goal's path, shape (m, 3) [m].
@@ -404,7 +450,7 @@ def _bounded(problem: Problem, task: SpaceTask) -> SpaceTask:
     return replace(task, held=(*task.held, *_following(problem, task.arm)))
 
 
-def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> JointPath:
+def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> PlannedPath:
     """Return the follow-the-leader path, if any, or the smooth path along the first motion that has a certified one.
 
     Raises:
@@ -413,19 +459,24 @@ def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...
     bounded = _bounded(problem, task)
     behind = path_behind_tip(bounded, motions[0], optimised=True) if task.follows else None
     if behind is not None:
-        return behind
+        return PlannedPath(behind, motions[0])
     limits = _following(problem, task.arm)
     kept = [motion for motion in motions if not any(len(limit.failures(motion.configurations)) for limit in limits)]
     if not kept:
         raise MotionNotFound(not_behind_tip(task, limits[0], motions[0]))
-    legs = problem.planner.retiming == "paul"
-    try:
-        path = joint_path(bounded, kept[0], legs=legs)
-    except MotionNotFound:
-        if len(kept) == 1:
-            raise
-        return with_clearance_limit(joint_path(bounded, *kept[1:], legs=legs), "smooth path", bounded)
-    return replace(path, clearance_limit=clearance_limit(kept[0], bounded))
+    for motion in kept:
+        try:
+            path = joint_path(bounded, motion, legs=problem.planner.retiming == "paul")
+        except MotionNotFound:
+            if motion is kept[-1]:
+                raise
+            continue
+        if motion is kept[0]:
+            path = replace(path, clearance_limit=clearance_limit(motion, bounded))
+        else:
+            path = with_clearance_limit(path, "smooth path", bounded)
+        break
+    return PlannedPath(path, motion)
 
 
 def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:

@@ -13,7 +13,7 @@ of the whole arm on an axis along it, this comes first.
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -97,7 +97,7 @@ class PositioningPlanner:
             return self.planner.plan(problem)
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
-            return path_without_tool_links(self.plan(whole), problem.arm, whole.arm)
+            return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
         deadline = Deadline.after(problem.planner.time_limit)
         with self.stages("free space"):
             axes = CarrierMotions(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
@@ -481,6 +481,8 @@ class CarrierMotions:
             spline=BSpline(spline.t, with_axes(spline.c), spline.k),
             keyframes=with_axes(path.keyframes),
             parts=tuple(self.lifted(part, values) for part in path.parts),
+            lacking=0.0,
+            further=None,
         )
 
     def joined(self, way: Sequence[FloatArray], after: JointPath) -> JointPath:

@@ -11,6 +11,8 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from scipy.interpolate import BSpline
 
 _ALL_BENDS = joint_coordinates(0)
@@ -39,6 +41,11 @@ class JointPath:
             has a corner, at which the arm must rest.
         clearance_limit: what keeps the clearance between start and goal from growing; None if the preferred
             clearance is kept, or the cause is unknown.
+        lacking: clearance that the path lacks between start and goal more than at these, as a fraction of the preferred
+            clearance, if the path may be improved.
+        further: function that optimises the path within seconds of CPU time and returns a path with the same ends and
+            more clearance, or this path; None if that is not worthwhile. It is lost when the path is copied to
+            another process.
     """
 
     spline: "BSpline"
@@ -49,6 +56,13 @@ class JointPath:
     goal_pose: GoalPoseRecord | None = None
     parts: "tuple[JointPath, ...]" = ()
     clearance_limit: ClearanceLimit | None = None
+    lacking: float = 0.0
+    further: "Callable[[float], JointPath] | None" = None
+
+    def mapped(self, change: "Callable[[JointPath], JointPath]") -> "JointPath":
+        """Return the path changed by a function, which also changes the paths that ``further`` returns."""
+        further = self.further
+        return replace(change(self), further=None if further is None else lambda s: further(s).mapped(change))
 
     def reversed(self) -> "JointPath":
         """Return the path traversed backwards, from its end to its start, for example to retract the arm."""
@@ -63,7 +77,12 @@ class JointPath:
             # The record describes the final pose, which is now the start.
             goal_pose=None,
             parts=tuple(part.reversed() for part in reversed(self.parts)),
+            lacking=0.0,
+            further=None,
         )
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "further": None}
 
     def __repr__(self) -> str:
         return f"<JointPath through {len(self.keyframes)} keyframes, {self.candidate}>"
