@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.reach_mapping import reach_map
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.robustness import tolerance_of
+    from ccm_opt.driver.saved_solution import load
     from ccm_opt.driver.servo import Servo, Twist
     from ccm_opt.driver.settings import Settings
     from ccm_opt.driver.sizing import size, size_front
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     )
     from ccm_opt.problem.solution import JointPath, Solution
     from ccm_opt.verification.verifier import verify as check
-    from ccm_opt.viz.saved_plans import SavedPlan, animate, load, plot, save
+    from ccm_opt.viz.saved_plans import animate, plot, report, save
 
 __version__ = "0.1.0"
 
@@ -71,7 +72,6 @@ __all__ = [
     "Progress",
     "Quantities",
     "Retimer",
-    "SavedPlan",
     "Servo",
     "Settings",
     "Solution",
@@ -95,6 +95,7 @@ __all__ = [
     "plot",
     "plotting",
     "reach_map",
+    "report",
     "retarget",
     "save",
     "size",
@@ -111,6 +112,7 @@ _NAMES = {
     "ccm_opt.driver.pipeline": ("solve",),
     "ccm_opt.driver.reach_mapping": ("reach_map",),
     "ccm_opt.driver.retargeting": ("retarget",),
+    "ccm_opt.driver.saved_solution": ("load",),
     "ccm_opt.driver.servo": ("Servo", "Twist"),
     "ccm_opt.driver.settings": ("Settings",),
     "ccm_opt.driver.robustness": ("tolerance_of",),
@@ -118,7 +120,7 @@ _NAMES = {
     "ccm_opt.core.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.io.reading": ("load_problem",),
     "ccm_opt.io.problem_parts": ("make_problem",),
-    "ccm_opt.viz.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
+    "ccm_opt.viz.saved_plans": ("animate", "plot", "report", "save"),
     "ccm_opt.core.progress": ("Progress",),
     "ccm_opt.problem": (
         *("Arm", "JointPose", "Limits", "Obstacle", "PlaneShape", "PlannerOptions", "Problem", "Stop", "TipGoal"),
@@ -136,7 +138,9 @@ _MODULES = {"errors": "ccm_opt.core.errors", "plotting": "ccm_opt.viz"}
 """Public modules, by their public name."""
 
 
-_MAKING_SOLUTIONS = frozenset(("LivePlan", "Servo", "Solution", "pareto", "retarget", "size", "size_front", "solve"))
+_MAKING_SOLUTIONS = frozenset(
+    ("LivePlan", "Servo", "Solution", "load", "pareto", "retarget", "size", "size_front", "solve")
+)
 """Public names through which a caller can obtain a ``Solution``."""
 
 

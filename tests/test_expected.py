@@ -85,6 +85,7 @@ SOUND: list[tuple[str, dict[str, Any]]] = [
     ("save", {"solution": SOLUTION, "folder": "nowhere"}),
     ("plot", {"plan": SOLUTION}),
     ("animate", {"plan": SOLUTION, "file": "film.gif"}),
+    ("report", {"plan": SOLUTION, "file": "report.html"}),
     ("load", {"folder": "nowhere"}),
     ("load_problem", {"path": FILE}),
     ("Interval", {"first": 0.0, "last": 1.0}),
@@ -124,9 +125,10 @@ WRONG_ARGUMENTS: list[tuple[str, str, Sequence[Any]]] = [
     ("pareto", "trade_off", WRONG),
     *(("reach_map", name, (True, "text", [1], {"a": 1})) for name in ("step", "headings", "workers")),
     *((name, "solution", WRONG) for name in ("retarget", "tolerance_of", "save")),
-    *((name, "plan", WRONG) for name in ("plot", "animate")),
+    *((name, "plan", WRONG) for name in ("plot", "animate", "report")),
     *((name, where, (None, True, 3.5, [1])) for name, where in (("save", "folder"), ("load", "folder"))),
-    *(("animate", "file", (None, True, 3.5, [1])), ("load_problem", "path", (None, True, 3.5, [1]))),
+    *((name, "file", (None, True, 3.5, [1])) for name in ("animate", "report")),
+    ("load_problem", "path", (None, True, 3.5, [1])),
     ("load_problem", "changes", (None, True, "arm.radius=1", 3.5, [1])),
     ("retarget", "time", (None, True, "soon", [1])),
     ("retarget", "goal", WRONG),
@@ -174,7 +176,7 @@ def test_arguments_of_a_wrong_kind_are_refused_in_words(
 def test_every_public_callable_is_asked() -> None:
     """A new public function gets a row above, unless it makes results or is tested beside what it makes."""
     asked = {function for function, _ in SOUND}
-    results = {"Progress", "Quantities", "SavedPlan", "Solution", "JointPath", "JointPose", "TipGoal"}
+    results = {"Progress", "Quantities", "Solution", "JointPath", "JointPose", "TipGoal"}
     data = {
         "Arm",
         "Limits",

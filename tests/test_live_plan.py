@@ -1,6 +1,7 @@
 """Plans that follow their problem: every answer passes the verifier, or says why there is none and keeps the last."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.problem import JointPose, TipGoal
 
 from .conftest import PROBLEMS
+from .solved_problems import solved, solved_in_space
 
 
 @pytest.fixture(scope="module")
@@ -134,3 +136,18 @@ def test_a_start_in_contact_is_refused_as_by_a_solve(name: str) -> None:
     for asked in (ccm_opt.solve, LivePlan):
         with pytest.raises(UnreachableGoal, match="start"):
             asked(tight)
+
+
+@pytest.mark.parametrize("name", ["swan-neck", "space/swan-neck-in-space"])
+def test_a_plan_that_was_loaded_is_planned_on(name: str, tmp_path: Path) -> None:
+    """It is the first plan, without planning; a goal that moves is planned for from its motion."""
+    solution = (solved_in_space if "space" in name else solved)(name.removeprefix("space/"))
+    loaded = ccm_opt.load(solution.save(tmp_path / "kept"))
+    live = LivePlan.from_plan(loaded)
+    np.testing.assert_array_equal(live.plan.trajectory.positions, solution.trajectory.positions)
+    answer = live.move_goal(solution.problem.goal.tip(solution.problem.arm) + 0.001)
+    assert answer.current
+    assert answer.same_route
+    assert is_certified(live)
+    with pytest.raises(ProblemError, match=r"expected a ccm_opt\.Solution"):
+        LivePlan.from_plan(solution.problem)  # type: ignore[arg-type]

@@ -29,7 +29,6 @@ from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BoxBody, MeshBody, SphereBody
 from ccm_opt.scene.surfaces import all_within, sharp_edges, thinned
 from ccm_opt.viz.failure_page import failure_html
-from ccm_opt.viz.saved_plans import SavedPlan, load
 
 from .space_arms import random_rotation, turned_arm
 from .space_folders import solved
@@ -92,8 +91,7 @@ def test_the_record_says_how_the_goal_is_met(folder: Path) -> None:
 
 def test_a_folder_is_read_back_as_it_was(folder: Path) -> None:
     """Problem and motion come back from the folder alone: the same surfaces, limits and numbers."""
-    plan = load(folder)
-    assert isinstance(plan, SavedPlan)
+    plan = ccm_opt.load(folder)
     asked = solved().problem
     assert np.array_equal(plan.trajectory.positions, solved().trajectory.positions)
     assert np.allclose(plan.trajectory.velocities, solved().trajectory.velocities, atol=0.0)
@@ -342,8 +340,7 @@ def test_what_only_the_plane_knows_is_refused_by_name() -> None:
 
 def test_angles_of_revolutes_are_those_of_the_bends(folder: Path) -> None:
     """What the table says of every revolute is what the bends say."""
-    plan = load(folder)
-    assert isinstance(plan, SavedPlan)
+    plan = ccm_opt.load(folder)
     angles = revolute_angles(plan.problem.arm, plan.trajectory.bend_angles)
     assert np.array_equal(angles, plan.joints.angles)
 

@@ -587,7 +587,10 @@ def draw_command(
     *,
     figure: Annotated[
         list[FigureName] | None,
-        typer.Option(help="Figure to draw; mp4 needs ffmpeg. Repeatable.", show_default="all still figures"),
+        typer.Option(
+            help="Figure to draw, film, or report.html of the plan, verified again; mp4 needs ffmpeg. Repeatable.",
+            show_default="all still figures",
+        ),
     ] = None,
     figure_format: FigureFormatOption = "png",
     out: Annotated[Path | None, typer.Option(help="Output folder of the pictures.", show_default="the plan's")] = None,

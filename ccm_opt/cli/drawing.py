@@ -15,19 +15,19 @@ from ccm_opt.cli.surroundings import no_search_for_cycles
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.io.reading import load_problem
-from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.io.reading_back import load_any_problem
 from ccm_opt.io.result_folders import folder_of
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlans, Solution
-from ccm_opt.viz.saved_plans import load, plan_drawing
+from ccm_opt.viz.saved_plans import plan_drawing, read_plan
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
     from ccm_opt.viz.arm_drawing import PlanDrawing
     from ccm_opt.viz.page_sections import PlanPages
 
-STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
-"""Figures that ``draw`` makes by default: all but the films."""
+STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4, FigureName.REPORT})
+"""Figures that ``draw`` makes by default: all but films and the report."""
 
 
 def plan_pictures(
@@ -120,11 +120,12 @@ def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind =
 
     Raises:
         ProblemError: the folder is not readable, a figure exists for planar arms only, or ffmpeg is missing.
-        VerificationError: the folder holds no plan.
+        VerificationError: the folder holds no plan, or a report is asked for and the verifier rejects the plan.
     """
-    plan = plan_drawing(load(folder))
+    plan = plan_drawing(read_plan(folder))
     from ccm_opt.viz import paper_figures  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415
+    from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
     stills: dict[FigureName, Callable[[PlanDrawing, FigureKind], bytes]] = {
@@ -142,9 +143,13 @@ def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind =
             FigureName.SPACE: paper_figures.space_picture,
         }
     films: dict[FigureName, Callable[[PlanDrawing], bytes]] = {FigureName.GIF: motion_gif, FigureName.MP4: motion_mp4}
-    if unknown := [str(name) for name in figures if name not in stills and name not in films]:
+    if unknown := [str(name) for name in figures if name not in {*stills, *films, FigureName.REPORT}]:
         raise ProblemError(f"{', '.join(unknown)}: available in the plane only; '{plan.problem.name}' is in space")
     files = {f"{name}.{kind}": stills[name](plan, kind) for name in figures if name in stills}
+    if FigureName.REPORT in figures:
+        from ccm_opt.driver.saved_solution import load  # noqa: PLC0415 - slow to import
+
+        files["report.html"] = report_html(load(folder), pictures=None).encode()
     return files | {f"motion.{name}": films[name](plan) for name in figures if name in films}
 
 
@@ -184,6 +189,7 @@ def plan_viewer(item: Path, port: int) -> "ViewerApp":
         ProblemError: the plan or problem does not exist, the arm has unequal links, the port is in use, or the viewer
             is not installed.
         NoPlanFound: the problem has no plan.
+        VerificationError: the verifier rejects the plan of a folder.
     """
     try:
         from ccm_opt.cli.view.app import claim_port  # noqa: PLC0415 - loads viser
@@ -210,14 +216,16 @@ def _serve_viewer(door: socket, item: Path, problem: Problem) -> "ViewerApp":
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
     from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
     from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
+    from ccm_opt.driver.saved_solution import load  # noqa: PLC0415
 
+    if item.is_dir():
+        plan = load(item)
+        live = LivePlan.from_plan(plan) if LivePlan.suits(problem) else None
+        return ViewerApp(MotionFrames(problem, plan.trajectory, plan.joints), live, door, plan.checks)
     with stage_display(problem.name) as clock:
         clock.begin("planning")
         live = LivePlan(problem) if LivePlan.suits(problem) else None
         clock.finish()
-    if item.is_dir():
-        motion = load_motion(item, problem.arm)
-        return ViewerApp(MotionFrames(problem, motion.trajectory, motion.joints), live, door)
     if live is None:
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads toppra
 

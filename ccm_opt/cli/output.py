@@ -122,3 +122,4 @@ class FigureName(StrEnum):
     SPACE = "space"
     GIF = "gif"
     MP4 = "mp4"
+    REPORT = "report"

@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
+from itertools import pairwise
 from math import inf
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_wi
 from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.solution_assembly import described, draft_solution
-from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, timed_and_verified, verified
+from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, failed_checks, timed_and_verified, verified
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.resuming import known_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
@@ -47,6 +49,8 @@ _FREE_ROUNDS = 4
 """Maximum number of optimisation steps before the final pose is fixed. Measured (``bench_live``): with four and three
 steps, durations after 25 drags agree to 1 % with those of the nine and five steps of ``solve``, in four fifths of the
 time."""
+_KEYFRAMES = 60
+"""Largest number of keyframes taken from a leg of a given plan. Heuristic: more than planned motions have as a rule."""
 _END_ROUNDS = 3
 """Maximum number of optimisation steps with fixed final pose. Heuristic: the next change continues from the result."""
 
@@ -171,8 +175,26 @@ class LivePlan:
     _planner: _FollowingPlanner = field(init=False, repr=False)
     _verified: VerifiedPlan = field(init=False, repr=False)
     _settings: Settings = field(init=False, repr=False)
+    begun: InitVar[Solution | None] = None
 
-    def __post_init__(self) -> None:
+    @classmethod
+    def from_plan(cls, plan: Solution, settings: Settings = DEFAULT_SETTINGS) -> Self:
+        """Return a live plan that begins with a given plan, for example one that was loaded, instead of planning.
+
+        The plan is verified again. Its motion is continued when a goal or an obstacle moves.
+
+        Args:
+            plan: the plan, made without constraints and costs of the user, which a folder does not hold.
+            settings: settings of all stages of planning.
+
+        Raises:
+            ProblemError: the plan's problem is not supported.
+            VerificationError: the verifier rejects the plan.
+        """
+        expect(plan, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one and ccm_opt.load reads one")
+        return cls(plan.problem, settings=settings, begun=plan)
+
+    def __post_init__(self, begun: Solution | None) -> None:
         problem = self.problem
         Problem.expected(problem)
         refuse_tool(problem.arm, "live planning")
@@ -197,8 +219,28 @@ class LivePlan:
             thorough, replace(thorough, plane=_dragging_settings(self.settings.curve), first_found=True)
         )
         with on_one_thread(), words_in(problem.length_unit):
+            if begun is not None:
+                self._begin_with(begun)
+                return
             refuse_impossible(problem)
             self._make(problem)
+
+    def _begin_with(self, plan: Solution) -> None:
+        """Make a given plan the current one, with its motion to each goal as known.
+
+        Raises:
+            VerificationError: the verifier rejects the plan.
+        """
+        checks = verified(plan.problem, plan.trajectory, plan.joints, self._settings.verification)
+        self._keep(VerifiedPlan(plan.path, plan.trajectory, plan.joints, checks, TermResults()), Stages())
+        if plan.problem.dimension == 2 and plan.problem.arm.base_axes:
+            return  # every motion is searched for
+        ends = (0, *plan.trajectory.stops, len(plan.trajectory.time) - 1)
+        legs = [plan.trajectory.positions[first : last + 1] for first, last in pairwise(ends) if last > first]
+        self._planner.known = tuple(
+            known_motion(plan.problem.arm, leg[np.unique(np.linspace(0, len(leg) - 1, _KEYFRAMES).astype(np.intp))])
+            for leg in legs
+        )
 
     @staticmethod
     def suits(problem: Problem) -> bool:

@@ -34,7 +34,7 @@ if no motion to the new goal is found from the rest pose that follows from braki
 
 def retarget(
     solution: Solution,
-    time: float,
+    time: float | JointPose,
     goal: Goal,
     *,
     tolerances: Tolerances | None = None,
@@ -48,7 +48,8 @@ def retarget(
 
     Args:
         solution: the plan that the arm executes.
-        time: time since the start of the motion at which the new goal is known [s].
+        time: time since the start of the motion at which the new goal is known [s], or the joints measured then, which
+            have to be within 0.02 rad (on base axes 0.02 of the arm's length) of the plan at one time of it.
         goal: the new goal, of the same dimension as the plan.
         tolerances: tolerances of the new goal; None for those of the old goal.
         planner: planner for the motion from rest; None for the built-in planner.
@@ -65,7 +66,8 @@ def retarget(
         removed.
 
     Raises:
-        ProblemError: the time is not within the motion, or jerk is limited.
+        ProblemError: the time is not within the motion, the measured joints are off the plan or fit it at several
+            times, or jerk is limited.
         NoPlanFound: no motion from rest to the new goal was found; the error holds a diagnosis.
         VerificationError: the verifier rejects the motion.
     """
@@ -73,7 +75,7 @@ def retarget(
     refuse_sections(solution.problem.arm, "new goals on the way")
     expect_arguments(progress=progress, planner=planner, settings=settings)
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
-    _check(solution, time)
+    moment = _moment(solution, time)
     expect(goal, (TipGoal, JointPose), "a goal", "for example ccm_opt.TipGoal.at(position)")
     if goal.look_at is not None:
         tolerances = goal.look_at.tolerances
@@ -89,13 +91,13 @@ def retarget(
             "new goals on the way are not supported for an arm on arm.base.axes; use a fixed base or arm.feed"
         )
     # A fed arm may come to rest with a joint barely out of its guide tube, from where no motion leads on.
-    left = solution.trajectory.duration - time
-    later = [time + share * left for share in LATER] if problem.arm.base_axes else []
+    left = solution.trajectory.duration - moment
+    later = [moment + share * left for share in LATER] if problem.arm.base_axes else []
     numbers = settings or DEFAULT_SETTINGS
     failures: list[MotionNotFound] = []
     with on_one_thread(), words_in(problem.length_unit):
         terms = compiled_terms(problem.arm, constraints, costs)
-        for begin in (time, *later):
+        for begin in (moment, *later):
             stages = Stages(progress, problem.planner.time_limit)
             try:
                 whole, plan = _retargeted(solution, begin, problem, reached, terms, stages, numbers)
@@ -174,10 +176,49 @@ def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
     return replace(onward, spline=spline, candidate=f"retargeted at {time:.4g} s: {onward.candidate}", spare=0.0)
 
 
-def _check(solution: Solution, time: float) -> None:
-    expect_that(lambda: is_number(time), time, "a time [s]")
+def _moment(solution: Solution, time: float | JointPose) -> float:
+    """Return the time at which the new goal is known [s].
+
+    Raises:
+        ProblemError: the plan cannot be retargeted then.
+    """
     refuse_tool(solution.problem.arm, "retargeting")
-    if not 0.0 <= time <= solution.trajectory.duration:
-        raise ProblemError(f"time must be within the motion, 0 to {solution.trajectory.duration:.6g} s, got {time}")
     if solution.problem.limits.jerk is not None or solution.problem.limits.feed_jerk is not None:
         raise ProblemError("a motion with limits.jerk cannot be retargeted yet; leave jerk limits out")
+    if isinstance(time, JointPose):
+        return _time_of(solution, time)
+    expect_that(lambda: is_number(time), time, "a time [s], or the measured joints as a ccm_opt.JointPose")
+    if not 0.0 <= time <= solution.trajectory.duration:
+        raise ProblemError(f"time must be within the motion, 0 to {solution.trajectory.duration:.6g} s, got {time}")
+    return float(time)
+
+
+_OFF_PLAN = 0.02
+"""Largest deviation of measured joints from the plan [rad], of prismatic base axes as a fraction of the arm's length.
+Heuristic: twice what a controller with angle noise leaves."""
+
+
+def _time_of(solution: Solution, measured: JointPose) -> float:
+    """Return the time at which a plan passes measured joints [s].
+
+    Raises:
+        ProblemError: it does not pass them, or does so at several times.
+    """
+    arm, trajectory = solution.problem.arm, solution.trajectory
+    off = np.abs(trajectory.positions - measured.configuration(arm))
+    off[:, np.array(arm.coordinates.units) == "m"] /= arm.length
+    worst = np.max(off, axis=1)
+    nearest = int(np.argmin(worst))
+    if worst[nearest] > _OFF_PLAN:
+        joint = arm.coordinates.names[int(np.argmax(off[nearest]))]
+        raise ProblemError(
+            f"the measured joints are off the plan: {joint} by {worst[nearest]:.3g} at {trajectory.time[nearest]:.4g} "
+            f"s, where they are nearest, and {_OFF_PLAN} rad (or of the arm's length) are allowed; stop the arm and "
+            "plan from its joints as the start"
+        )
+    near = np.flatnonzero(worst <= _OFF_PLAN)
+    passes = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
+    if len(passes) > 1:
+        times = " and ".join(f"{trajectory.time[each[np.argmin(worst[each])]]:.4g}" for each in passes)
+        raise ProblemError(f"the plan passes the measured joints at {times} s; give the time")
+    return float(trajectory.time[nearest])

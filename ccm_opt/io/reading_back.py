@@ -5,7 +5,7 @@ import math
 import warnings
 import zipfile
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
@@ -20,7 +20,17 @@ from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.records import AXIS_NAMES, PARTIAL, SCHEMA, drive_arrays
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, NearPlace, ToleratedError, Tour, UnvisitedGoal
+from ccm_opt.problem.solution import (
+    Check,
+    JointStates,
+    JointTrajectory,
+    NearPlace,
+    SimulatedMotion,
+    SimulationVerdict,
+    ToleratedError,
+    Tour,
+    UnvisitedGoal,
+)
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import bends_from_revolutes, drive_names, joint_names
@@ -88,6 +98,9 @@ class RecordedResults:
         verdict: outcome of the simulation, by the field names of ``SimulationVerdict``.
         tolerance: maximum errors of each kind that the motion tolerates; empty if they were not requested.
         data: the whole record.
+        timings: CPU time of each stage of planning, by stage name [s].
+        versions: versions of the packages with which the plan was made, by name.
+        timed_by: methods that timed the parts of the motion, in order.
     """
 
     figures: Mapping[str, float | None]
@@ -95,6 +108,9 @@ class RecordedResults:
     verdict: Mapping[str, object]
     tolerance: tuple[ToleratedError, ...]
     data: Mapping[str, object]
+    timings: Mapping[str, float]
+    versions: Mapping[str, str]
+    timed_by: tuple[str, ...]
 
     @property
     def constraints(self) -> tuple[str, ...]:
@@ -118,10 +134,40 @@ def recorded_results(folder: Path) -> RecordedResults:
         verdict = {str(name): value for name, value in record["simulation"].items()}
         verdict["outcome"] = str(verdict["outcome"])
         tolerance = tuple(_tolerated_error(each) for each in _listed(record.get("tolerance", [])))
-        return RecordedResults(figures, tuple(map(_check, _listed(record["checks"]))), verdict, tolerance, record)
+        checks = tuple(map(_check, _listed(record["checks"])))
+        timings = {str(name): _number(value) or 0.0 for name, value in record.get("timings", {}).items()}
+        versions = {str(name): str(value) for name, value in record.get("versions", {}).items()}
+        timed_by = tuple(map(str, _listed(record.get("timed_by", []))))
+        return RecordedResults(figures, checks, verdict, tolerance, record, timings, versions, timed_by)
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         what = "metrics, checks, tolerance or simulation are not readable"
         raise ProblemError(f"{folder / RECORD}: {what}: {error}") from error
+
+
+def recorded_simulation(motion: "SavedMotion", recorded: RecordedResults) -> SimulatedMotion:
+    """Return the simulated motion that an output folder records.
+
+    Raises:
+        ProblemError: its verdict is malformed.
+    """
+    known: dict[str, Any] = {field.name: recorded.verdict.get(field.name, field.default) for field in _VERDICT}
+    error, saturated = (recorded.figures.get(name) for name in ("tracking_error_rad", "saturated_time_s"))
+    try:
+        verdict = SimulationVerdict(**known | {"advice": tuple(map(str, known["advice"]))})
+        return SimulatedMotion(
+            angles=motion.simulated_angles,
+            torques=motion.simulated_torques,
+            tracking_error=math.nan if error is None else error,
+            saturated=bool(saturated),
+            base_positions=motion.simulated_base,
+            saturated_time=saturated or 0.0,
+            verdict=verdict,
+        )
+    except TypeError as error_in_it:
+        raise ProblemError(f"{RECORD}: the simulation in it is not readable: {error_in_it}") from error_in_it
+
+
+_VERDICT = fields(SimulationVerdict)
 
 
 def _listed(value: Any) -> list[Any]:
@@ -151,7 +197,18 @@ def _tolerated_error(data: Mapping[str, Any]) -> ToleratedError:
     size, degrees = (_number(data.get(name)) for name in ("size", "size_deg"))
     if size is None or (degrees is not None and not math.isclose(degrees, math.degrees(size), rel_tol=1e-9)):
         raise ValueError(f"the size of an error is {size!r} rad, but {degrees!r} degrees")
-    return ToleratedError(str(data["name"]), size, str(data["unit"]), str(data["where"]))
+    link = data.get("link")
+    return ToleratedError(
+        str(data["name"]),
+        size,
+        str(data["unit"]),
+        str(data["where"]),
+        time=_number(data.get("time")),
+        link=None if link is None else int(link),
+        worst=tuple(map(float, data.get("worst", ()))),
+        place=tuple(map(float, data.get("place", ()))),
+        limited=data.get("limited", True) is True,
+    )
 
 
 def _number(value: object) -> float | None:

@@ -6,21 +6,37 @@ replanning takes hardly longer than one smooth path.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.ending import led_to, optimised_to_end_pose
-from ccm_opt.planning.motion import Motion, SpaceMotion
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_widths import MARGINS
+from ccm_opt.planning.section_map import unknowns_through
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tracking import Reference, follow_reference
+from ccm_opt.robot.arm import Arm
 
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations [rad, m]."""
+
+
+def known_motion(arm: Arm, configurations: FloatArray) -> CurveMotion[Any]:
+    """Return the motion through configurations (K, c) as a known one, to be adapted; the arm has no planar feed."""
+    if arm.dimension == 2:
+        space, start = LinkSpace.through(arm, configurations[0])
+        return CurveMotion(space, np.repeat(start[None], len(configurations), axis=0), configurations, "given")
+    curve, _ = unknowns_through(arm, configurations[0])
+    curve, end = curve.blended_to(configurations[-1])
+    fitted = np.stack([curve.fitted(q) for q in configurations])
+    fitted[-1] = end
+    return CurveMotion(curve, fitted, configurations, "given")
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:

@@ -318,14 +318,15 @@ def simulation_section(groups: Collection[str]) -> Markup | None:
 def report_html(
     solution: Solution,
     *,
-    pictures: Sequence[str] = ("plan.png", "motion.gif"),
+    pictures: Sequence[str] | None = ("plan.png", "motion.gif"),
     plans: PlanPages | None = None,
 ) -> str:
     """Return the HTML report of a plan.
 
     Args:
         solution: the plan.
-        pictures: names of the files next to the report that show the motion, the still picture first.
+        pictures: names of the files next to the report that show the motion, the still picture first; None if the
+            report stands alone, outside the plan's folder.
         plans: all plans of the problem, if there are several.
 
     Returns:
@@ -348,7 +349,7 @@ def report_html(
         tolerance_section(solution.tolerance, units, in_space=in_space),
         problem_section(problem, units),
         making_section(solution),
-        files_section(problem.name, pictures),
+        None if pictures is None else files_section(problem.name, pictures),
     )
     where = "among its obstacles" if in_space else "in its workspace"
     stage = stage_section(f"The arm of {problem.name} {where}", moves=True, in_space=in_space)

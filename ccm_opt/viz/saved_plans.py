@@ -1,7 +1,7 @@
-"""Python interface to plans: saving to a folder, loading, drawing, and animating."""
+"""Python interface to plans: saving to a folder, drawing, animating, and reports."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.io.folder import solution_files, write_folder
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, recorded_curves, recorded_nearest
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import JointStates, JointTrajectory, Solution
+from ccm_opt.problem.solution import Solution
 from ccm_opt.problem.solution.solution import present_with
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.scene.tool_links import points_with_tool
@@ -22,32 +22,23 @@ if TYPE_CHECKING:
     from ccm_opt.viz.arm_drawing import PlanDrawing
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class SavedPlan:
-    """A plan read from an output folder.
+    """A plan read from an output folder, not verified.
 
     Attributes:
-        folder: folder that the plan was loaded from.
+        folder: folder that the plan was read from.
         problem: problem that the plan solves.
-        trajectory: the timed motion.
-        joints: states of all revolute joints over the motion, with efforts.
-        motion: all arrays of the motion.
+        motion: the motion, with all arrays of the folder.
     """
 
     folder: Path
     problem: Problem
-    trajectory: JointTrajectory
-    joints: JointStates = field(repr=False)
-    motion: SavedMotion = field(repr=False)
-
-    def __repr__(self) -> str:
-        return f"<SavedPlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
+    motion: SavedMotion
 
 
-def load(folder: str | Path) -> SavedPlan:
-    """Return the plan stored in an output folder of ``ccm-opt solve`` or of ``save``.
-
-    The plan is not verified again; ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
+def read_plan(folder: Path) -> SavedPlan:
+    """Return the plan stored in an output folder for drawing it, without verifying it again.
 
     Args:
         folder: the output folder.
@@ -56,11 +47,8 @@ def load(folder: str | Path) -> SavedPlan:
         ProblemError: the folder does not exist or is not readable.
         VerificationError: the folder holds the record of a run without a plan.
     """
-    expect(folder, (str, Path), "the path of an output folder")
-    place = Path(folder)
-    problem = load_any_problem(place)
-    motion = load_motion(place, problem.arm)
-    return SavedPlan(place, problem, motion.trajectory, motion.joints, motion)
+    problem = load_any_problem(folder)
+    return SavedPlan(folder, problem, load_motion(folder, problem.arm))
 
 
 def save(solution: Solution, folder: str | Path) -> Path:
@@ -81,11 +69,11 @@ def save(solution: Solution, folder: str | Path) -> Path:
     return write_folder(Path(folder), solution_files(solution))
 
 
-def plot(plan: Solution | SavedPlan) -> "Figure":
+def plot(plan: Solution) -> "Figure":
     """Return a figure of a plan: workspace, start pose, poses along the motion, goals, tip path, minimum clearance.
 
     Args:
-        plan: a solution, or a plan loaded from its folder.
+        plan: the plan.
 
     Returns:
         A matplotlib figure, which notebooks display and whose ``savefig`` writes files.
@@ -95,11 +83,11 @@ def plot(plan: Solution | SavedPlan) -> "Figure":
     return plan_figure(plan_drawing(plan))
 
 
-def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
+def animate(plan: Solution, file: str | Path) -> Path:
     """Write a film of the motion of a plan.
 
     Args:
-        plan: a solution, or a plan loaded from its folder.
+        plan: the plan.
         file: path of the film, with the suffix ``.gif``, or ``.mp4`` where ffmpeg is installed.
 
     Returns:
@@ -119,12 +107,36 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     return place
 
 
+def report(plan: Solution, file: str | Path) -> Path:
+    """Write the HTML report of a plan: scene, charts, checks, in one file that loads no others.
+
+    Args:
+        plan: the plan.
+        file: path of the report, with the suffix ``.html``.
+
+    Returns:
+        Path of the file written.
+
+    Raises:
+        ProblemError: the suffix is another, or the file cannot be written.
+    """
+    from ccm_opt.viz.page import report_html  # noqa: PLC0415 - slow to import
+
+    expect(plan, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one and ccm_opt.load reads one")
+    expect(file, (str, Path), "the path of a report")
+    place = Path(file)
+    if place.suffix != ".html":
+        raise ProblemError(f"a report ends with .html, got '{place.name}'")
+    put_file_or_refuse(place, report_html(plan, pictures=None).encode())
+    return place
+
+
 def plan_drawing(plan: Solution | SavedPlan) -> "PlanDrawing":
     """Return the data of a plan that pictures show, with the simulated arm for a planar plan loaded from a folder."""
     from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
-    if not isinstance(plan, SavedPlan):
+    if isinstance(plan, Solution):
         return PlanDrawing.from_solution(plan)
     arm, motion = plan.problem.arm, plan.motion
     simulated = None
@@ -132,8 +144,8 @@ def plan_drawing(plan: Solution | SavedPlan) -> "PlanDrawing":
         simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base.sum(axis=1))
     return PlanDrawing(
         problem=plan.problem,
-        trajectory=plan.trajectory,
-        points=points_with_tool(arm, plan.trajectory.positions),
+        trajectory=motion.trajectory,
+        points=points_with_tool(arm, motion.trajectory.positions),
         curves=recorded_curves(motion.arrays, arm),
         nearest=recorded_nearest(plan.folder),
         simulated=simulated,

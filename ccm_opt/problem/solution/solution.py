@@ -29,6 +29,10 @@ class Presenter(Protocol):
         """Write a video of a plan to ``file`` and return its path."""
         ...
 
+    def report(self, plan: Any, file: str | Path) -> Path:
+        """Write the HTML report of a plan to ``file`` and return its path."""
+        ...
+
     def save(self, solution: Any, folder: str | Path) -> Path:
         """Write the output folder of a solution and return its path."""
         ...
@@ -152,6 +156,10 @@ class Solution:
     def animate(self, file: str | Path) -> Path:
         """Write a video of the plan, see ``ccm_opt.animate``."""
         return presenter().animate(self, file)
+
+    def report(self, file: str | Path) -> Path:
+        """Write the HTML report of the plan, see ``ccm_opt.report``."""
+        return presenter().report(self, file)
 
     def save(self, folder: str | Path) -> Path:
         """Save the plan to a folder, see ``ccm_opt.save``."""
