@@ -88,6 +88,8 @@ def test_any_hand_is_followed_safely(seed: int, fed: bool, torque: float | None,
     for tick in range(25):
         velocity += random.normal(0.0, 0.05, 3)
         step = servo.step(ccm_opt.Twist(velocity, random.normal(0.0, 1.0, 3) if tick % 3 == 0 else None))
+        assert step.reasons or max(step.lost, step.lost_turn) <= 0.01
+        assert step.lost < 10.0
         held = servo.braking
         np.testing.assert_allclose(held.positions[0], step.positions, atol=1e-12)
         np.testing.assert_allclose(held.velocities[0], step.velocities, atol=1e-12)
@@ -138,6 +140,29 @@ def test_an_obstacle_stops_the_tip_and_is_named(tmp_path: Path, capsys: pytest.C
     folder = servo.save(tmp_path)
     assert CommandLine(capsys)("check", folder).code == 0
     assert ccm_opt.load(folder).problem.name == "hand"
+
+
+def test_a_turn_that_is_lost_has_a_reason_and_a_slow_hand_loses_little() -> None:
+    """What is lost is told for turns as for velocities, and is no more than a moving arm can lose of its own speed."""
+    problem = replace(scene(5, fed=False), workspace=Workspace(bounds=None, obstacles=(), clearance=0.0))
+    servo = ccm_opt.Servo(problem)
+    step = servo.step(ccm_opt.Twist((0.0, 0.0, 0.0), (0.0, 0.0, 50.0)))
+    assert step.lost_turn > 0.5
+    assert any("acceleration" in reason for reason in step.reasons), step.reasons
+    for _ in range(20):
+        servo.step(ccm_opt.Twist((0.02, 0.05, 0.0)))
+    step = servo.step(ccm_opt.Twist((0.0, 1e-9, 0.0)))
+    assert step.lost <= 1.0
+
+
+def test_an_axis_that_leaves_the_end_of_its_range_is_no_reason() -> None:
+    """A fed arm at the end of its axis names the axis when it is pulled back, and not when it is driven on."""
+    problem = scene(0, fed=True)
+    free = Workspace(bounds=None, obstacles=(), clearance=0.0)
+    out = replace(problem, start=JointPose(np.zeros((LINKS, 2)), 0.4), workspace=free)
+    back, on = (ccm_opt.Servo(out).step(ccm_opt.Twist(speed * out.arm.direction)).reasons for speed in (-5.0, 5.0))
+    assert not any("range" in reason for reason in back), back
+    assert any("range" in reason for reason in on), on
 
 
 @pytest.mark.parametrize(

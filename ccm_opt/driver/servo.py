@@ -46,7 +46,7 @@ _LONGEST = 0.05
 _SAMPLE = 5e-3
 """Longest time between samples of a recorded motion [s], as in all plans."""
 _LOST = 0.01
-"""Part of the commanded speed by which the tip's velocity may differ without a reason."""
+"""Part of the commanded speed by which the tip's velocity or angular velocity may differ without a reason."""
 _SPARE = 0.01
 """Certified gap beyond contact in space, in nominal links: larger than for plans, so that chords of the motion, which
 deviates from them by up to half of it, are long. Heuristic."""
@@ -62,6 +62,13 @@ _TURNED = 0.3
 """Largest turn of the tip towards a commanded direction until the arm rests [rad]. Heuristic."""
 _ARRIVED = 1e-3
 """Distance from the target, in nominal links, and angle [rad], within which the arm comes to rest. Heuristic."""
+_WITHOUT_NUMBERS = {
+    "stretched": "the arm is stretched, so that hardly any joint moves the tip that way",
+    "guide tube": "{} has to be straight until it has left the guide tube",
+    "turn": "a link would turn too fast to be stopped in time",
+    "unsolved": "no motion was found that keeps all limits; the arm goes on with its braking",
+}
+"""Reasons in words, by kind, with the name of what is concerned."""
 _Efforts: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], Cut | None]
 
 
@@ -88,8 +95,9 @@ class ServoStep:
         positions: coordinates of the arm, shape (c,) [rad, m].
         velocities: their velocities, shape (c,) [rad/s, m/s].
         accelerations: their accelerations, shape (c,) [rad/s², m/s²].
-        lost: largest difference of the tip's velocity from the command, as a fraction of the commanded speed; 0 if
-            the tip is to stand still.
+        lost: difference of the tip's velocity from the command, as a fraction of the commanded speed or, if greater, of
+            the present one; 0 if the tip is to stand still.
+        lost_turn: likewise of its angular velocity; 0 if that is not commanded.
         reasons: what kept the tip from following the command, with by how much; empty if it follows.
     """
 
@@ -98,6 +106,7 @@ class ServoStep:
     velocities: FloatArray
     accelerations: FloatArray
     lost: float = 0.0
+    lost_turn: float = 0.0
     reasons: tuple[str, ...] = ()
 
 
@@ -174,15 +183,14 @@ class Servo:
         """
         pose = self._engine.curve.pose(self._state.unknowns[1])
         wanted = self._velocity(command, pose)
-        self._state, cuts = self._engine.stepped(self._state, pose, wanted)
+        before = self._state
+        self._state, cuts = self._engine.stepped(before, pose, wanted)
         self._controls.append(self._state.controls[-1])
-        speed = float(np.linalg.norm(wanted.linear))
-        change = self._state.unknowns[1] - self._state.unknowns[0]
-        lost = 0.0
-        if speed > 0.0:
-            lost = float(np.linalg.norm(pose.moving[-1] @ change / self.period - wanted.linear)) / speed
+        if wanted.at_rest:
+            return self._now((0.0, 0.0), ())
+        lost = self._engine.lost(before, pose, wanted, self._state.unknowns[1] - self._state.unknowns[0])
         with words_in(self.problem.length_unit):
-            reasons = tuple(self._words(cut) for cut in cuts) if lost > _LOST else ()
+            reasons = tuple(self._words(cut) for cut in cuts) if max(lost) > _LOST else ()
         return self._now(lost, reasons)
 
     def brake(self) -> JointTrajectory:
@@ -206,10 +214,10 @@ class Servo:
         """Number of ticks since the start."""
         return len(self._controls) - 3
 
-    def _now(self, lost: float, reasons: tuple[str, ...]) -> ServoStep:
+    def _now(self, lost: tuple[float, float], reasons: tuple[str, ...]) -> ServoStep:
         controls = np.vstack((self._state.controls, self._state.controls[-1:]))
         place, velocity, gain = (self._in_metres(each)[0] for each in spline_values(controls, self.period, 0.0))
-        return ServoStep(self.period * self.ticks, place, velocity, gain, lost, reasons)
+        return ServoStep(self.period * self.ticks, place, velocity, gain, *lost, reasons)
 
     # ------------------------------------------------------------ commands
     def _velocity(self, command: Twist | TipGoal, pose: Pose) -> TipVelocity:
@@ -248,13 +256,12 @@ class Servo:
 
     def _words(self, cut: Cut) -> str:
         """Return the reason why a tick does not follow its command in words."""
-        if cut.kind in {"contact", "certificate"}:
+        if cut.kind in {"contact", "clearance", "certificate"}:
             near = f"{cut.name}: gap {short_length(cut.value * self._metres)}" if cut.name else "nothing near"
-            return near if cut.kind == "contact" else f"not certified; {near}"
-        if cut.kind == "stretched":
-            return "the arm is stretched, so that hardly any joint moves the tip that way"
-        if cut.kind == "unsolved":
-            return "no motion was found that keeps all limits; the arm goes on with its braking"
+            before = {"certificate": "not certified; ", "clearance": "the arm keeps away; "}
+            return f"{before.get(cut.kind, '')}{near}"
+        if cut.kind in _WITHOUT_NUMBERS:
+            return _WITHOUT_NUMBERS[cut.kind].format(cut.name)
         angle = cut.unit.startswith("rad")
         value, limit = ((np.rad2deg(x) if angle else x * self._metres) for x in (cut.value, cut.limit))
         if cut.kind == "effort":

@@ -24,7 +24,7 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.limits.limit import UNBOUNDED, LimitOf, LimitRows, restored_keyframes, stacked_rows
-from ccm_opt.planning.limits.limit_stack import ContactLimit, JointLimit
+from ccm_opt.planning.limits.limit_stack import ContactLimit, JointLimit, TurnLimit
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
 from ccm_opt.robot.coordinates import DriveLimits
 
@@ -53,9 +53,11 @@ _RIDGE = 1e-8
 _FOLLOWED = 0.01
 """Part of the commanded velocity by which the tip's may differ without a reason."""
 _ACTIVE = 1e-4
-"""Distance from its bound, in nominal links, at which a contact counts as a reason: above the QP's accuracy."""
-_NEAR_LIMIT = 0.01
-"""Distance from an end of its range, as a fraction of the range, at which a coordinate counts as a reason."""
+"""Distance from its bound, in nominal links or radians, at which a constraint counts as a reason: above the QP's
+accuracy."""
+_SLOW = 0.01
+"""Least speed to which lost velocities are compared, in nominal links per second and in radians per second: below, the
+accuracy of the QP would count."""
 _STRETCHED = 0.05
 """Motion of the tip in the commanded direction, as a fraction of that in all, below which the arm is stretched."""
 _CURVED = 2
@@ -88,8 +90,9 @@ class Cut:
     """Reason why the tip moves otherwise than commanded.
 
     Attributes:
-        kind: "contact", "joint limit", "base range", "guide tube", "velocity", "acceleration", "effort", "certificate",
-            "stretched", or "unsolved" where no change was found.
+        kind: "contact", "clearance" for a soft push away from a body, "joint limit", "base range", "guide tube",
+            "turn", "velocity", "acceleration", "effort", "certificate", "stretched", or "unsolved" where no change was
+            found.
         name: coordinate or drive at its limit, or the two bodies that are near each other.
         value: value that the motion has, or would have: a gap [length], a bend or position, a rate or an effort.
         limit: value that it may have; 0 for a gap.
@@ -323,10 +326,39 @@ class TipServo:
             # Equations hold single joints straight: exactly, not to the accuracy of the solver.
             held = rows.matrix[: rows.equations]
             rests = rests - held.T @ (held @ rests)
-        goes = pose.moving[-1] @ rests / self.seconds_to_rest
-        if np.linalg.norm(goes - command.linear) <= _FOLLOWED * np.linalg.norm(command.linear):
+        if max(self.lost(state, pose, command, rests / self._until_rest)) <= _FOLLOWED:
             return rests, ()
-        return rests, (*self._stretched(pose, command), *self._bounds(state, pose, parts, rests))
+        cuts = [*self._stretched(pose, command), *self._bounds(state, pose, parts, rests)]
+        return rests, tuple(cuts or self._soft(pose, command))
+
+    def lost(self, state: ServoState, pose: Pose, command: TipVelocity, change: FloatArray) -> tuple[float, float]:
+        """Return the fractions of a commanded velocity and angular velocity that the tip does not follow.
+
+        They are fractions of the commanded speed or, if greater, of the present one, or of a hundredth of a nominal
+        link or radian per second.
+
+        Args:
+            state: state at the beginning of the tick.
+            pose: pose of the state's last control point.
+            command: commanded motion of the tip.
+            change: change of the unknowns in the tick, shape (p,).
+        """
+        before = state.unknowns[1] - state.unknowns[0]
+        rates = [(pose.moving[-1], command.linear, _SLOW * self.curve.nominal_length)]
+        if command.angular is not None:
+            rates.append((self._turning(pose, command), command.angular, _SLOW))
+        linear, *angular = (
+            float(np.linalg.norm(rows @ change / self.period - wanted))
+            / max(float(np.linalg.norm(wanted)), float(np.linalg.norm(rows @ before)) / self.period, slow)
+            for rows, wanted, slow in rates
+        )
+        return linear, angular[0] if angular else 0.0
+
+    @staticmethod
+    def _turning(pose: Pose, command: TipVelocity) -> FloatArray:
+        """Return the derivatives of the tip's turns about the controlled axes, shape (k, p)."""
+        rows = pose.turning[-1]
+        return rows if command.axes is None else np.asarray(command.axes @ rows)
 
     def _tip_terms(self, pose: Pose, command: TipVelocity) -> list[Term]:
         """Return the terms of the program that move the tip as commanded and keep the body on its curve."""
@@ -334,8 +366,7 @@ class TipServo:
         unit = self.curve.nominal_length
         terms = [Term(pose.moving[-1] / unit, seconds * command.linear / unit, _TIP)]
         if command.angular is not None:
-            rows = pose.turning[-1] if command.axes is None else command.axes @ pose.turning[-1]
-            terms.append(Term(rows, seconds * command.angular, _TIP_TURN))
+            terms.append(Term(self._turning(pose, command), seconds * command.angular, _TIP_TURN))
         following = unit * self.curve.following_rows
         if len(following):
             terms.append(Term(following, np.zeros(len(following)), _FOLLOWING))
@@ -350,29 +381,37 @@ class TipServo:
         return LimitRows(pose.slopes[kept], self._until_rest * low, self._until_rest * high)
 
     def _stretched(self, pose: Pose, command: TipVelocity) -> Iterator[Cut]:
-        """Yield the reason, if it is one, that hardly any joint moves the tip in the commanded direction."""
-        speed = np.linalg.norm(command.linear)
-        gain = np.linalg.norm(command.linear @ pose.moving[-1]) / np.linalg.norm(pose.moving[-1])
-        if gain < _STRETCHED * speed:
-            yield Cut("stretched", "the arm", float(gain / speed), _STRETCHED, "")
+        """Yield the reason, if it is one, that hardly any joint moves or turns the tip as commanded."""
+        wanted = [(command.linear, pose.moving[-1])]
+        if command.angular is not None:
+            wanted.append((command.angular, self._turning(pose, command)))
+        for velocity, rows in wanted:
+            speed = float(np.linalg.norm(velocity))
+            gain = float(np.linalg.norm(velocity @ rows) / max(float(np.linalg.norm(rows)), TINY))
+            if gain < _STRETCHED * speed:
+                yield Cut("stretched", "the arm", gain / speed, _STRETCHED, "")
+                return
 
     def _bounds(self, state: ServoState, pose: Pose, parts: Sequence[LimitRows], rests: FloatArray) -> Iterator[Cut]:
         """Yield the limits that bound the program's solution, at most one of each kind."""
-        arm = self.curve.arm
+        found: dict[str, Cut] = {}
         for limit, rows in zip(self.limits, parts, strict=False):
+            values = rows.matrix @ rests
+            near = _ACTIVE * (self.curve.nominal_length if isinstance(limit, ContactLimit) else 1.0)
+            active = np.flatnonzero((values <= rows.lower + near) | (values >= rows.upper - near))
+            active = active[(active >= rows.equations) & np.any(rows.matrix[active] != 0.0, axis=1)]
+            if not len(active):
+                continue
             if isinstance(limit, ContactLimit):
-                taken = np.flatnonzero(rows.matrix @ rests <= rows.lower + _ACTIVE * self.curve.nominal_length)
-                if len(taken):
-                    contacts = limit.finder.find(pose.points)
-                    link, other, gap = limit.finder.named(contacts, int(taken[np.argmin(contacts.gap[taken])]))
-                    yield Cut("contact", f"{link} and {other}", gap, 0.0, "m")
-        rest = pose.q + pose.slopes @ rests
-        span = arm.upper_limits - arm.lower_limits
-        for kind, columns in (("joint limit", arm.coordinates.bends), ("base range", arm.coordinates.base)):
-            past = np.maximum(rest - arm.upper_limits, arm.lower_limits - rest) / np.maximum(span, TINY)
-            past = np.where(span > 0.0, past, -np.inf)[columns]
-            if len(past) and np.max(past) > -_NEAR_LIMIT:
-                yield self._at_limit(kind, int(np.argmax(past)) + (columns.start or 0), rest)
+                contacts = limit.finder.find(pose.points)
+                link, other, gap = limit.finder.named(contacts, int(active[np.argmin(contacts.gap[active])]))
+                yield Cut("contact", f"{link} and {other}", gap, 0.0, "m")
+                continue
+            for row in rows.matrix[active]:
+                cut = self._row_cut(limit, row, pose, rests)
+                if cut is not None:
+                    found.setdefault(cut.kind, cut)
+        yield from found.values()
         change = pose.slopes @ rests / self._until_rest
         before = state.controls[2] - state.controls[1]
         for kind, used, limits in (
@@ -382,6 +421,39 @@ class TipServo:
             if np.max(used) > 0.99 * _ROWS_SHARE:
                 k = int(np.argmax(used))
                 yield self._rate_cut(kind, k, float(used[k] * limits[k]), float(limits[k]))
+
+    def _row_cut(self, limit: LimitOf[Any], row: FloatArray, pose: Pose, rests: FloatArray) -> Cut | None:
+        """Return the reason that a row (p,) of a limit's constraints bounds the solution; None if it holds a joint."""
+        arm = self.curve.arm
+        if isinstance(limit, TurnLimit):
+            return Cut("turn", "a link", _TURN, _TURN, "rad")
+        # A row that bounds one coordinate is a multiple of that coordinate's slopes.
+        sizes = np.linalg.norm(pose.slopes, axis=1)
+        along = np.abs(pose.slopes @ row) / np.maximum(sizes * np.linalg.norm(row), TINY)
+        index = int(np.argmax(along))
+        if along[index] < 1.0 - _ROUNDING:
+            if arm.feed is None:
+                return None
+            first = int(np.argmin(arm.held(float(np.sum(pose.q[arm.coordinates.base])))))
+            return Cut("guide tube", f"joint {first + 1}", float(pose.q[first]), 0.0, "rad")
+        if arm.lower_limits[index] >= arm.upper_limits[index]:
+            return None
+        kind = "joint limit" if index < arm.coordinates.joints else "base range"
+        return self._at_limit(kind, index, pose.q + pose.slopes @ rests)
+
+    def _soft(self, pose: Pose, command: TipVelocity) -> Iterator[Cut]:
+        """Yield the reason why the tip does not follow though no limit bounds it: what else the program asks for."""
+        for limit in self.limits:
+            if isinstance(limit, ContactLimit):
+                contacts = limit.finder.find(pose.points)
+                beyond = contacts.gap - contacts.margin
+                if np.min(beyond, initial=0.0) < 0.0:
+                    link, other, gap = limit.finder.named(contacts, int(np.argmin(beyond)))
+                    yield Cut("clearance", f"{link} and {other}", gap, 0.0, "m")
+                    return
+        speed = max(float(np.linalg.norm(command.linear)), TINY)
+        gain = float(np.linalg.norm(command.linear @ pose.moving[-1]) / np.linalg.norm(pose.moving[-1]))
+        yield Cut("stretched", "the arm", gain / speed, _STRETCHED, "")
 
     def _at_limit(self, kind: str, index: int, q: FloatArray) -> Cut:
         """Return the reason that a coordinate of a configuration, shape (c,), is at an end of its range."""
@@ -413,11 +485,11 @@ class TipServo:
         """Return which limit on rates is exceeded by differences of control points, shape (m, c); None if none is."""
         changes = np.diff(controls, axis=0)
         rates = (
-            ("velocity", changes / self.period, self.rates.velocity),
-            ("acceleration", np.diff(changes, axis=0) / self.period**2, self.rates.acceleration),
+            ("velocity", changes, self.period, self.rates.velocity),
+            ("acceleration", np.diff(changes, axis=0), self.period**2, self.rates.acceleration),
         )
-        for kind, values, limit in rates:
-            most = np.max(np.abs(values), axis=0)
+        for kind, values, unit, limit in rates:
+            most = np.maximum(np.max(values, axis=0), -np.min(values, axis=0)) / unit
             if np.any(most > limit * (1.0 + _ROUNDING)):
                 k = int(np.argmax(most / limit))
                 return self._rate_cut(kind, k, float(most[k]), float(limit[k]))
