@@ -56,7 +56,7 @@ def test_map_reproduces_every_configuration_of_the_sections() -> None:
     arm = section_arm(3)
     assert arm.sections is not None
     rng = np.random.default_rng(0)
-    space, v = SectionMap.of_sections(arm, arm.sections, arm.sections.coupling @ rng.normal(size=6))
+    space, v = SectionMap.of_drives(arm, arm.sections, arm.sections.coupling @ rng.normal(size=6))
     np.testing.assert_allclose(space.fitted(space.configuration(v)), v, atol=1e-12)
     assert np.all(np.abs(space.configurations(space.drawn(rng, 50))) <= arm.bend_limits + 1e-12)
 

@@ -182,8 +182,8 @@ def peak_torque(problem: Problem, torques: FloatArray, names: Sequence[str]) -> 
     limit = None if limits is None else float(drive_torque_limits(arm, limits)[drive])
     bound = "none" if limit is None else f"≤ {limit:.3g} N m"
     used = "" if limit is None else f"{100.0 * peak / limit:.0f} %"
-    if arm.sections is not None:
-        return f"{peak:.3g} N m", bound, used, arm.sections.drive_names[drive]
+    if arm.drives is not None:
+        return f"{peak:.3g} N m", bound, used, arm.drives.drive_names[drive]
     where = joint_in_words(f"joint {drive // 3 + 1} ({names[drive]})", in_space=arm.dimension == 3)
     return f"{peak:.3g} N m", bound, used, escape(where)
 

@@ -305,7 +305,7 @@ QUICK_CHECKS = tuple(check for check in NECESSARY_CHECKS if check is not axis_pa
 
 def is_covered(arm: Arm) -> bool:
     """Return whether the checks hold for an arm: without tool, each joint by itself, fixed or on a feed axis."""
-    return arm.sections is None and not arm.carrier and not arm.rigid_bodies and arm.tool_links is None
+    return arm.drives is None and not arm.carrier and not arm.rigid_bodies and arm.tool_links is None
 
 
 def failed(

@@ -220,11 +220,13 @@ def within_torque_limits(problem: Problem) -> Iterator[Finding]:
             drive = f"joint {number // 3 + 1} ({joint_names(arm)[number]})"
             if arm.sections is not None:
                 drive = f"section {number // 2 + 1} ({arm.sections.drive_names[number]})"
+            elif arm.coupled is not None:
+                drive = arm.coupled.drive_names[number]
             reason = (
                 f"{pose.key}: {drive} needs {load[number]:.4g} N m to "
                 f"hold the arm still at {pose.name}, but its torque limit is {limit[number]:.4g} N m"
             )
-            proved = arm.sections is None and bool(np.any(load - _lighter(problem, pose) > torque))
+            proved = arm.drives is None and bool(np.any(load - _lighter(problem, pose) > torque))
             yield replace(overloaded(problem, reason, number, float(load[number])), proved=proved)
 
 

@@ -187,8 +187,8 @@ def size_of(problem: Problem, find: str) -> Size:
 def _ties(problem: Problem, find: str) -> Iterator[str]:
     """Yield a sentence for everything in a problem that is tied to the size of its arm."""
     arm = problem.arm
-    if arm.sections is not None:
-        yield 'arm.sections with drive = "section" are not supported'
+    if arm.drives is not None:
+        yield 'arm.sections with drive = "section", and arm.coupling, are not supported'
     if find == "radius":
         if arm.radius <= 0.0:
             yield "arm.radius is 0: give a radius to begin with"

@@ -98,8 +98,9 @@ def refuse_sections(arm: Arm, what: str) -> None:
     Raises:
         ProblemError: the arm has such sections.
     """
-    if arm.sections is not None:
-        raise ProblemError(f'{what} do not support arm.sections with drive = "section"')
+    if arm.drives is not None:
+        drives = 'arm.sections with drive = "section"' if arm.sections is not None else "arm.coupling"
+        raise ProblemError(f"{what} do not support {drives}")
 
 
 def expect_workers(workers: object) -> None:

@@ -103,7 +103,7 @@ def tolerance_at_once(
     That is for motions that are too long, for arms on other base axes than a feed axis, for arms with bodies, and for
     sections that bend evenly, whose joints do not err by themselves.
     """
-    uncertified = bool(problem.arm.carrier) or problem.arm.sections is not None or bool(problem.arm.rigid_bodies)
+    uncertified = bool(problem.arm.carrier) or problem.arm.drives is not None or bool(problem.arm.rigid_bodies)
     if uncertified or len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (tolerated_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)

@@ -46,6 +46,7 @@ from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.base_axes import BaseAxis, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import DriveLimits
+from ccm_opt.robot.couplings import CoupledJoints
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
@@ -275,7 +276,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     """Return the arm that the table ``[arm]`` describes; by default links have the inertia of solid cylinders."""
     in_space = isinstance(table, SpaceArmTable)
     driven = _arc_sections(table)
-    lengths, radii, proportions = _each_link(table, driven)
+    lengths, radii, limits, proportions = _each_link(table, driven)
     masses = _masses(table, driven)
     if table.inertia is not None:
         axial, transverse = (_each(value, table.links) for value in (table.inertia.axial, table.inertia.transverse))
@@ -294,6 +295,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         "base_limit": float(np.max(table.base_limits)),
         "mount_length": _mount_length(table, float(radii[0])),
         "sections": driven,
+        "coupled": _coupled_joints(table, lengths, limits),
         "proportions": proportions,
         "masses": masses,
         "inertia_axial": axial,
@@ -360,8 +362,8 @@ def _with_axis_limits(limits: Limits, table: ArmTable | SpaceArmTable) -> Limits
 
 def _each_link(
     table: ArmTable | SpaceArmTable, driven: ArcSections | None
-) -> tuple[FloatArray, FloatArray, Proportions | None]:
-    """Return length and radius of each link, both of shape (links,) [m], and the proportions of unequal links.
+) -> tuple[FloatArray, FloatArray, FloatArray, Proportions | None]:
+    """Return length and radius of each link, (links,) [m], limits of bends, (links, 2) [rad], and the proportions.
 
     The proportions are None if all links are equal.
     """
@@ -375,15 +377,34 @@ def _each_link(
         radii = np.concatenate([each.radii for each in table.sections])
         limits = np.concatenate([each.limits for each in table.sections])
     base = table.base_limits
+    moved = table.moved if isinstance(table, SpaceArmTable) else None
+    if moved is not None:  # what no drive moves is locked
+        limits, base = limits * moved, base * moved[0]
     if table.links % 2 == 0 and not (np.ptp(lengths) or np.ptp(radii) or np.ptp(limits) or np.ptp(base)):
-        return lengths, radii, None
+        return lengths, radii, np.vstack((base, limits[1:])), None
     widest = float(np.max(radii))
     shares = np.ones(table.links) if widest == 0.0 else radii / widest
     bends = np.minimum(limits / table.joint_limit_deg, 1.0)
-    bends[0] = base / np.max(base) if np.any(bends[0]) else 0.0
+    bends[0] = base / np.max(table.base_limits) if np.any(bends[0]) else 0.0
+    of_bends = np.vstack((base * np.any(bends[0]), limits[1:]))
     bends = bends.ravel() if isinstance(table, SpaceArmTable) else bends[:, 0]
     counts = tuple(each.links for each in table.sections or ())
-    return lengths, radii, Proportions(lengths / table.link_length, shares, bends, counts)
+    return lengths, radii, of_bends, Proportions(lengths / table.link_length, shares, bends, counts)
+
+
+def _coupled_joints(table: ArmTable | SpaceArmTable, lengths: FloatArray, limits: FloatArray) -> CoupledJoints | None:
+    """Return the coupling of an arm's joints to drives, or None if each has its own.
+
+    Args:
+        table: the table of the arm.
+        lengths: lengths of its links, shape (links,) [m].
+        limits: limits of the bends of its joints, shape (links, 2) [rad].
+    """
+    if not isinstance(table, SpaceArmTable) or table.coupling is None:
+        return None
+    ratios = np.array(table.coupling)
+    names = tuple(f"drive{k + 1}" for k in range(ratios.shape[1]))
+    return CoupledJoints(ratios, names, limits.ravel(), lengths)
 
 
 def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:
@@ -421,7 +442,7 @@ def build_limits(table: LimitsTable, arm: Arm) -> Limits:
     Args:
         table: the validated table.
         arm: the arm of n links; each ball joint consists of three revolutes, so that there are 3 n. For sections that
-            bend evenly, values are of all sections or of each, whose joints share them.
+            bend evenly, values are of all sections or of each, whose joints share them; likewise of coupled drives.
     """
     limits = table.values
     points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
@@ -433,6 +454,8 @@ def build_limits(table: LimitsTable, arm: Arm) -> Limits:
             # Joints have a share in the rates of their section, and bear all of its torque.
             share = 1.0 if key == "torque" else 1.0 / arm.sections.counts
             value = arm.sections.at_joints(np.asarray(value) * share).tolist()
+        if value is not None and arm.coupled is not None and np.size(value) != 3 * arm.links:
+            value = arm.coupled.at_joints(np.asarray(value), rates=key != "torque").tolist()
         limits[key] = None if value is None else each_revolute(value, arm.links)
     return Limits(**limits)
 

@@ -439,14 +439,16 @@ def drive_columns(arm: Arm, motion: JointTrajectory, torques: FloatArray) -> dic
     Returns:
         Columns of shape (T,).
     """
-    sections = arm.sections
-    if sections is None:
+    coupled, sections = arm.drives, arm.sections
+    if coupled is None:
         return {}
-    values, efforts = sections.drives(motion.bend_angles), drive_torques(arm, torques)
-    rates = (sections.drives(each) for each in (motion.bend_velocities, motion.bend_accelerations))
+    values, efforts = coupled.drives(motion.bend_angles), drive_torques(arm, torques)
+    rates = (coupled.drives(each) for each in (motion.bend_velocities, motion.bend_accelerations))
     columns: dict[str, FloatArray] = {}
     for what, table in zip(QUANTITIES, (values, *rates, efforts), strict=True):
-        columns |= {f"{name}_{what}": column for name, column in zip(sections.drive_names, table.T, strict=True)}
+        columns |= {f"{name}_{what}": column for name, column in zip(coupled.drive_names, table.T, strict=True)}
+    if sections is None:
+        return columns
     names = [f"section{k}" for k in range(1, len(sections.counts) + 1)]
     for what, table in (("curvature", sections.curvatures(values)), ("azimuth", sections.azimuths(values))):
         columns |= {f"{name}_{what}": column for name, column in zip(names, table.T, strict=True)}

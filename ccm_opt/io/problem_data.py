@@ -197,6 +197,8 @@ def arm_table(arm: Arm, unit: LengthUnit, limits: Limits | None = None) -> Table
             return _driven_arm(arm, arm.sections, limits, entries).written(unit)
         base = arm.base_limit * arm.proportions.limits[: arm.bends_a_joint]
         entries["base_limit_deg"] = _pair(base) if np.any(base) else arm.base_limit
+    if arm.coupled is not None:
+        entries["coupling"] = arm.coupled.ratios.tolist()
     if arm.dimension == 3:
         return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries).written(unit)
     return PlaneArmTable.from_object(arm, **entries).written(unit)

@@ -508,7 +508,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         **(SPACE_SHAPES if arm.dimension == 3 else SHAPES),
         **(FEED_SHAPES if arm.feed is not None else {}),
         **(AXES_SHAPES if arm.carrier else {}),
-        **({} if arm.sections is None else {"simulated_torques": ("samples", len(drive_names(arm)))}),
+        **({} if arm.drives is None else {"simulated_torques": ("samples", len(drive_names(arm)))}),
         **({} if arm.tool is None else {TOOL_TIP: ("samples", arm.dimension)}),
         **(CLEARANCE_SHAPES if CLEARANCE_SHAPES.keys() & arrays.keys() else {}),
     }

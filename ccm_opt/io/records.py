@@ -282,25 +282,29 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def drive_arrays(arm: Arm, bends: FloatArray, torques: FloatArray) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of sections that bend evenly, by name; none for other arms.
+    """Return the arrays of drives that move several joints together, by name; none for other arms.
 
     Args:
         arm: the arm.
         bends: bends of the joints, shape (T, 2 links) [rad].
         torques: torques of all revolutes, shape (T, 3 links) [N m].
     """
-    sections = arm.sections
-    if sections is None:
+    coupled, sections = arm.drives, arm.sections
+    if coupled is None:
         return {}
-    drives, efforts = sections.drives(bends), drive_torques(arm, torques)
-    return {
+    drives, efforts = coupled.drives(bends), drive_torques(arm, torques)
+    found = {
         "drive_values": drives,
-        "drive_names": np.array(sections.drive_names),
+        "drive_names": np.array(coupled.drive_names),
+        "drive_torques": efforts,
+    }
+    if sections is None:
+        return found
+    return found | {
         "section_curvatures": sections.curvatures(drives),
         "section_azimuths": sections.azimuths(drives),
         "section_lengths": sections.lengths,
         "tendon_lengths": sections.tendon_lengths(drives),
-        "drive_torques": efforts,
         "tendon_tensions": sections.tendon_tensions(efforts),
     }
 

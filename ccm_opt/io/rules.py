@@ -85,6 +85,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
     _check_feed_keys(data, issues)
     _check_base_axes(data, issues)
     _check_sections(data, issues)
+    _check_coupled_joints(data, issues)
 
 
 def _body_tables(data: Mapping[str, object], *, plane: bool) -> Iterator[tuple[KeyPath, type[Table]]]:
@@ -215,6 +216,22 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
             issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
 
 
+_NOT_COUPLED = (("arm", "feed"), ("tolerance", "joint_error_deg"))
+_NOT_COUPLED_LIMITS = tuple(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points"))
+
+
+def _check_coupled_joints(data: Mapping[str, object], issues: Issues) -> None:
+    """Report what joints that share a drive do not support."""
+    if lookup(data, ("arm", "coupling")) is None:
+        return
+    for path in (*_NOT_COUPLED, *_NOT_COUPLED_LIMITS):
+        if lookup(data, path):
+            issues.add(path, "not supported together with arm.coupling; leave it out")
+    for key, only in (("method", "nlp"), ("retiming", "toppra")):
+        if lookup(data, ("planner", key)) not in {None, only}:
+            issues.add(("planner", key), f'expected "{only}" together with arm.coupling')
+
+
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     """Report missing limits of a feed axis, or keys about the feed if the arm has no feed axis."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
@@ -333,7 +350,7 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
     """
     before = len(issues.found)
     _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
-    counts, what = _drive_lists(arm)
+    counts, what = _drive_lists(arm) if arm.bends_evenly else ((arm.links, 3 * arm.links), "ball joint or revolute")
     for key in ("rotor_inertia", "friction"):
         _one_each(getattr(arm, key), ("arm", key), counts, what, issues)
     if arm.inertia is not None:
@@ -351,9 +368,35 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
         for path, limit in [(("arm", "base_limit_deg"), arm.base_limit_deg), *pairs]:
             if isinstance(limit, list):
                 issues.add(path, "expected one number in the plane, where a joint has one bend")
+    if isinstance(arm, SpaceArmTable) and arm.coupling is not None:
+        _check_coupling(arm, arm.coupling, issues)
     if arm.sections and not any(np.any(each.limits) for each in arm.sections):
         issues.add(("arm", "sections"), "all joints are locked; expected at least one that bends")
     return len(issues.found) == before
+
+
+def _check_coupling(arm: SpaceArmTable, rows: Sequence[Sequence[float]], issues: Issues) -> None:
+    """Report a coupling of drives that has another size than the arm, or more than one drive a bend or none to move."""
+    path: KeyPath = ("arm", "coupling")
+    if arm.bends_evenly:
+        issues.add(path, 'not together with sections with drive = "section", which have drives of their own')
+    if len(rows) != 2 * arm.links:
+        issues.add(path, f"expected one row for each of the {2 * arm.links} bends of the joints; got {len(rows)}")
+        return
+    drives = len(rows[0])
+    limits = np.array([arm.bend_limit(k // 2, k % 2)[1] for k in range(len(rows))])
+    for k, row in enumerate(rows):
+        moved = sum(value != 0.0 for value in row)
+        if len(row) != drives:
+            issues.add((*path, k), f"expected one number for each of the {drives} drives; got {len(row)}")
+        elif moved > 1:
+            issues.add((*path, k), f"{moved} drives move one bend; expected one at most")
+        elif moved and limits[k] == 0.0:
+            issues.add((*path, k), f"joint {k // 2 + 1} {'ab'[k % 2]} is locked; expected zeros")
+    if any(len(row) != drives for row in rows):
+        return
+    for drive in np.flatnonzero(~np.any(np.array(rows), axis=0)):
+        issues.add(path, f"drive {drive + 1} moves nothing, so that the matrix has no full rank; leave its column out")
 
 
 def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issues) -> None:
@@ -428,6 +471,8 @@ def _drive_lists(arm: ChainTable) -> tuple[tuple[int, int], str]:
     """Return the lengths that lists of values of drives may have, and what they have one value for, in words."""
     if arm.bends_evenly:
         return (len(arm.sections or ()), 3 * arm.links), "section or revolute"
+    if isinstance(arm, SpaceArmTable) and arm.coupling is not None:
+        return (len(arm.coupling[0]), 3 * arm.links), "drive or revolute"
     return (arm.links, 3 * arm.links), "ball joint or revolute"
 
 

@@ -23,6 +23,7 @@ from pydantic import (
     field_validator,
 )
 
+from ccm_opt.core.arrays import BoolArray
 from ccm_opt.io.raw_mesh import STEP_SUFFIXES
 from ccm_opt.io.schema_tables import (
     ArmTable,
@@ -598,6 +599,22 @@ class SpaceArmTable(ChainTable):
             "goals are for the end of the link."
         ),
     )
+    coupling: Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)] | None = Field(
+        default=None,
+        description=(
+            "Drives that move several joints ([how](arms.md#joints-that-share-a-drive)): a row for each bend, two a "
+            "joint in the order of `joints_deg`, and a column for each drive, with the bend's change for a unit of the "
+            "drive; no more than one number other than 0 a row. A bend whose row is 0 is locked. Default: each bend "
+            "has its own drive."
+        ),
+    )
+
+    @property
+    def moved(self) -> BoolArray | None:
+        """Mask of the bends that drives of ``coupling`` move, shape (links, 2); None without a valid one."""
+        if self.coupling is None or [len(row) for row in self.coupling] != 2 * self.links * [len(self.coupling[0])]:
+            return None
+        return np.asarray(np.any(np.array(self.coupling), axis=1).reshape(-1, 2), dtype=np.bool_)
 
 
 class SpacePoseTable(Table):

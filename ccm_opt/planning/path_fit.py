@@ -222,7 +222,7 @@ def fitted_path(arm: Arm, start: FloatArray, path: TipPath) -> BSpline:
         MotionNotFound: the base cannot move the tip along the path.
     """
     axes = len(arm.base_axes)
-    bends = np.eye(2 * arm.links) if arm.sections is None else arm.sections.coupling
+    bends = np.eye(2 * arm.links) if arm.drives is None else arm.drives.coupling
     bends = bends[:, np.any(np.abs(bends) * arm.bend_limits[:, None] > 0.0, axis=0)]
     slopes = block_diag(bends, np.eye(axes))
     first: FloatArray = np.asarray(np.linalg.lstsq(slopes, start, rcond=None)[0], dtype=np.float64)

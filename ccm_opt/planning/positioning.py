@@ -186,7 +186,7 @@ class CarrierMotions:
 
         Sections that bend evenly do not follow their tip on an axis: it brings them to a place like the others.
         """
-        if self.arm.sections is not None:
+        if self.arm.drives is not None:
             return False
         last = self.arm.carrier[-1]
         along = not last.revolute and float(np.linalg.norm(last.direction - self.arm.direction)) < _ALIGNED

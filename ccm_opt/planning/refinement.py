@@ -283,7 +283,7 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
 def nominal_task(task: SpaceTask) -> SpaceTask | None:
     """Return the search task in space of a coarse arm with nominal links; None if the arm's own links are to be used.
 
-    The own links are used for goals of the whole arm, user terms, few links, links of different lengths, and starts
+    The own links are used for goals of the whole arm, user terms, few links, unequal or coupled links, and starts
     that the curve does not represent.
 
     Args:
@@ -291,7 +291,8 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
     """
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
-    if task.goal_pose is not None or task.user is not None or arm.links <= _MOST_LINKS or arm.proportions is not None:
+    own = task.user is not None or arm.proportions is not None or arm.drives is not None
+    if task.goal_pose is not None or own or arm.links <= _MOST_LINKS:
         return None
     curve, start = CurveMap.through(arm, task.start)
     if float(np.max(np.abs(curve.offset), initial=0.0)) > _OFFSET:

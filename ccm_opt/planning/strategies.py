@@ -443,7 +443,7 @@ def _chaining(number: int) -> Strategy[SpaceRun, SpaceMotion]:
 
     def applies(run: SpaceRun) -> bool:
         arm = run.task.arm
-        free = arm.sections is None and not arm.base_axes  # chains bend each joint by itself, from where the base is
+        free = arm.drives is None and not arm.base_axes  # chains bend each joint by itself, from where the base is
         return free and run.task.goal_pose is None and _passes_none(run)
 
     return Strategy("chains of links", lambda run, failed: run.by_chains(number, failed), applies, costly=number > 0)

@@ -390,7 +390,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             if found is not None or task.deadline.passed():
                 return found
         # A fed arm is instead retracted into its guide tube, and sections have no joint that turns the base.
-        if task.arm.feed or task.arm.sections is not None or not goals:
+        if task.arm.feed or task.arm.drives is not None or not goals:
             return None
         ways = partial(swung, self.stepper, self._motions, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)

@@ -30,6 +30,7 @@ from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.base_axes import MOST_AXES
 from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.couplings import DriveCoupling
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import PlaneShape, Workspace
@@ -73,6 +74,8 @@ def defects(problem: "Problem") -> Iterator[str]:
         ("planner", "method"): problem.planner.method,
     }
     yield from (f"{'.'.join(map(str, key))}: {defect}" for key, defect in tool_defects(problem.arm, given))
+    if problem.arm.drives is not None:
+        yield from coupling_defects(problem, problem.arm.drives)
     if problem.arm.sections is not None:
         yield from section_defects(problem, problem.arm.sections)
     yield from _tour_defects(problem)
@@ -163,34 +166,50 @@ LOCKED_ON_FEED = "locked joints are not supported for an arm in the plane with a
 
 
 _MISFIT = 1e-9
-"""Largest difference of a joint's bend from its share of its section's bend that is attributed to rounding [rad]."""
+"""Largest difference of a joint's bend from its share of its drive that is attributed to rounding [rad]."""
 
 
-def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
-    """Yield a sentence for everything in a problem that sections that bend evenly do not support."""
+def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]:
+    """Yield a sentence for everything in a problem that drives of several joints do not support."""
     arm, limits = problem.arm, problem.limits
+    what = "coupled joints" if arm.sections is None else "sections that bend evenly"
     yield from _broken(
-        (arm.dimension == 3, "arm.sections that bend evenly are for arms in space"),
-        (arm.feed is None, "arm.feed is not supported for sections that bend evenly; leave it out"),
-        (not limits.points, "limits of points of the arm are not supported for sections that bend evenly"),
-        (problem.joint_error == 0.0, "tolerance.joint_error is not supported for sections that bend evenly"),
-        (problem.planner.method == "nlp", "planner.method must be 'nlp' for sections that bend evenly"),
-        (problem.planner.retiming == "toppra", "planner.retiming must be 'toppra' for sections that bend evenly"),
+        (arm.dimension == 3, f"{what} are for arms in space"),
+        (arm.sections is None or arm.coupled is None, "an arm has either sections that bend evenly or coupled joints"),
+        (
+            arm.feed is None,
+            f"arm.feed is not supported for {what}; without guide tube, make it the last of arm.base.axes",
+        ),
+        (not limits.points, f"limits of points of the arm are not supported for {what}"),
+        (problem.joint_error == 0.0, f"tolerance.joint_error is not supported for {what}"),
+        (problem.planner.method == "nlp", f"planner.method must be 'nlp' for {what}"),
+        (problem.planner.retiming == "toppra", f"planner.retiming must be 'toppra' for {what}"),
     )
-    if arm.links != sections.links or np.any(arm.radii < sections.link_radii * (1.0 - UNIT_ROUNDING)):
-        yield "arm.sections differ from its number of links, or its radii do not contain their arcs"
+    matrix = drives.coupling
+    if len(matrix) != 2 * arm.links:
+        yield f"{what}: the coupling has {len(matrix)} rows; expected two for each of {arm.links} joints"
+        return
+    if arm.sections is None and (np.any(np.sum(matrix != 0.0, axis=1) > 1) or not np.all(np.any(matrix, axis=0))):
+        yield "arm.coupled must move each bend by one drive at most, and something by each drive"
         return
     poses = [("start", problem.start), ("goal", problem.goal)]
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
     for name, pose in poses:
         joints = pose.for_joints
         if joints and np.shape(joints.bends) == (arm.links, 2):
-            misfit = sections.misfit(np.ravel(joints.bends))
+            misfit = drives.misfit(np.ravel(joints.bends))
             if misfit > _MISFIT:
-                yield f"{name}.bends differ by up to {np.rad2deg(misfit):.3g}° from those of sections that bend evenly"
-            used = sections.travel_used(np.ravel(joints.bends))
+                yield f"{name}.bends differ by up to {np.rad2deg(misfit):.3g}° from those of {what}"
+            used = drives.travel_used(np.ravel(joints.bends))
             if used > 1.0 + _MISFIT:
                 yield f"{name}.bends take {100.0 * used:.4g} % of the travel of a tendon"
+
+
+def section_defects(problem: "Problem", sections: ArcSections) -> Iterator[str]:
+    """Yield a sentence if an arm differs from its sections that bend evenly."""
+    arm = problem.arm
+    if arm.links != sections.links or np.any(arm.radii < sections.link_radii * (1.0 - UNIT_ROUNDING)):
+        yield "arm.sections differ from its number of links, or its radii do not contain their arcs"
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.couplings import DriveCoupling
 
 DEVIATION_SHARE = 0.1
 """Greatest distance of true arcs from links, as a fraction of the radius, for which sections are divided into links by
@@ -50,7 +51,7 @@ class Tendons:
 
 
 @dataclass(frozen=True, eq=False)
-class ArcSections:
+class ArcSections(DriveCoupling):
     """The division of an arm into sections that bend evenly.
 
     Attributes:
@@ -109,6 +110,26 @@ class ArcSections:
         """Names of the drives, the two bends of each section, such as ``section2_b``."""
         return tuple(f"section{k + 1}_{bend}" for k in range(len(self.counts)) for bend in "ab")
 
+    @property
+    def drive_order(self) -> IntArray:
+        """Indices of the bends of all sections about up, then about left, shape (2 s,)."""
+        return np.arange(2 * len(self.counts)).reshape(-1, 2).T.ravel()
+
+    @property
+    def drive_limits(self) -> FloatArray:
+        """Bound on the absolute value of each bend of each section, shape (2 s,) [rad]."""
+        return np.repeat(self.limits, 2)
+
+    @property
+    def drive_lengths(self) -> FloatArray:
+        """Length of the section of each bend, shape (2 s,) [m]."""
+        return np.repeat(self.lengths, 2)
+
+    @property
+    def drive_scales(self) -> FloatArray:
+        """Change of each bend that changes the bends of the joints by a unit in all, shape (2 s,)."""
+        return np.repeat(np.sqrt(self.counts), 2)
+
     @cached_property
     def coupling(self) -> FloatArray:
         """Derivatives of the bends of the joints with respect to those of the sections, shape (2 links, 2 s)."""
@@ -116,13 +137,6 @@ class ArcSections:
         bent = np.flatnonzero(self.section_of_joint >= 0)
         shares[bent, self.section_of_joint[bent]] = np.repeat(1.0 / self.counts, self.counts)
         return np.asarray(np.kron(shares, np.eye(2)), dtype=np.float64)
-
-    def drives(self, bends: FloatArray) -> FloatArray:
-        """Return the bends of the sections, shape (..., 2 s), nearest to bends of the joints, (..., 2 links) [rad].
-
-        The map is linear, so it also applies to velocities and accelerations.
-        """
-        return np.asarray(bends @ np.linalg.pinv(self.coupling).T)
 
     def at_joints(self, values: FloatArray) -> FloatArray:
         """Return for each joint the value of its section, of values of all sections or of each, shape (s,); (links,).
@@ -194,10 +208,6 @@ class ArcSections:
         slopes = self.tendon_slopes[limited] / travel[limited, None]
         return np.asarray(slopes @ np.linalg.pinv(self.coupling))
 
-    def travel_used(self, bends: FloatArray) -> float:
-        """Return the greatest fraction of its travel by which bends of the joints, (..., 2 links), move a tendon."""
-        return float(np.max(np.abs(bends @ self.travel_rows.T), initial=0.0))
-
     def tendon_tensions(self, torques: FloatArray) -> FloatArray:
         """Return the least tensions of all tendons that give the torques of the drives, shape (..., count) [N].
 
@@ -225,10 +235,6 @@ class ArcSections:
             parts = pulled.reshape(*pulled.shape[:-1], -1, tendons.number // 2 if groups == 2 else 1)
             found.append((parts - np.min(parts, axis=-2, keepdims=True)).reshape(pulled.shape))
         return np.concatenate(found, axis=-1)
-
-    def misfit(self, bends: FloatArray) -> float:
-        """Return by how much bends of the joints, (..., 2 links), differ from the nearest of the sections, at most."""
-        return float(np.max(np.abs(bends - self.drives(bends) @ self.coupling.T)))
 
     def longest_links(self) -> FloatArray:
         """Greatest length of each link within the limits, shape (links,) [m]."""

@@ -16,6 +16,7 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.base_axes import MOST_AXES, BaseAxis, BaseFrames, Feed, axis_reaches, axis_rows, base_frames
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
+from ccm_opt.robot.couplings import CoupledJoints, DriveCoupling
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_layout import LinkLayout, Proportions, fixed
 from ccm_opt.robot.tool import RigidBody, Tool, ToolLinks
@@ -70,6 +71,8 @@ class Arm(LinkLayout):
         sections: division of an arm in space into sections that bend evenly, whose joints turn by the rotation vector
             (0, b, a) and whose links are tangents of arcs; None if joints bend independently. Radii then include the
             distance of the arcs from the links.
+        coupled: coupling of joints in space that turn by constant ratios of their drives; None if there is none. Not
+            together with ``sections``.
         bodies: rigid bodies on links, beside the tool.
         tool: rigid tool on the last link; None if there is none.
         tool_links: what is particular to an arm whose last links stand for its tool; None for all others.
@@ -98,6 +101,7 @@ class Arm(LinkLayout):
     clamped_joints: int = 0
     proportions: Proportions | None = None
     sections: ArcSections | None = None
+    coupled: CoupledJoints | None = None
     bodies: tuple[RigidBody, ...] = ()
     tool: Tool | None = None
     tool_links: ToolLinks | None = None
@@ -204,6 +208,11 @@ class Arm(LinkLayout):
     def arcs(self) -> FloatArray | None:
         """Half the length of the arc about each joint, 0 for the tip, shape (links + 1,) [m]; None without sections."""
         return None if self.sections is None else self.sections.arcs
+
+    @property
+    def drives(self) -> DriveCoupling | None:
+        """The drives that move several joints together; None where every bend has its own."""
+        return self.coupled if self.sections is None else self.sections
 
     @property
     def unsimulated(self) -> str:

@@ -74,7 +74,7 @@ def coupling_of_revolutes(arm: Arm) -> FloatArray | None:
     Returns:
         Shape (3 * links, m); None for an arm whose revolutes each have their own drive.
     """
-    return None if arm.sections is None else revolute_angles(arm, arm.sections.coupling.T).T
+    return None if arm.drives is None else revolute_angles(arm, arm.drives.coupling.T).T
 
 
 def drive_values(arm: Arm, angles: FloatArray) -> FloatArray:
@@ -83,7 +83,7 @@ def drive_values(arm: Arm, angles: FloatArray) -> FloatArray:
     They are the same unless drives move several revolutes together; then the shape is (..., m). The map is linear, so
     it also applies to velocities and accelerations.
     """
-    return angles if arm.sections is None else arm.sections.drives(bends_from_revolutes(arm, angles))
+    return angles if arm.drives is None else arm.drives.drives(bends_from_revolutes(arm, angles))
 
 
 def angles_from_drives(arm: Arm, values: FloatArray) -> FloatArray:
@@ -93,8 +93,8 @@ def angles_from_drives(arm: Arm, values: FloatArray) -> FloatArray:
 
 
 def drive_names(arm: Arm) -> tuple[str, ...]:
-    """Return the names of the m drives that bend an arm: those of the revolutes, or of the bends of its sections."""
-    return joint_names(arm) if arm.sections is None else arm.sections.drive_names
+    """Return the names of the m drives that bend an arm: those of the revolutes, or of what moves several."""
+    return joint_names(arm) if arm.drives is None else arm.drives.drive_names
 
 
 def drive_torques(arm: Arm, torques: FloatArray) -> FloatArray:
@@ -111,9 +111,9 @@ def drive_torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
 
     Args:
         arm: the arm.
-        limits: limits of all revolutes, shape (3 * links,); revolutes of one section that bends evenly have its limit.
+        limits: limits of all revolutes, shape (3 * links,); those that one drive moves have its limit.
     """
-    return limits if arm.sections is None else arm.sections.of_drives(limits)
+    return limits if arm.drives is None else arm.drives.of_drives(limits)
 
 
 def bends_from_revolutes(arm: Arm, angles: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import wrap
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.couplings import CoupledJoints
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.robot.tool import TOOL, RigidBody, Tool, ToolLinks
 from ccm_opt.scene.distances.enclosures import segment_distances
@@ -259,6 +260,7 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
         friction=_of_revolutes(arm.friction, own),
         proportions=Proportions(lengths / mean, radii / (widest or 1.0), _among(shares, own, k, 0.0)),
         sections=None if arm.sections is None else replace(arm.sections, tool_links=len(own) - arm.links),
+        coupled=None if arm.coupled is None else _coupled_among(arm.coupled, own),
         bodies=(),
         tool=None,
         tool_links=ToolLinks(
@@ -271,6 +273,17 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
             ends / mean,
             np.eye(arm.dimension)[0] if tool is None else tool.direction,
         ),
+    )
+
+
+def _coupled_among(coupled: CoupledJoints, own: BoolArray) -> CoupledJoints:
+    """Return the coupling of an arm's joints to drives, which move none of the tool links."""
+    moved = len(coupled.names)
+    return replace(
+        coupled,
+        ratios=_among(coupled.ratios.ravel(), own, 2 * moved, 0.0).reshape(-1, moved),
+        limits=_among(coupled.limits, own, 2, 0.0),
+        link_lengths=_among(coupled.link_lengths, own, 1, 1.0),
     )
 
 

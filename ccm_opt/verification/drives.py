@@ -65,8 +65,11 @@ def of_drives(arm: Arm, torques: FloatArray) -> FloatArray:
     """Return the torques of the drives that bend an arm, shape (T, m), from those of all revolutes, (T, 3 * links).
 
     They are the same, unless sections bend evenly: each of their joints turns by its share of a section's bend, so that
-    the section's torque is the mean of theirs.
+    the section's torque is the mean of theirs. A drive of coupled joints bears what each takes, times its ratio.
     """
+    if arm.coupled is not None:
+        bends = torques.reshape(len(torques), arm.links, 3)[:, :, :2].reshape(len(torques), -1)
+        return np.asarray(bends @ arm.coupled.ratios)
     if arm.sections is None:
         return torques
     bends = torques.reshape(len(torques), arm.links, 3)[:, 1:, :2]
@@ -76,7 +79,10 @@ def of_drives(arm: Arm, torques: FloatArray) -> FloatArray:
 
 
 def torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
-    """Return the torque limits of these drives, shape (m,): of a section, the least of those of its joints."""
+    """Return the torque limits of these drives, shape (m,): the least of those of the joints that each moves."""
+    if arm.coupled is not None:
+        of_bends = limits.reshape(arm.links, 3)[:, :2].ravel()
+        return np.array([np.min(of_bends[ratios != 0.0]) for ratios in arm.coupled.ratios.T])
     if arm.sections is None:
         return limits
     bends = limits.reshape(arm.links, 3)[1:, :2]
@@ -88,6 +94,8 @@ def torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
 
 def describe_drives(arm: Arm, names: Sequence[str]) -> tuple[str, ...]:
     """Return readable names of these drives, from those of the revolutes."""
+    if arm.coupled is not None:
+        return tuple(f"drive {k + 1}" for k in range(arm.coupled.ratios.shape[1]))
     if arm.sections is None:
         return describe_revolute_joints(names)
     return tuple(f"section {k + 1} {bend}" for k in range(len(arm.sections.counts)) for bend in "ab")

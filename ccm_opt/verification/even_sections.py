@@ -1,4 +1,7 @@
-"""Checks of sections that bend evenly: that they do, and that the links contain the true arcs."""
+"""Checks of joints that share drives.
+
+Sections that bend evenly do so, and their links contain the true arcs; coupled joints turn by their ratios.
+"""
 
 import numpy as np
 
@@ -51,6 +54,31 @@ def check_even_sections(arm: Arm, trajectory: JointTrajectory) -> list[Check]:
         Check("even bends of sections", worst, _EVEN, "rad", where, passed=bool(worst <= _EVEN)),
         Check("true arcs beyond links", max(beyond, 0.0), slack, "m", thin, passed=bool(beyond <= slack)),
     ]
+
+
+def check_coupled_joints(arm: Arm, trajectory: JointTrajectory) -> list[Check]:
+    """Check that joints that share a drive turn by its ratios; there are no checks for arms of other joints.
+
+    The bend that a drive turns most gives the drive's value, and that the bends of the others. Both are linear in time
+    between samples, so that samples suffice.
+
+    Args:
+        arm: the arm.
+        trajectory: the motion.
+    """
+    if arm.coupled is None:
+        return []
+    ratios = arm.coupled.ratios
+    bends = trajectory.positions[:, : 2 * arm.links]
+    wanted = np.zeros_like(bends)
+    for column in ratios.T:
+        lead = int(np.argmax(np.abs(column)))
+        wanted += bends[:, lead, None] / column[lead] * column
+    off = np.abs(bends - wanted)
+    k, bend = np.unravel_index(np.argmax(off), off.shape)
+    worst = float(off[k, bend])
+    where = f"joint {bend // 2 + 1} {'ab'[bend % 2]} at t = {trajectory.time[k]:.4f} s"
+    return [Check("coupled joints", worst, _EVEN, "rad", where, passed=worst <= _EVEN)]
 
 
 def check_tendons(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:

@@ -252,8 +252,8 @@ def _time(steps: _Steps, k: int) -> str:
 def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     """Return the greatest used fractions of the torque limits and of the base-force limit, each with its time.
 
-    The fractions include the largest possible increase of an effort between the ends of a step, unless sections bend
-    evenly. The list is empty if no effort is limited.
+    The fractions include the largest possible increase of an effort between the ends of a step, unless drives
+    move several joints. The list is empty if no effort is limited.
     """
     limits = problem.limits
     on_axes = axis_limits(problem).effort
@@ -269,8 +269,8 @@ def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     for name, bound, values in zip(("torque", of_base), bounds, efforts, strict=True):
         if values[0].shape[-1] == 0:
             continue
-        # How the efforts of arcs vary within a step is not bounded.
-        bow = np.zeros(len(values[0])) if problem.arm.sections is not None else _effort_bow(problem, steps)
+        # How the efforts of arcs, and of drives that move several joints, vary within a step is not bounded.
+        bow = np.zeros(len(values[0])) if problem.arm.drives is not None else _effort_bow(problem, steps)
         beyond = steps.length**2 / 8.0 * bow
         greatest = np.max(np.abs(values), axis=0)
         share = np.max((greatest.T + beyond).T.reshape(len(beyond), -1) / bound, axis=1)

@@ -113,8 +113,9 @@ def check_sample_efforts(
     """
     limits = problem.limits
     time = trajectory.time
-    # The bounds on the error are those of a base that does not turn, and of links of constant lengths.
-    if len(time) < 3 or problem.arm.carrier or problem.arm.sections is not None:
+    # The bounds on the error are those of a base that does not turn, of links of constant lengths, and of one drive a
+    # bend.
+    if len(time) < 3 or problem.arm.carrier or problem.arm.drives is not None:
         return []
     checks = []
     means = SampleMeans(problem, motion)

@@ -12,7 +12,7 @@ from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_consistency, check_form
 from ccm_opt.verification.drives import check_names
-from ccm_opt.verification.even_sections import check_even_sections, check_tendons
+from ccm_opt.verification.even_sections import check_coupled_joints, check_even_sections, check_tendons
 from ccm_opt.verification.following import check_following, check_given_paths
 from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -81,6 +81,7 @@ def verify(
         checks.append(check_self_collision(motion, settings))
     checks += check_limits(problem.arm, problem.limits, trajectory, joints, settings)
     checks += check_even_sections(problem.arm, trajectory)
+    checks += check_coupled_joints(problem.arm, trajectory)
     checks += check_tendons(problem.arm, trajectory, settings)
     checks += check_points(problem.arm, problem.limits, trajectory, settings)
     states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)

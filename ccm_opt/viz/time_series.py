@@ -189,12 +189,13 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
         ("velocities", "Joint velocities", "rad/s", states.velocities, limits.velocity),
         ("accelerations", "Joint accelerations", "rad/s²", states.accelerations, limits.acceleration),
     )
-    sections = solution.problem.arm.sections
-    if sections is not None:
+    drives = solution.problem.arm.drives
+    if drives is not None:
         torques = drive_torques(solution.problem.arm, states.torques)
         bounds = drive_torque_limits(solution.problem.arm, torque)
-        yield SeriesGroup("torques", "Torques of sections", "N m", sections.drive_names, torques, bounds)
-    efforts = (("torques", "Joint torques", "N m", states.torques, torque),) if sections is None else ()
+        title = "Torques of drives" if solution.problem.arm.sections is None else "Torques of sections"
+        yield SeriesGroup("torques", title, "N m", drives.drive_names, torques, bounds)
+    efforts = (("torques", "Joint torques", "N m", states.torques, torque),) if drives is None else ()
     for key, title, unit, values, bounds in (*rates, *efforts):
         peaks = np.max(np.abs(values), axis=0)
         moved = np.flatnonzero(peaks > _STILL * max(float(peaks.max(initial=0.0)), 1e-300))
@@ -233,8 +234,8 @@ def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[S
     names, torques = joints, simulated.torques
     torque = solution.problem.limits.torque
     bounds = drive_torque_limits(arm, np.full(coordinates.revolutes, np.inf) if torque is None else torque)
-    if arm.sections is not None:
-        names = arm.sections.drive_names
+    if arm.drives is not None:
+        names = arm.drives.drive_names
     else:
         drives = coordinates.drive_numbers[coordinates.bends]
         torques, bounds = torques[:, drives], bounds[drives]
@@ -292,7 +293,7 @@ def limit_shares(solution: Solution) -> list[LimitShare]:
     ]
     if limits.torque is not None:
         arm = solution.problem.arm
-        names = joints if arm.sections is None else arm.sections.drive_names
+        names = joints if arm.drives is None else arm.drives.drive_names
         bounds = drive_torque_limits(arm, limits.torque)
         found.append(_share("torque", drive_torques(arm, states.torques), bounds, names))
     if limits.jerk is not None and len(trajectory.time) > 1:

@@ -33,12 +33,13 @@ class Drawn:
     Args:
         seed: of everything about it; even ones are in the plane, but on axes.
         limit: time limit of planning [s].
-        kinds: what arms may have: "feed", "axes" and "tools", which stands for bodies on any link, some of which weigh.
+        kinds: what arms may have: "feed", "axes", "tools", which stands for bodies on any link, some of which weigh,
+            and "coupled", which stands for drives that move several joints.
     """
 
     def __init__(self, seed: int, limit: float, kinds: frozenset[str]) -> None:
         self.rng = np.random.default_rng((20261126, seed))
-        self.space = bool(seed % 2) or "axes" in kinds
+        self.space = bool(seed % 2) or bool({"axes", "coupled"} & kinds)
         self.data: dict[str, Any] = {
             "schema": 1,
             "name": f"drawn-{seed}",
@@ -140,10 +141,24 @@ class Drawn:
             arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
         if "axes" in kinds:
             arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
-        elif "feed" in kinds and rng.random() < 0.3:
+        elif "feed" in kinds and "coupled" not in kinds and rng.random() < 0.3:
             length = sum(row["links"] * row["link_length"] for row in rows)
             arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
+        if "coupled" in kinds:
+            arm["coupling"] = self._coupling(FileArm(arm, space=True).limits.ravel() > 0.0)
         return arm
+
+    def _coupling(self, free: FloatArray) -> list[list[float]]:
+        """Ratios of bends that move to some drives, each of which moves one or several; others rest."""
+        rng = self.rng
+        moving = rng.permutation(np.flatnonzero(free))
+        drives = int(rng.integers(min(3, len(moving)), min(len(moving), 10) + 1))
+        ratios = np.zeros((len(free), drives))
+        ratios[moving[:drives], range(drives)] = 1.0
+        for bend in moving[drives:]:
+            if rng.random() < 0.85:
+                ratios[bend, rng.integers(drives)] = round(rng.uniform(0.2, 1.5) * rng.choice((-1.0, 1.0)), 3)
+        return ratios.tolist()  # type: ignore[no-any-return]
 
     def _axis(self) -> dict[str, Any]:
         rng = self.rng
@@ -197,7 +212,7 @@ class Drawn:
         data["workspace"]["obstacles"] = bodies
         data["goal"] = {"position": tips[1].round(5).tolist()}
         if rng.random() < 0.2 and axes.shape[1] < 2 and "axes" not in kinds:
-            data["goal"] = {"joints_deg": np.rad2deg(bends[1]).round(4).tolist()}
+            data["goal"] = {"joints_deg": np.rad2deg(bends[1]).tolist()}
             if len(axes[0]):
                 data["goal"]["feed"] = float(axes[1, 0])
 
@@ -206,6 +221,11 @@ class Drawn:
         knots = np.linspace(0, count - 1, 3)
         waves = [np.interp(np.arange(count), knots, rng.normal(0.0, 0.5, 3)) for _ in range(2 if self.space else 1)]
         limits = 0.8 * np.minimum(arm.limits, 2.0)
+        if "coupling" in arm.table:
+            ratios = np.array(arm.table["coupling"])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                most = np.nanmin(limits.reshape(-1, 1) / np.abs(ratios), axis=0)
+            return (ratios @ (most * np.clip(rng.normal(0.0, 0.6, len(most)), -1.0, 1.0))).reshape(-1, 2)
         shapes = [np.clip(wave, -limits[:, k], limits[:, k]) for k, wave in enumerate(waves)]
         return np.stack(shapes, axis=1) if self.space else shapes[0]
 

@@ -493,6 +493,11 @@ def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
     over = (each - arm.limits[:, : each.shape[1]]).max(axis=1)
     if over.max() > 1e-6:
         found.append(f"joint {int(over.argmax()) + 1} is {over.max():.2g} rad beyond its limit")
+    if "coupling" in data["arm"]:
+        ratios = np.array(data["arm"]["coupling"])
+        flat = bends.reshape(len(bends), -1)
+        off = np.abs(flat - np.linalg.lstsq(ratios, flat.T, rcond=None)[0].T @ ratios.T).max()
+        found += [f"joints are {off:.2g} rad out of their ratios"] if off > 1e-6 else []
     found += list(_beyond_ends(data, arrays, bends))
     found += list(_beyond_axes(data, arrays, arm, bends, axes))
     dense, turned = arm.placed(*densely(arm, bends, axes))

@@ -9,6 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.arc_sections import Tendons
 from ccm_opt.robot.base_axes import BaseAxis
+from ccm_opt.robot.couplings import CoupledJoints
 from ccm_opt.robot.tool import Tool, ToolBody
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.tool_links import points_with_tool
@@ -133,6 +134,35 @@ def weak_section(number: int) -> SpacePlan:
     return plan.asking(limits=replace(plan.problem.limits, torque=np.repeat(arm.sections.at_joints(limits), 3)))
 
 
+@cache
+def coupled() -> SpacePlan:
+    """Return a motion of an arm of which two drives turn two joints each, and the other joints are locked."""
+    ratios = np.zeros((2 * LINKS, 2))
+    ratios[[0, 2, 3, 5], [0, 0, 1, 1]] = [1.0, 0.6, 0.8, -0.5]
+    names, limits = ("drive1", "drive2"), np.full(2 * LINKS, 0.8)
+    arm = space_arm(LINKS, coupled=CoupledJoints(ratios, names, limits, np.full(LINKS, 0.1)))
+    return between(bends(0.0), ratios @ np.array([0.3, -0.4]), arm)
+
+
+def out_of_ratio() -> SpacePlan:
+    """Return a motion in which one of two joints that share a drive turns slightly more."""
+    plan = coupled()
+    shares = 1.0 + 2e-5 * np.eye(2 * LINKS)[2]
+    motion = plan.trajectory
+    names = ("positions", "velocities", "accelerations")
+    return plan.moving(**{name: shares * getattr(motion, name) for name in names})
+
+
+def weak_drive() -> SpacePlan:
+    """Return a motion for a problem in which the torque limit of one drive of several joints is slightly too low."""
+    plan = coupled()
+    drives = plan.problem.arm.coupled
+    assert drives is not None
+    most = np.max(np.abs(of_drives(plan.problem.arm, plan.joints.torques)), axis=0)
+    torque = drives.at_joints(most * np.array([2.0, 0.999]), rates=False)
+    return plan.asking(limits=replace(plan.problem.limits, torque=torque))
+
+
 def with_tendons(**limits: float) -> SpacePlan:
     """Return a motion for a problem in which the second section has tendons with limits."""
     plan = even()
@@ -233,11 +263,12 @@ EQUIPPED_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
         lambda: carried().asking(goal=axes_at(-1, 1, 0.02)),
     ),
     "stop N axis_N": (lambda: stopping(carried(), axes_at(-1, 0, 0.01)),),
-    "joint torque": (lambda: weak_section(0), lambda: weak_section(1)),
+    "joint torque": (lambda: weak_section(0), lambda: weak_section(1), weak_drive),
     "torques against dynamics": (lambda: told(even(), torques=1.001 * even().joints.torques),),
     "tendon travel": (displaced,),
     "tendon speed": (hauled,),
     "even bends of sections": (uneven,),
+    "coupled joints": (out_of_ratio,),
     "true arcs beyond links": (lambda: even(0.3),),
     "joint limit": (lambda: built(even(), joint_limit=0.15),),
     "goal position": (lambda: retooled(tooled(), tip=TOOL.tip + np.array([0.0, 1.1e-3, 0.0])),),
@@ -253,6 +284,7 @@ EQUIPPED_UNHARMED: tuple[Mutation, ...] = (
     carried,
     lambda: stopping(carried(), axes_at(-1, 0, 0.0)),
     even,
+    coupled,
     tooled,
     stopping_with,
     lambda: tooled(tool_with(behind(0.15))),

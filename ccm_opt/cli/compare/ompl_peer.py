@@ -103,8 +103,8 @@ class OmplPlanner:
             NoPlanFound: no path was found in time.
         """
         refuse_tool(problem.arm, "the method ompl")
-        if problem.arm.sections is not None:
-            raise ProblemError('the OMPL planner does not support arm.sections with drive = "section"')
+        if problem.arm.drives is not None:
+            raise ProblemError('the OMPL planner does not support arm.sections with drive = "section" or arm.coupling')
         if problem.arm.carrier:
             raise ProblemError("the method ompl does not support arm.base.axes; use planner.method nlp")
         if problem.dimension == 3:

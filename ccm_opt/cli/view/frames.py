@@ -109,7 +109,7 @@ class MotionFrames:
     def torque_shares(self, time: float) -> FloatArray:
         """Return the maximum torque of every ball joint near a time [s], as a fraction of the torque limit, shape (n,).
 
-        The fractions are 0 without torque limits. Joints of sections that bend evenly have those of their section.
+        The fractions are 0 without torque limits. Joints have those of the drive that moves several.
         """
         torques, limit, arm = self.joints.torques, self.problem.limits.torque, self.problem.arm
         if limit is None:
@@ -118,6 +118,10 @@ class MotionFrames:
             used = np.abs(drive_torques(arm, torques)) / drive_torque_limits(arm, limit)
             sections = used.reshape(len(torques), -1, 2).max(axis=2)
             return _nearest_row(self.trajectory.time, sections[:, np.maximum(arm.sections.section_of_joint, 0)], time)
+        if arm.coupled is not None:
+            used = np.abs(drive_torques(arm, torques)) / drive_torque_limits(arm, limit)
+            of_bends = (used[:, None] * (arm.coupled.ratios != 0.0)).max(axis=2)
+            return _nearest_row(self.trajectory.time, of_bends.reshape(len(torques), -1, 2).max(axis=2), time)
         shares = (np.abs(torques) / limit).reshape(len(torques), -1, 3).max(axis=2)
         return _nearest_row(self.trajectory.time, shares, time)
 

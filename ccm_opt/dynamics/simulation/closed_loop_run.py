@@ -328,7 +328,7 @@ def closed_loop(
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
     """Return whether reference and gravity keep the simulated arm exactly in its plane."""
-    if arm.sections is not None:
+    if arm.drives is not None:
         return False
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))

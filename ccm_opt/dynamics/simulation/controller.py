@@ -145,7 +145,7 @@ def inertia_at_most(arm: Arm) -> FloatArray:
     ball joint's bend, since the arm beyond a ball joint has no greater inertia about any other axis through the joint.
     """
     straight = MassMatrix(arm)(np.zeros(3 * arm.links))
-    if arm.sections is not None:
+    if arm.drives is not None:
         return np.asarray(2.0 * np.sum(np.abs(straight), axis=1))
     bends = np.sum(np.abs(straight[1::3, 1::3]), axis=1)
     return np.repeat(bends, 3)

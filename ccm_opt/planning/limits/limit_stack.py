@@ -444,8 +444,8 @@ class JointLimit(LimitOf[CurveUnknowns]):
         """
         del depth
         beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
-        if self.arm.sections is not None:
-            travels = np.abs(q[:, self.arm.coordinates.bends] @ self.arm.sections.travel_rows.T)
+        if self.arm.drives is not None:
+            travels = np.abs(q[:, self.arm.coordinates.bends] @ self.arm.drives.travel_rows.T)
             beyond |= np.any(travels > 1.0 + _BEYOND, axis=1)
         return np.flatnonzero(beyond[:-1] | beyond[1:])
 
