@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.polyline import unit_vector, wrap
@@ -36,6 +36,7 @@ def arcs_to(arm: Arm, headings: np.ndarray, *, with_heading: bool) -> ArcsAtLimi
     return ArcsAtLimits(arm, GoalPose(arm.joint_positions(headings)[-1], direction))
 
 
+@settings(max_examples=30, deadline=None)
 @given(
     links=st.integers(4, 40),
     turn=st.floats(0.5, 5.0),

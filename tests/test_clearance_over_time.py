@@ -62,7 +62,7 @@ def room_of_motion(problem: Problem, time: FloatArray, bends: FloatArray, wanted
 
 
 @pytest.mark.planning
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
     radius=st.floats(0.0, 0.03),
@@ -91,7 +91,7 @@ def test_the_least_gap_is_that_of_a_dense_sweep(seed: int, radius: float, cleara
 
 
 @pytest.mark.planning
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 10**6), clearance=st.floats(0.0, 0.01), thinnest=st.floats(0.2, 1.0))
 def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: float, thinnest: float) -> None:
     """Of an arm between balls, between samples too; gaps at samples are those of their poses, to the links as well.

@@ -354,7 +354,7 @@ def test_the_swan_neck_is_solved_and_its_folder_checked(tmp_path: Path) -> None:
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", "from ccm_opt.cli import main; main()"]
     for arguments in (
-        ["solve", str(PROBLEMS / "swan-neck.toml"), "--out", str(tmp_path)],
+        ["solve", str(PROBLEMS / "swan-neck.toml"), "--out", str(tmp_path), "--no-pictures"],
         ["check", str(tmp_path / "swan-neck")],
     ):
         done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False, env=environment)

@@ -30,7 +30,6 @@ from ccm_opt.cli.compare.space_clutter import KEPT_OFF, links_apart
 from ccm_opt.cli.compare.suites import SUITES, Case, cases_from_files, distinct, shared_folder, suite_cases
 from ccm_opt.cli.comparing import compare_methods
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.executors import LocalWorkers
 from ccm_opt.io.reading import load_problem
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
@@ -247,12 +246,13 @@ def own_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
         del sys.modules[name]
 
 
+@pytest.mark.drawn(3, of="comparisons")
 @pytest.mark.usefixtures("in_threads")
 def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     tmp_path: Path, own_package: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A changed file anywhere in a planner's package makes its runs anew, with a warning; others keep theirs."""
-    small_cases(tmp_path)
+    small_cases(tmp_path, 1)
     method = "my_planners.mine:StraightPlanner"
     options = wanted(tmp_path, planners=(method,))
     journal = tmp_path / "out" / "journal.jsonl"
@@ -265,10 +265,10 @@ def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     assert compare_methods(**options) == 0
     # Words may be broken into lines anywhere.
     err = " ".join(capsys.readouterr().err.split())
-    assert f"4 runs of {method} in" in err
+    assert f"2 runs of {method} in" in err
     assert "come from other code and are repeated" in err
     after = [json.loads(line) for line in journal.read_text().splitlines()]
-    assert len(after) == len(before) + 4
+    assert len(after) == len(before) + 2
     assert {run["method"] for run in after[len(before) :]} == {method}
     assert compare_methods(**options) == 0
     assert len(journal.read_text().splitlines()) == len(after)
@@ -397,13 +397,14 @@ def test_the_page_holds_every_run_and_every_pair() -> None:
 # ---------------------------------------------------------------- command line
 
 
+@pytest.mark.drawn(3, of="comparisons")
 def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Tables by method and by pairs, every failure with its reason, CSV, JSON, the page; exit code 0."""
-    small_cases(tmp_path)
+    small_cases(tmp_path, 1)
     options = wanted(tmp_path, methods=(STRAIGHT, "nlp"), page=True)
     assert compare_methods(**options) == 0
     out = capsys.readouterr().out
-    assert "medians of the methods, 4 problems" in out
+    assert "medians of the methods, 2 problems" in out
     assert f"{STRAIGHT} against nlp" in out
     assert f"tip, {STRAIGHT}: no plan. MotionNotFound: this planner goes to joint poses only" in out
     files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
@@ -413,7 +414,7 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
         "journal.jsonl",
         "runs.csv",
     ]
-    assert len(files["journal.jsonl"].splitlines()) == 8
+    assert len(files["journal.jsonl"].splitlines()) == 4
 
 
 @pytest.mark.usefixtures("in_threads")
@@ -434,6 +435,7 @@ def test_bad_input_ends_before_any_run(tmp_path: Path, capsys: pytest.CaptureFix
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.drawn(3, of="comparisons")
 @pytest.mark.planning
 def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
     """Ctrl-C in the middle ends the workers, gives exit code 130, and the next run goes on from the journal."""
@@ -451,12 +453,3 @@ def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
     done = subprocess.run([*command, "2"], capture_output=True, text=True, check=True)
     assert "nlp solved 2, 100 %" in " ".join(done.stdout.split())
     assert journal.read_text() == before
-
-
-def test_workers_of_a_comparison_are_processes(tmp_path: Path) -> None:
-    """The default executor runs the tasks of a comparison in other processes, with the same outcomes."""
-    cases = small_cases(tmp_path, 1)
-    with open_journal(tmp_path / "one.jsonl") as one, open_journal(tmp_path / "two.jsonl") as two:
-        here = compare(cases, (STRAIGHT,), InThread(), one)
-        there = compare(cases, (STRAIGHT,), LocalWorkers(1), two)
-    assert [run.outcome for run in here.method_runs(STRAIGHT)] == [run.outcome for run in there.method_runs(STRAIGHT)]

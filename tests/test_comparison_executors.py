@@ -121,6 +121,7 @@ def address_in(place: Path, patience: float = 30.0) -> str:
     raise TimeoutError("the scheduler did not start")
 
 
+@pytest.mark.drawn(1, of="cluster")
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_loses_and_doubles_nothing_when_a_worker_is_killed(tmp_path: Path) -> None:
     """A real scheduler with two workers, of which one is killed midway: every task comes back once, with its result."""
@@ -146,6 +147,7 @@ def test_a_cluster_loses_and_doubles_nothing_when_a_worker_is_killed(tmp_path: P
         assert sorted(found) == [(k, 2 * k) for k in range(120)]
 
 
+@pytest.mark.drawn(1, of="cluster")
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_is_lost_ends_the_work_with_a_reason(tmp_path: Path) -> None:
     """What came back before is given back; then one sentence says that the cluster was lost, and what to do."""
@@ -167,6 +169,7 @@ def test_a_scheduler_that_is_lost_ends_the_work_with_a_reason(tmp_path: Path) ->
         assert len(found) == len(set(found)) >= 20
 
 
+@pytest.mark.drawn(1, of="cluster")
 @pytest.mark.filterwarnings("ignore")
 def test_the_client_of_a_cluster_keeps_nothing_of_what_is_over(tmp_path: Path) -> None:
     """When all tasks have come back, less than a tenth of what went to the cluster is in the client's memory."""

@@ -111,6 +111,7 @@ def test_a_soft_constraint_contradicts_nothing() -> None:
     assert not contradictions(terms, GoalRegion(np.array([0.75, 0.2]), None, 1e-3, 0.02))
 
 
+@pytest.mark.drawn(2, of="poses in vain")
 def test_after_a_search_in_vain_the_constraint_that_no_pose_keeps_comes_first() -> None:
     """The old reason follows it, and it is said not to be proved; where a pose keeps all, the error is left alone."""
     middle = ccm_opt.Constraint("middle too far", lambda q: q.point_at(0.6)[0], lower=0.7)

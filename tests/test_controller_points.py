@@ -77,7 +77,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Folder]:
     return write_plans(tmp_path_factory.mktemp("plans"), ("pausing", "smooth", "fed", "fed in space"))
 
 
-@pytest.mark.drawn(2)
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", ["pausing", "smooth", "fed", "fed in space"])
 def test_no_limit_is_passed_as_the_controller_interpolates(written: Mapping[str, Folder], name: str) -> None:
     """On a grid of 1 kHz velocities, accelerations, and efforts by Pinocchio of the URDF, keep their limits."""
@@ -283,6 +283,7 @@ FLUSH["touching at the start"] = FLUSH["in the plane"].replace(
 )
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", FLUSH)
 def test_what_touches_where_it_hardly_moves_is_handed_on(name: str) -> None:
     """An arm flush on a wall, or that leaves a shelf, has few points that pass; bent towards these they do not."""

@@ -10,7 +10,7 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.errors import ProblemError, ProblemFileError
@@ -53,6 +53,7 @@ def bounds(scene: ImportedScene) -> list[float]:
     return list(scene.drawing.box)
 
 
+@settings(max_examples=30, deadline=None)
 @given(
     wanted=st.none() | st.sets(st.sampled_from([*LAYERS, "0"])),
     without=st.sets(st.sampled_from([*LAYERS, "0"])),
@@ -149,6 +150,7 @@ def test_the_page_of_an_svg_drawing_gives_its_unit(tmp_path: Path) -> None:
 COORDINATE = st.floats(-10.0, 10.0)
 
 
+@settings(max_examples=30, deadline=None)
 @given(
     corner=st.tuples(COORDINATE, COORDINATE), offset=st.tuples(COORDINATE, COORDINATE),
     scale=st.floats(0.1, 10.0), place=st.sampled_from(["origin", *PLACES]),

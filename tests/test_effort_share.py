@@ -168,6 +168,7 @@ def stretched() -> ccm_opt.Solution:
     return ccm_opt.solve(parse_problem(STRETCHED))
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("moment", [0.05, 0.5])
 def test_a_new_goal_where_gravity_takes_more_than_the_share(moment: float) -> None:
     """Braking gives way to gravity as timing does: the whole motion passes every check."""

@@ -110,7 +110,7 @@ def test_no_band_is_shorter_than_its_straight_end() -> None:
     assert band.along(behind, np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.2, None) is None
 
 
-@pytest.mark.drawn(1)
+@pytest.mark.drawn(1, of="long links")
 @pytest.mark.planning
 @pytest.mark.parametrize(("family", "seed"), [("helix", 3), ("pipes", 2), ("ribs", 4)])
 def test_an_arm_of_long_links_slides_through_what_bends_right_after_the_hole(family: str, seed: int) -> None:

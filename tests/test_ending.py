@@ -87,6 +87,7 @@ def room(motion: Motion, task: MotionTask) -> float:
     return task.least_gap(clamped_spline(motion.configurations)(np.linspace(0.0, 1.0, 1000)))
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("seed", [90_111, 90_115])
 def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
     """From a motion after one step, which grazes walls, to one that keeps what is wanted or what its ends leave."""

@@ -174,6 +174,7 @@ def test_what_is_proved_is_refused_before_anything_is_planned(dimension: str, ve
         verb(problem, constraints=[aside])
 
 
+@pytest.mark.drawn(1)
 @dimensions
 def test_settings_reach_every_verb(dimension: str) -> None:
     """Numbers that are handed over are those that count."""

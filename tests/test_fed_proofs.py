@@ -18,6 +18,7 @@ from .benchmarks.feed_families import FAMILIES
 from .feed_scenes import RADIUS, fed_arm, make_problem, make_room
 
 
+@pytest.mark.drawn(6)
 @pytest.mark.planning
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 @settings(deadline=None, max_examples=2)

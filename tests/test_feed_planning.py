@@ -102,7 +102,7 @@ def test_feeding_round_a_plate() -> None:
 
 
 @pytest.mark.planning
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=7, deadline=None)
 @given(turn=st.floats(0.3, 1.4), left=st.booleans(), gap=st.floats(0.004, 0.03))
 def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: float) -> None:
     """In a tube round an arc a band keeps its distance, or where that is too much the middle, and its ends are kept."""

@@ -54,7 +54,7 @@ def assert_sound(found: StaticPose) -> None:
         assert room.min() >= found.pose.gap - 1e-6 * arm.length
 
 
-@pytest.mark.drawn(1)
+@pytest.mark.drawn(1, of="poses")
 @pytest.mark.parametrize("seed", range(3))
 def test_the_best_of_all_tries_is_a_sound_pose_with_the_gap_it_says(seed: int) -> None:
     """In clutter the pose ends at the goal and has the room that it claims; no other try costs less."""
@@ -66,7 +66,7 @@ def test_the_best_of_all_tries_is_a_sound_pose_with_the_gap_it_says(seed: int) -
     assert sum(segment.length for segment in found.curve.segments) == pytest.approx(found.problem.arm.length)
 
 
-@pytest.mark.drawn(1)
+@pytest.mark.drawn(1, of="poses")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_pocket_that_a_wide_tolerance_reaches_is_found(seed: int) -> None:
     """Where the middle of the goal lies in a wall, a pose in the pocket before it is found, with the tip in the set."""
@@ -123,6 +123,7 @@ def test_binding_sides_are_at_the_links_that_they_name() -> None:
         assert side.multiplier > 0.0
 
 
+@pytest.mark.drawn(2, of="poses in vain")
 def test_a_constraint_that_no_pose_was_found_to_keep_is_named_with_its_miss() -> None:
     """The reason names the constraint and by how much the nearest pose misses it, and claims no proof."""
     constraint = ccm_opt.Constraint("elbow too far", lambda q: q.point_at(0.2)[1], lower=0.19)
@@ -184,6 +185,7 @@ def test_the_command_writes_the_pose_its_arrays_and_a_picture(files: Path) -> No
     assert (folder / "pose.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.drawn(2, of="poses in vain")
 def test_the_command_leaves_a_record_where_there_is_no_pose(files: Path) -> None:
     """Without a pose the exit code is 3, and ``pose.json`` alone holds the diagnosis."""
     code, output = run(

@@ -75,16 +75,16 @@ def writing(target: Path, name: str, count: int) -> "subprocess.Popen[str]":
 
 
 def test_racing_writers_refuse_nobody_and_lose_nothing(tmp_path: Path) -> None:
-    """Four processes write one folder 30 times each: none is refused, it is always whole, and the user's files stay."""
+    """Of three processes that write one folder 30 times none is refused; it is always whole, the user's files stay."""
     target = tmp_path / "plan"
     with_notes(target)
-    racers = [writing(target, f"racer{k}", 30) for k in range(4)]
+    racers = [writing(target, f"racer{k}", 30) for k in range(3)]
     while any(racer.poll() is None for racer in racers):
         assert (target / OWN).read_text() == "mine"
         assert (target / RECORD).is_file()
         time.sleep(0.001)
     errors = [racer.communicate()[1] for racer in racers]
-    assert errors == ["", "", "", ""]
+    assert errors == ["", "", ""]
     assert word_of(target).endswith(" 29")
     assert_notes(target)
     assert names_in(tmp_path) == ["plan"]
@@ -116,7 +116,7 @@ def test_killed_writers_leave_old_or_new_and_the_next_clears_up(tmp_path: Path) 
     """SIGKILL at random moments: the folder is whole at once, and nothing is left beside it after the next run."""
     target = tmp_path / "plan"
     with_notes(target)
-    for k in range(6):
+    for k in range(3):
         writer = writing(target, f"writer{k}", 100_000)
         assert writer.stdout is not None
         assert writer.stdout.readline()

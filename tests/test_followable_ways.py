@@ -107,7 +107,7 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     return search, WayEnd(goal, frame @ frame[0] if directed else None), start, frame
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), directed=st.booleans())
 def test_c_and_python_search_alike(seed: int, directed: bool) -> None:
     """Among random boxes both find the same arcs, or both find no way."""
@@ -211,7 +211,7 @@ def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
         assert np.all(tip <= box[1] + 1e-9)
 
 
-@pytest.mark.drawn(4)
+@pytest.mark.drawn(3)
 @pytest.mark.parametrize("family", SITES)
 def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None:
     """One of each family, judged by dense samples from its start to its goal."""
@@ -228,7 +228,7 @@ def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None
         assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
 
 
-@pytest.mark.drawn(1)
+@pytest.mark.drawn(1, of="long links")
 @pytest.mark.parametrize("family", ["double-back", "pipe-three-bends"])
 def test_few_long_links_go_through_tight_bends(family: str) -> None:
     """Links that are as long as the bends: each goes where the chords have room, close to the way of the tip."""

@@ -9,7 +9,7 @@ import pytest
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
-@pytest.mark.drawn(3, of="examples")
+@pytest.mark.drawn(2, of="examples")
 @pytest.mark.parametrize(
     ("example", "picture", "words"),
     [

@@ -130,6 +130,7 @@ def test_what_is_no_file_is_not_read(
     assert name in said
 
 
+@pytest.mark.drawn(6)
 @pytest.mark.parametrize("name", ["trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml"])
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "huge"])
 def test_nor_are_texts(place: Path, capsys: pytest.CaptureFixture[str], name: str, kind: str) -> None:

@@ -19,6 +19,7 @@ ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "comparison.md"
 
 
+@pytest.mark.drawn(1, of="cluster")
 def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
     """The script, with one problem and one worker, compares planners on its own cluster and says what each solves."""
     pytest.importorskip("distributed")
@@ -42,6 +43,7 @@ def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
     assert len((tmp_path / "runs" / "on-a-cluster" / "journal.jsonl").read_text().splitlines()) == 2
 
 
+@pytest.mark.drawn(1, of="cluster")
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes its certificates with openssl")
 def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(

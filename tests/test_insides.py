@@ -164,7 +164,7 @@ def asked(body: MeshBody, rng: np.random.Generator) -> FloatArray:
 @pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("made", [crossing_bodies, touching_bodies, a_box_in_the_corner_of_another])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_bodies_of_one_file_are_solid_however_they_are_turned(
     made: Callable[[np.random.Generator], list[tuple[FloatArray, Inside]]], seed: int
@@ -186,7 +186,7 @@ def test_bodies_of_one_file_are_solid_however_they_are_turned(
 
 
 @pytest.mark.planning
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_a_cavity_is_free_and_what_stands_in_it_is_not(seed: int) -> None:
     """Of a ball with a cavity, turned against it, and a ball in that, the walls and the inner ball are solid."""

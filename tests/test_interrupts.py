@@ -105,15 +105,14 @@ def test_objects_that_an_interrupt_leaves_half_made_are_not_told_of(tmp_path: Pa
     assert ended([sys.executable, "-c", HALF_MADE], tmp_path) == (130, "error: cancelled\n")
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5])
-def test_a_solve_that_is_interrupted_says_so_and_leaves_an_earlier_plan(tmp_path: Path, share: float) -> None:
+def test_a_solve_that_is_interrupted_says_so_and_leaves_an_earlier_plan(tmp_path: Path) -> None:
     """At any moment: 130 or, when it was just done, success; one line, no traceback; an earlier plan is as it was."""
     folder = tmp_path / "runs" / "swan-neck"
     folder.mkdir(parents=True)
     (folder / "solution.json").write_text("{}")
     (folder / "solution.npz").write_bytes(b"earlier")
     command = [sys.executable, "-m", "ccm_opt", "solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures"]
-    code, said = ended(command, tmp_path, 2.0 * random.uniform(share, share + 0.5))  # noqa: S311
+    code, said = ended(command, tmp_path, 2.0 * random.random())  # noqa: S311
     assert "Traceback" not in said
     assert code in {0, 130}
     if code == 130:

@@ -103,6 +103,7 @@ def test_arms_that_are_not_fed_and_motions_in_the_tube_have_no_leader() -> None:
     assert leader_deviation(ARM, inside) is None
 
 
+@pytest.mark.drawn(1, of="there and back")
 def test_an_arm_goes_back_the_way_that_it_came(tmp_path: Path) -> None:
     """Told to end as it began, it retraces its motion; timed and verified, and the folder can be checked."""
     problem = tmp_path / "problem.toml"
@@ -127,6 +128,7 @@ def test_an_arm_goes_back_the_way_that_it_came(tmp_path: Path) -> None:
         assert np.abs(bends[:turning] - bends[k]).max(axis=(1, 2)).min() < 2e-3
 
 
+@pytest.mark.drawn(1, of="there and back")
 def test_an_arm_goes_back_past_several_goals_and_rests_at_the_corners_of_its_way(tmp_path: Path) -> None:
     """Its path has a corner at each of them, through which nothing can be driven; it takes as long as the way there."""
     problem = tmp_path / "problem.toml"

@@ -62,7 +62,7 @@ def test_an_arm_from_its_tube_stays_on_the_path_of_its_tip(seed: int, feed: floa
 
 
 @given(seed=st.integers(0, 2**32), feeds=st.tuples(st.floats(-0.6, 0.0), st.floats(-0.6, 0.0)))
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=10)
 def test_an_arm_on_another_path_is_drawn_back_first(seed: int, feeds: tuple[float, float]) -> None:
     """From one pose to another: both are met, no joint in the tube is bent, and steps are small.
 

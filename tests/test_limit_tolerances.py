@@ -75,6 +75,7 @@ def checks_of(problem: Problem, trajectory: JointTrajectory) -> dict[str, Check]
     return {check.name: check for check in verify(problem, trajectory, states_of(problem, trajectory))}
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("fed", [False, True])
 def test_a_limit_may_be_passed_by_its_tolerance(fed: bool) -> None:

@@ -79,25 +79,25 @@ def random_motions(count: int) -> Iterator[tuple[Arm, Workspace, FloatArray, Flo
 
 @pytest.mark.planning
 def test_it_never_passes_what_a_dense_sweep_refutes() -> None:
-    """Of 80 random motions among polygons none that touches something in a sweep of 400 sub-steps is certified.
+    """Of 40 random motions among polygons none that touches something in a sweep of 400 sub-steps is certified.
 
     Both verdicts are common, and motions that keep 2 mm of clearance all along are certified.
     """
     verdicts: Counter[bool] = Counter()
-    for arm, workspace, start, end in random_motions(80):
+    for arm, workspace, start, end in random_motions(40):
         gap = min(sweep_gaps(arm, workspace, swept(start, end, SUBSTEPS)))
         passed = certified(arm, workspace, start, end)
         assert not (passed and gap <= 0.0), f"certified at a gap of {1e3 * gap:.3f} mm"
         assert passed or gap < GENEROUS, f"refused at a gap of {1e3 * gap:.3f} mm"
         verdicts[passed] += 1
-    assert min(verdicts[True], verdicts[False]) >= 25
+    assert min(verdicts[True], verdicts[False]) >= 10
 
 
 @pytest.mark.planning
 def test_a_carried_arm_is_certified_where_it_is() -> None:
     """No motion with the base on its way is passed that a dense sweep refutes; a pose is that of an arm based there."""
     verdicts: Counter[bool] = Counter()
-    for number, (arm, workspace, start, end) in enumerate(random_motions(40)):
+    for number, (arm, workspace, start, end) in enumerate(random_motions(20)):
         fed = replace(arm, feed=Feed(-1.0, 1.0, 0.0))
         carried = np.array([0.0, 3.0 * np.sin(number)])
         poses = np.column_stack((np.stack((start, end)), carried))
@@ -109,7 +109,7 @@ def test_a_carried_arm_is_certified_where_it_is() -> None:
         still = certified(fed, workspace, poses[1], poses[1])
         assert still == certified(there, workspace, poses[1, :-1], poses[1, :-1])
         verdicts[passed] += 1
-    assert min(verdicts[True], verdicts[False]) >= 10
+    assert min(verdicts[True], verdicts[False]) >= 5
 
 
 def folding_motions(count: int) -> Iterator[tuple[Arm, FloatArray, FloatArray]]:
@@ -124,16 +124,16 @@ def folding_motions(count: int) -> Iterator[tuple[Arm, FloatArray, FloatArray]]:
 
 @pytest.mark.planning
 def test_it_never_passes_an_arm_that_meets_itself() -> None:
-    """Of 75 folding motions none whose distant links meet in a dense sweep is certified; both verdicts are common."""
+    """Of 40 folding motions none whose distant links meet in a dense sweep is certified; both verdicts are common."""
     verdicts: Counter[bool] = Counter()
     workspace = Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0))
-    for arm, start, end in folding_motions(75):
+    for arm, start, end in folding_motions(40):
         gap = self_gap(arm, arm.joint_positions(swept(start, end, SUBSTEPS)))
         passed = certified(arm, workspace, start, end)
         assert not (passed and gap <= 0.0), f"certified at a gap of {1e3 * gap:.3f} mm"
         assert passed or gap < GENEROUS, f"refused at a gap of {1e3 * gap:.3f} mm"
         verdicts[passed] += 1
-    assert min(verdicts[True], verdicts[False]) >= 15
+    assert min(verdicts[True], verdicts[False]) >= 8
 
 
 def test_an_arm_that_may_touch_itself_may_fold() -> None:

@@ -142,12 +142,14 @@ def test_gates_of_two_to_five_percent_play_are_passed(seed: int) -> None:
     assert run(edge_problem("gate", seed, 900.0), optimised=False).outcome == "verified"
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("seed", [0, 1, 5, 9])
 def test_joints_go_to_their_limits(seed: int) -> None:
     """A goal with every joint at 0.999 of its limit is reached, and the timed motion verified."""
     assert run(edge_problem("limit-arc", seed, 900.0), optimised=False).outcome == "verified"
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("family", ["at-wall", "at-corner"])
 @pytest.mark.parametrize("seed", [1, 3])
 def test_starts_in_contact_with_a_side_or_a_corner_are_left(family: str, seed: int) -> None:

@@ -31,6 +31,7 @@ def _needs_ompl(request: pytest.FixtureRequest) -> None:
         pytest.importorskip("ompl.geometric")
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("whole_arm", [False, True])
 def test_what_ompl_finds_is_verified(whole_arm: bool) -> None:
     """A way of OMPL becomes a timed motion that the verifier accepts and a dense look at it finds free of contact."""

@@ -64,7 +64,7 @@ def same_plan(one: ccm_opt.Solution, other: ccm_opt.Solution, factor: float) -> 
     np.testing.assert_allclose(np.divide(gaps[1], factor), gaps[0], rtol=1e-3, atol=1e-4 * one.problem.arm.length)
 
 
-@pytest.mark.drawn(2, of="sizes")
+@pytest.mark.drawn(1, of="sizes")
 @settings(max_examples=3, deadline=None)  # plans each twice
 @given(seed=st.integers(0, 10_000), factor=FACTORS)
 def test_random_problems_have_the_same_plan_at_every_size(seed: int, factor: float) -> None:
@@ -79,7 +79,7 @@ def test_random_problems_have_the_same_plan_at_every_size(seed: int, factor: flo
     same_plan(found, plan(resized(problem, factor)), factor)
 
 
-@pytest.mark.drawn(2, of="sizes")
+@pytest.mark.drawn(1, of="sizes")
 @pytest.mark.planning
 @pytest.mark.parametrize(("name", "factor"), [("swan-neck", 1e-5), ("s-duct", 1e6), ("", 1e6)], ids=str)
 def test_problems_of_the_package_have_the_same_plan_at_every_size(name: str, factor: float) -> None:
@@ -118,7 +118,7 @@ def test_proofs_hold_at_every_size(family: str, factor: float) -> None:
             assert other.bounds["arm.radius"] == pytest.approx(factor * one.bounds["arm.radius"], rel=1e-6)
 
 
-@pytest.mark.drawn(2, of="sizes")
+@pytest.mark.drawn(1, of="sizes")
 def test_the_static_question_has_one_answer() -> None:
     """The pose at the goal is the same at every size, its room and curve grown with the arm."""
     problem = clutter(3, 8).problem()

@@ -189,7 +189,7 @@ def six_axis_arm() -> Arm:
     return arc_arm((6, 6, 6), (0.3, 0.3, 0.3), carrier=tuple(axes))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.integers(0, 10**6), st.booleans())
 def test_sections_on_six_axes_follow_a_path(seed: int, flat: bool) -> None:
     """The tip exactly, at all times, and the arm within 5 % of its length, from any straight start."""

@@ -11,7 +11,7 @@ from tests.pinned.scenes import SCENES
 FIGURES = read_figures()
 
 
-@pytest.mark.drawn(13)
+@pytest.mark.drawn(10)
 @pytest.mark.planning
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_what_functions_return_in_made_up_scenes_is_as_it_was(name: str) -> None:

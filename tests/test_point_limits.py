@@ -103,7 +103,7 @@ def test_a_point_moves_as_its_derivatives_say(seed: int, links: int, share: floa
 
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.3), st.floats(0.2, 2.0), st.sampled_from([None, 0.23]))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_limits_on_a_point_hold_and_are_used(seed: int, speed: float, growth: float, at: float | None) -> None:
     """At 1 kHz the limits hold, for the samples and their differences, and some limit or other is nearly reached."""
     arm = slim_arm(4, LINK)
@@ -181,7 +181,7 @@ def test_limits_on_points_hold_beside_all_others(seed: int, beside: str) -> None
 
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=3, deadline=None)
 def test_transitions_keep_limits_on_points(seed: int) -> None:
     """Paul's legs and turns are slowed down where the tip would pass its limits, and verified as such."""
     arm = slim_arm(3, LINK)

@@ -423,7 +423,7 @@ y = 'z'
 
 
 @pytest.mark.planning
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     links=st.integers(2, 60).map(lambda half: 2 * half),
     radius=st.sampled_from([0.0, 0.1, 0.3, 0.5, 0.8, 1.5]),

@@ -8,6 +8,7 @@ from ccm_opt.ik.pose_program import PoseSize, pose_program
 from ccm_opt.ik.row_program import block_derivatives
 
 
+@pytest.mark.drawn(3)
 @pytest.mark.planning
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize(("links", "segments", "loaded"), [(2, 1, False), (7, 2, True), (13, 3, False)])

@@ -194,6 +194,7 @@ def test_so_is_what_the_record_says_of_goal_and_meshes_in_space(
     assert "Record against motion" in capsys.readouterr().out
 
 
+@pytest.mark.drawn(8)
 @pytest.mark.parametrize("name", FOLDER_MUTATIONS)
 def test_what_contradicts_the_motion_is_caught_by_its_check_alone(
     written: Folder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str

@@ -75,7 +75,7 @@ def test_two_links_reach_an_annulus_whatever_the_workers() -> None:
 
     With several processes results come in any order, and the map is the same.
     """
-    maps = [ccm_opt.reach_map(two_links(), step=0.1, headings=4, workers=each) for each in (1, LocalWorkers(2))]
+    maps = [ccm_opt.reach_map(two_links(), step=0.2, headings=2, workers=each) for each in (1, LocalWorkers(2))]
     assert_annulus(maps[0], 1.0)
     assert np.array_equal(maps[0].reachable, maps[1].reachable)
     assert np.array_equal(maps[0].taken, maps[1].taken)

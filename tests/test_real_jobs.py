@@ -42,7 +42,7 @@ def test_every_job_is_tested() -> None:
     assert {file.stem for file in JOBS.glob("*.toml")} == {*POSSIBLE, BY_EXAMPLE, *IMPOSSIBLE}
 
 
-@pytest.mark.drawn(2)
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("name", POSSIBLE)
 def test_jobs_are_solved(name: str, tmp_path: Path) -> None:
     """The plan is followed by the simulated arm; that of the drawing is verified again from its folder alone."""
@@ -120,7 +120,7 @@ def test_the_drawing_is_the_one_that_its_example_draws(
     assert {file.name for file in (tmp_path / "copy").iterdir()} == {"turbine-stages.toml", "turbine-stages.dxf"}
 
 
-@pytest.mark.drawn(3, of="examples")
+@pytest.mark.drawn(2, of="examples")
 def test_the_camera_looks_at_the_weld(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,7 +133,7 @@ def test_the_camera_looks_at_the_weld(
     assert way @ (np.cos(heading), np.sin(heading)) > 0.99 * np.hypot(*way)
 
 
-@pytest.mark.drawn(3, of="examples")
+@pytest.mark.drawn(2, of="examples")
 def test_the_tour_with_a_cost_bends_the_mast_less(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -120,6 +120,7 @@ def test_braking_is_as_soon_as_the_limits_allow() -> None:
     assert np.mean(braking > 0.9 * limits.acceleration[0]) > 0.8
 
 
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("share", [0.0, 1e-9, 0.5, 1.0])
 def test_a_new_goal_is_reached_from_wherever_the_arm_is(solved: Solution, share: float) -> None:
     """The whole motion is verified; until the moment it is the plan, and it ends at the new goal."""

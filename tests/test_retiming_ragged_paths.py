@@ -45,7 +45,7 @@ def unseen_share(trajectory: JointTrajectory) -> float:
 
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_samples_show_what_accelerations_do(seed: int, links: int) -> None:
     """However ragged the path, the velocity that joints gain is that of the accelerations written down."""
     trajectory = run(make_path(ragged_control(seed, links)), even_limits(links, 1.0, ACCELERATION))

@@ -154,7 +154,7 @@ def test_a_flattened_spline_stays_within_the_distance(control: list[tuple[float,
 
 
 @pytest.mark.planning
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     axes=st.tuples(st.floats(0.2, 3.0), st.floats(0.2, 3.0)),
     matrix=st.tuples(*[st.floats(-2.0, 2.0)] * 4).filter(lambda m: abs(m[0] * m[3] - m[1] * m[2]) > 0.2),

@@ -53,7 +53,7 @@ def off_track(track: ArmTrack, points: FloatArray) -> FloatArray:
 
 
 @pytest.mark.planning
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     st.sampled_from([6, 8, 12, 24, 40]),
     st.floats(0.1, 0.2),
@@ -81,6 +81,7 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
     assert np.linalg.norm(tip - track.points[-1]) < 0.01
 
 
+@pytest.mark.drawn(1, of="long links")
 @pytest.mark.planning
 def test_few_long_links_pass_a_bent_pipe_with_room() -> None:
     """Links that steps towards the tip's target wedge in the bends slide through on the track of the tip."""
@@ -91,6 +92,7 @@ def test_few_long_links_pass_a_bent_pipe_with_room() -> None:
     assert solution.room.nearest.gap > 0.5 * problem.wanted_gap
 
 
+@pytest.mark.drawn(1, of="long links")
 @pytest.mark.planning
 def test_a_motion_that_lacks_room_is_made_of_more_keyframes() -> None:
     """One run of the optimisation leaves a fifth less than is wanted in the bends of this pipe."""

@@ -293,6 +293,7 @@ def test_disturbances_never_raise(swing: Solution) -> None:
         assert not np.isnan([figure for name, figure in figures.items() if name != "tracking_error_rad"]).any()
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("no ink")])
 def test_an_earlier_plan_stays_where_the_next_is_cut_short(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -312,6 +313,7 @@ def test_an_earlier_plan_stays_where_the_next_is_cut_short(
     assert "keeps its earlier result" in said
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("step", ["write_folder", "print_solution"])
 def test_ctrl_c_when_the_folder_is_all_but_done_is_too_late(
     step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -88,7 +88,7 @@ def test_segments_are_as_near_as_their_nearest_samples(seed: int) -> None:
 
 @pytest.mark.planning
 @given(seeds, st.booleans())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_what_is_certified_touches_nothing(seed: int, folded: bool) -> None:
     """And what has room is certified."""
     rng = np.random.default_rng(seed)

@@ -43,7 +43,7 @@ def test_the_start_is_held_exactly(seed: int, links: int, carried: bool) -> None
 
 @pytest.mark.planning
 @given(seeds, st.integers(4, 30), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_slopes_and_chains_are_derivatives(seed: int, links: int, carried: bool) -> None:
     """By differences, and in C as in numpy."""
     rng = np.random.default_rng(seed)

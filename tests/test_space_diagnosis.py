@@ -321,7 +321,7 @@ def test_a_goal_deep_in_a_body_is_moved_out_of_it() -> None:
 
 
 @pytest.mark.planning
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(seed=seeds)
 def test_a_goal_moved_in_space_is_free(seed: int) -> None:
     """The place that is told for a goal inside of a ball passes every check, and is not far outside of the ball."""

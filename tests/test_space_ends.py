@@ -105,6 +105,7 @@ def on_a_table(folder: Path, gap: float, goal: str = LIFTED) -> Problem:
     return problem
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("gap", [1e-3, 5e-5, 5e-6])
 def test_an_arm_is_lifted_off_what_it_nearly_lies_on(tmp_path: Path, gap: float) -> None:
     """What is proved to be spared gives way to the little room of a start, and the plan is verified."""

@@ -98,6 +98,7 @@ def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path,
     assert brightness(folder / "pose.png") > 0.05
 
 
+@pytest.mark.drawn(2, of="poses in vain")
 def test_a_constraint_of_the_user_shapes_the_pose(tmp_path: Path, run: CommandLine) -> None:
     """The arm's middle is where a constraint wants it; one that no pose keeps leaves the record of why, and exit 3."""
     terms = tmp_path / "terms.py"

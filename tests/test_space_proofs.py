@@ -54,7 +54,7 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
 
 
 @pytest.mark.planning
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_separations_enclose_the_distance(seed: int) -> None:
     """No proved distance is more than the true one, none of a pair of points less, and both are that to rounding."""
@@ -70,7 +70,7 @@ def test_separations_enclose_the_distance(seed: int) -> None:
 
 
 @pytest.mark.planning
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_distances_of_axes_are_least(seed: int) -> None:
     """The distance of two segments is that of the first from the second as a triangle without area."""
@@ -135,7 +135,7 @@ def clutter(rng: np.random.Generator, count: int) -> Workspace:
 
 
 @pytest.mark.planning
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=seeds, samples=st.sampled_from((2, 5, 60)), bend=st.sampled_from((0.05, 0.3)), count=st.integers(0, 9))
 def test_clearance_is_that_of_dense_samples(seed: int, samples: int, bend: float, count: int) -> None:
     """What is accepted is free at all of many times, what is refused touches, and the gap is the least to be found."""
@@ -161,7 +161,7 @@ def test_clearance_is_that_of_dense_samples(seed: int, samples: int, bend: float
 
 
 @pytest.mark.planning
-@settings(max_examples=40)
+@settings(max_examples=14)
 @given(seed=seeds, samples=st.sampled_from((2, 5, 60)), bend=st.sampled_from((0.3, 0.7)))
 def test_self_contact_is_that_of_dense_samples(seed: int, samples: int, bend: float) -> None:
     """What is accepted keeps two radii apart at all of many times, and what is refused does not."""

@@ -28,7 +28,7 @@ def bowed() -> Solution:
     return ccm_opt.solve(problem)
 
 
-@pytest.mark.drawn(1)
+@pytest.mark.drawn(2, of="retargeting in space")
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
 def test_a_new_goal_is_reached_from_wherever_the_arm_is(share: float) -> None:
     """The whole motion is verified; until the moment it is the plan, and it ends at the new goal."""
@@ -47,6 +47,7 @@ def test_a_new_goal_is_reached_from_wherever_the_arm_is(share: float) -> None:
     assert np.allclose(changed.path.spline(1.0), changed.trajectory.positions[-1], atol=1e-9)
 
 
+@pytest.mark.drawn(2, of="retargeting in space")
 def test_a_fed_arm_is_given_another_goal_while_it_goes_in() -> None:
     """Among the blades the whole motion is verified, with joints in the guide tube straight at all times."""
     plan = solved_in_space("blade-row")
@@ -59,6 +60,7 @@ def test_a_fed_arm_is_given_another_goal_while_it_goes_in() -> None:
     assert changed.metrics["tip_error_m"] < 1e-3
 
 
+@pytest.mark.drawn(2, of="retargeting in space")
 def test_a_goal_may_change_twice() -> None:
     """A motion that was retargeted can be retargeted again; both stops are kept and verified."""
     once = ccm_opt.retarget(bowed(), 0.4, ELSEWHERE)

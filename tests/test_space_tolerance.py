@@ -73,7 +73,7 @@ def near_the_limit(error: ToleratedError) -> FloatArray:
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_no_error_of_the_joints_that_is_certified_touches(seed: int) -> None:
     """Whatever the joints are off by, each by no more than is survived, and each moment another way."""
     error = tolerated()["joints"]

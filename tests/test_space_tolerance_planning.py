@@ -22,6 +22,7 @@ def asking(degrees: float) -> Problem:
     return replace(post(), joint_error=float(np.deg2rad(degrees)), source="")
 
 
+@pytest.mark.drawn(2, of="planning for errors")
 def test_more_is_survived_where_more_is_asked_for() -> None:
     """The free motion survives less than is asked for, and the planned one all of it, by a check of its own."""
     free = free_motion()
@@ -35,6 +36,7 @@ def test_more_is_survived_where_more_is_asked_for() -> None:
     assert again.size == pytest.approx(check.worst)
 
 
+@pytest.mark.drawn(2, of="planning for errors")
 def test_what_no_motion_survives_is_told_with_what_the_best_one_does() -> None:
     """The reason names the error that is survived, what limits it, and a smaller error that can be had."""
     with pytest.raises(MotionNotFound, match=r"tolerates joint errors of 20°: the best tolerates .*'ball'") as caught:

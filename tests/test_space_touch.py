@@ -14,7 +14,7 @@ from tests.snakes_in_space import least_gaps
 
 @pytest.mark.planning
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_least_gaps_and_the_first_contact_are_those_of_all_samples(seed: int) -> None:
     """Although few samples are looked at far away, none is nearer than what is told, to walls and to the arm itself."""
     problem = space_clutter(seed, 6, 10, "clutter")

@@ -31,7 +31,7 @@ def trees(scene: TriangleSoup, leaf: int = 4) -> list[SurfaceTree]:
 
 
 @pytest.mark.planning
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(seed=seeds, count=st.integers(1, 12), reach=reaches)
 def test_distances_are_those_of_a_slow_oracle(seed: int, count: int, reach: float) -> None:
     """Whatever the triangles, also points, segments and slivers, every way gives the least distance."""
@@ -98,7 +98,7 @@ def test_slack_lowers_distances_by_no_more(seed: int, count: int, reach: float, 
 
 
 @pytest.mark.planning
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(seed=seeds, count=st.integers(1, 60), reach=reaches)
 def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> None:
     """From the point on the surface the normal leads over the gap to the place on the segment, off the named owner."""
@@ -121,7 +121,7 @@ def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> 
                 assert NumpySearch(boxes).distances(segment[None], reach, 0.0)[0] == pytest.approx(gap, abs=1e-8)
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(seed=seeds, count=st.integers(1, 200), behind=st.sampled_from((1e-6, 0.01, 0.1)))
 def test_what_planes_leave_is_free(seed: int, count: int, behind: float) -> None:
     """With room for all planes, no surface in reach stands out by more than allowed from behind all of them."""
@@ -204,7 +204,7 @@ def test_fewer_planes_are_the_first_of_more(seed: int, count: int, most: int) ->
 
 
 @pytest.mark.planning
-@settings(max_examples=40)
+@settings(max_examples=12)
 @given(seed=seeds, count=st.integers(1, 100), reach=reaches)
 def test_a_grid_is_of_its_points(seed: int, count: int, reach: float) -> None:
     """The distances of a grid are those of its cells' middles one by one, whichever its counts."""

@@ -310,7 +310,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.drawn(8)
+@pytest.mark.drawn(6)
 @pytest.mark.planning
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_drawings_are_refused_soon(tmp_path: Path, case: str) -> None:

@@ -226,19 +226,19 @@ def test_half_as_much_again_along_the_worst_errors_mostly_touches() -> None:
     hundred touched.
     """
     touched = []
-    for seed in range(60):
+    for seed in range(30):
         arm, workspace, poses = drawn_case(np.random.default_rng(seed), (6, 16)[seed % 2])
         trajectory = motion_of(poses)
         found = tolerated_error(bare_problem(arm, workspace), trajectory, joint_errors(arm))
         if found.limited and found.size * arm.links <= 0.1:
             worst = trajectory.bend_angles + 1.5 * found.size * np.array(found.worst)
             touched.append(perturbed_gap(arm, workspace, worst, np.zeros_like(worst)) <= 1e-6)
-    assert len(touched) >= 5
+    assert len(touched) >= 3
     assert np.mean(touched) > 0.6
 
 
 @pytest.mark.planning
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(SEEDS, st.sampled_from((4, 12)))
 def test_the_certified_gap_is_the_least_gap(seed: int, links: int) -> None:
     """Walls may be off by the least gap of the motion, as the verifier finds it another way, and so may the base."""

@@ -55,6 +55,7 @@ def test_the_verifier_refuses_a_plan_that_does_not_survive() -> None:
     assert [check.name for check in checks if not check.passed] == [CHECK]
 
 
+@pytest.mark.drawn(2, of="planning for errors")
 def test_what_cannot_be_survived_is_explained() -> None:
     """Where no motion survives the error, the reason names what limits the best, and an error that can be had."""
     problem = swan_neck(10.0)

@@ -90,6 +90,7 @@ def test_heavy_costs_are_lowered_along_the_motion(weight: float) -> None:
     assert found[1].metrics["cost_bends"] < 0.9 * found[0].metrics["cost_bends"]
 
 
+@pytest.mark.drawn(3, of="costs")
 def test_costs_of_another_part_of_the_motion_leave_the_goal_pose_as_it_is() -> None:
     """However much they weigh."""
     problem = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")

@@ -22,7 +22,7 @@ def residuals(output: str) -> list[float]:
     return [float(text) for text in re.findall(r"residual (\S+) at most", output)]
 
 
-@pytest.mark.drawn(3, of="examples")
+@pytest.mark.drawn(2, of="examples")
 @pytest.mark.parametrize(
     ("name", "count"),
     [("02_look_at_a_point.py", 2), ("03_keep_the_middle_up.py", 1), ("04_follow_a_tip_path.py", 1)],
@@ -36,7 +36,7 @@ def test_constraints_of_the_examples_hold(
     assert max(found) <= 1e-6
 
 
-@pytest.mark.drawn(3, of="examples")
+@pytest.mark.drawn(2, of="examples")
 def test_the_cost_of_the_example_is_made_small(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -53,15 +53,14 @@ def test_a_constraint_holds_on_every_leg() -> None:
 def test_a_constraint_on_the_feed_is_planned_for() -> None:
     """A motion that would use more feed uses less where it may not; where no motion can, the constraint is named."""
     near = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.37, 0.1]"))
-    for most in (0.3, 0.02):
-        solution = solve(near, constraints=[feed_below(most)])
-        assert solution.trajectory.base_positions[:, 0].max() <= most + 1e-6
-        assert solution.metrics["residual_short_feed"] <= 1e-6
+    solution = solve(near, constraints=[feed_below(0.02)])
+    assert solution.trajectory.base_positions[:, 0].max() <= 0.02 + 1e-6
+    assert solution.metrics["residual_short_feed"] <= 1e-6
 
     problem = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.5, 0.1]"))
     solution = solve(problem, constraints=[feed_below(0.31)])
     assert solution.trajectory.base_positions[-1, 0] > 0.1
     assert solution.metrics["residual_short_feed"] == 0.0
-    in_short = replace(problem, planner=replace(problem.planner, time_limit=1.0))
+    in_short = replace(problem, planner=replace(problem.planner, time_limit=0.2))
     with pytest.raises(NoPlanFound, match="short feed"):
         solve(in_short, constraints=[feed_below(0.05)], explain=False)

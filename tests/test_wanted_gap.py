@@ -30,7 +30,7 @@ def gaps_of(solution: Solution) -> np.ndarray:
     return np.array([search.gap(pose) for pose in [*poses[::4], poses[-1]]])
 
 
-@pytest.mark.drawn(1)
+@pytest.mark.drawn(2, of="wanted gaps")
 @pytest.mark.planning
 @pytest.mark.parametrize(("name", "gap"), [("fork", 0.010), ("swan-neck", 0.009)])
 def test_motions_keep_the_wanted_gap_where_there_is_room(name: str, gap: float) -> None:
@@ -43,6 +43,7 @@ def test_motions_keep_the_wanted_gap_where_there_is_room(name: str, gap: float) 
     assert all(check.passed for check in wide.checks)
 
 
+@pytest.mark.drawn(2, of="wanted gaps")
 @pytest.mark.planning
 def test_a_narrow_passage_gives_what_it_has() -> None:
     """A wanted gap that a passage does not have is no obstacle: the motion goes through, nearer to its walls."""
@@ -50,6 +51,7 @@ def test_a_narrow_passage_gives_what_it_has() -> None:
     assert all(check.passed for check in solution.checks)
 
 
+@pytest.mark.drawn(2, of="wanted gaps")
 @pytest.mark.planning
 def test_many_links_keep_the_wanted_gap_too() -> None:
     """A motion that is planned with few links and lifted keeps most of the wanted gap on its own links."""

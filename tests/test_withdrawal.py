@@ -126,6 +126,7 @@ def test_an_arm_whose_base_is_in_a_bottle_is_drawn_in_through_its_neck(kind: str
     assert back.outcome == "verified", back.reason
 
 
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_coils_have_a_known_way_out(seed: int) -> None:

@@ -19,7 +19,7 @@ from .benchmarks.space_sweep import sweep_rows
 from .witness_scenes import FAMILIES, LEAST_GAP, witness_scene, write_scene
 
 
-@pytest.mark.drawn(3)
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_witness_solves_the_problem_that_is_written(tmp_path: Path, family: str) -> None:
     """From start to goal it is free by an independent sweep, stands at every goal, and no end is refused."""

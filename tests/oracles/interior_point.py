@@ -24,8 +24,6 @@ _TOLERANCE = 1e-5
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of the way to the solution that are tried until one is certified. Heuristic."""
 
-_SOLUTIONS = 2
-"""Of the nonlinear program, the sweep regions renewed between them. Heuristic."""
 _WIDER = 2.0
 """Rows this many times farther away than those of a sequential step are taken in. Heuristic."""
 
@@ -38,14 +36,10 @@ def interior_point(program: MotionProgram[PlanarSweep], coordinates: FloatArray)
         coordinates: at the keyframes, shape (K + 1, p).
 
     Returns:
-        Coordinates of the last certified motion, shape (K + 1, p).
+        Coordinates of a certified motion, shape (K + 1, p).
     """
-    for _ in range(_SOLUTIONS):
-        if program.deadline.passed():
-            break
-        sweep = PlanarSweep(program.curve, coordinates)
-        coordinates = _certified_part(program, sweep, _solution(program, sweep, program.rows(sweep)))
-    return coordinates
+    sweep = PlanarSweep(program.curve, coordinates)
+    return _certified_part(program, sweep, _solution(program, sweep, program.rows(sweep)))
 
 
 def _certified_part(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, solution: FloatArray) -> FloatArray:
