@@ -1,5 +1,6 @@
 """The viewer: solids over shapes of the plane, poses at any time, colours, and plans that follow what is dragged."""
 
+import json
 import os
 import re
 import signal
@@ -8,9 +9,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.app import LOOPBACK, ViewerApp, claim_port
 from ccm_opt.cli.view.dragging import Replanner
 from ccm_opt.cli.view.frames import MotionFrames, extruded
+from ccm_opt.cli.view.hand import PATIENCE, Hands
 from ccm_opt.cli.view.settings import ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem import TipGoal
@@ -193,6 +196,9 @@ FOREIGN = {
     "an upgrade in a list": f"{OWN}{UPGRADE.replace('websocket', 'h2c, websocket')}",
     "no token": f"GET / HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
     "another token": f"GET /{'A' * 43} HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "the socket of hands without a token": f"GET /hand HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "the socket of hands of another origin": f"GET /TOKEN/hand HTTP/1.1\r\nHost: HERE\r\n{UPGRADE}",
+    "the page of hands": "GET /TOKEN/hand HTTP/1.1\r\nHost: HERE\r\n",
     "more than the token": f"GET /TOKENx HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
     "the token asked for": f"GET /?TOKEN HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
     "no text": f"GET /\xe9 HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
@@ -232,7 +238,8 @@ def test_the_own_page_is_served(served: ViewerApp, host: str) -> None:
     """Page and socket of the address that is told are served, through a forwarded port as well."""
     page = OWN.replace("HERE", host)
     assert _answer(served, page) == "HTTP/1.1 200 OK"
-    assert _answer(served, f"{page}Origin: http://{host}\r\n{UPGRADE}") == "HTTP/1.1 101 Switching Protocols"
+    for way in (page, page.replace("TOKEN", "TOKEN/hand")):
+        assert _answer(served, f"{way}Origin: http://{host}\r\n{UPGRADE}") == "HTTP/1.1 101 Switching Protocols"
 
 
 def test_a_taken_port_is_bad_input() -> None:
@@ -267,3 +274,74 @@ def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:
         np.testing.assert_array_equal(app.frames.trajectory.time, arrays["time"])
     done = run(command_line, ["view", str(tmp_path), "--no-browser"])
     assert (done.exit_code, "solution.json: there is no such file" in done.output) == (2, True)
+
+
+@pytest.fixture
+def driven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ViewerApp, Hands]]:
+    """The page of the swan's neck, which nobody plays, with the hands at its pages and a camera in front."""
+    monkeypatch.chdir(tmp_path)
+    live = LivePlan(ccm_opt.load_problem(SWAN))
+    app = ViewerApp(frames_of(live), None, claim_port(PORT))
+    camera = SimpleNamespace(wxyz=np.array([1.0, -1.0, 0.0, 0.0]) / np.sqrt(2.0))  # right is x, down is −z
+    monkeypatch.setattr(app.server, "get_clients", lambda: {0: SimpleNamespace(camera=camera)})
+    yield app, app._drive._hands
+    app.server.stop()
+
+
+def _until(done: Callable[[], bool]) -> None:
+    """Wait until something is done, at most as long as a slow machine takes."""
+    deadline = time.monotonic() + 60.0
+    while not done() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert done()
+
+
+def test_the_tip_is_driven_braked_and_saved(driven: tuple[ViewerApp, Hands], tmp_path: Path) -> None:
+    """A hand moves the tip as the camera sees it; without messages the arm rests; the folder is a plan that passes."""
+    app, hands = driven
+    controls = app._drive
+    controls._switched(on=True)
+    driver = controls._driver
+    assert driver is not None
+    assert hands.hear(1, '{"hand": [0, 0, 0], "turns": false}') == "driving"
+    begun = driver.servo.problem.arm.joint_positions_at(app.frames.configuration(0.0))[-1]
+    _until(lambda: bool(hands.hear(1, '{"hand": [-1, 0.5, 0], "turns": false}')) and driver.servo.ticks > 20)
+    _until(lambda: not driver.servo.moving)  # no message any more
+    ticks = driver.servo.ticks
+    controls.end()
+    _until(lambda: not controls.driving and not controls._save.disabled)
+    motion = app.frames.trajectory
+    # Two spans of the spline lead up to the last control point.
+    assert motion.duration == pytest.approx((ticks + 2) * driver.servo.period)
+    moved = driver.servo.problem.arm.joint_positions_at(motion.positions[-1])[-1] - begun
+    assert moved[0] < 0.0
+    start = app.frames.problem.start.configuration(app.frames.problem.arm)
+    np.testing.assert_allclose(motion.positions[0], start, atol=1e-12)
+    controls._saved()
+    assert "saved" in controls._words.content
+    assert CliRunner().invoke(command_line, ["check", str(tmp_path / "runs/swan-neck-driven")]).exit_code == 0
+
+
+@given(
+    st.one_of(
+        st.text(max_size=300),
+        st.binary(max_size=50),
+        st.fixed_dictionaries(
+            {"hand": st.lists(st.floats(), max_size=4) | st.text(), "turns": st.booleans() | st.none()}
+        ).map(json.dumps),
+    )
+)
+def test_messages_of_pages_ask_for_at_most_the_greatest_speed(text: str | bytes) -> None:
+    """Whatever a page sends is a hand of at most full speed, or refused; what is old asks for nothing."""
+    now = [0.0]
+    hands = Hands(lambda: now[0])
+    try:
+        hands.hear(1, text)
+    except ValueError:
+        assert hands.asked() is None
+        return
+    asked = hands.asked()
+    assert asked is not None
+    assert np.linalg.norm(asked.hand) <= 1.0 + 1e-12
+    now[0] = PATIENCE + 0.01
+    assert hands.asked() is None

@@ -210,6 +210,11 @@ class Servo:
         return JointTrajectory(time, positions, velocities, accelerations, self.problem.arm.coordinates)
 
     @property
+    def moving(self) -> bool:
+        """Whether the arm moves, or is about to."""
+        return self._state.moving
+
+    @property
     def ticks(self) -> int:
         """Number of ticks since the start."""
         return len(self._controls) - 3

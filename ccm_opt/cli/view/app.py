@@ -24,14 +24,18 @@ from websockets import Headers
 from websockets.http11 import Request, Response
 
 from ccm_opt.cli.view.dragging import Handles
+from ccm_opt.cli.view.driving import DriveControls
 from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.hand import PATH as HAND
+from ccm_opt.cli.view.hand import SCRIPT, Hands
 from ccm_opt.cli.view.readings import Readings
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import TINY
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
-from ccm_opt.problem.solution import Check
+from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import Check, Solution
 from ccm_opt.viz.document import PageUnits
 
 _FRAME_RATE = 30.0
@@ -82,7 +86,7 @@ def refusal(request: Request, token: str) -> str | None:
         return "another host"
     if origins != [f"http://{hosts[0]}"] and (origins or "Upgrade" in request.headers):
         return "another origin"
-    path = request.path.partition("?")[0].strip("/")
+    path = request.path.partition("?")[0].removesuffix(HAND if "Upgrade" in request.headers else "/").strip("/")
     return None if secrets.compare_digest(path.encode(errors="replace"), token.encode()) else "no such page"
 
 
@@ -90,6 +94,7 @@ def _serve_guarded(
     serve: Callable[..., Any],
     door: socket.socket,
     token: str,
+    hands: Hands,
     handler: Any,
     _host: str,
     _port: int,
@@ -105,6 +110,7 @@ def _serve_guarded(
         serve: the original function.
         door: the open socket.
         token: secret token in the path of the page.
+        hands: receiver of what the hands at the pages ask for.
         handler: handler of WebSocket connections.
         process_request: viser's handler of web requests, called for those not refused.
         options: further options of the original function.
@@ -114,14 +120,23 @@ def _serve_guarded(
         reason = refusal(request, token)
         if reason is not None:
             return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", Headers(), f"{reason}\n".encode())
-        response = process_request(connection, dataclasses.replace(request, path="/"))
+        plain = [(name, value) for name, value in request.headers.raw_items() if name.lower() != "accept-encoding"]
+        response = process_request(connection, dataclasses.replace(request, path="/", headers=Headers(plain)))
         if response is not None:
             response.headers["Referrer-Policy"] = "no-referrer"  # links on the page must not reveal the token
+            head, body, rest = response.body.rpartition(b"</body>")
+            response.body = head + b"<script>" + SCRIPT.read_bytes() + b"</script>" + body + rest
+            del response.headers["Content-Length"]
+            response.headers["Content-Length"] = str(len(response.body))
         return response
+
+    async def handled(connection: Any) -> None:
+        of_hand = connection.request.path.partition("?")[0].endswith(HAND)
+        await (hands.serve(connection) if of_hand else handler(connection))
 
     # Malformed requests are refused too, and need no message on the terminal.
     logging.getLogger("websockets.server").addFilter(lambda record: "opening handshake" not in record.msg)
-    return serve(handler, sock=door, process_request=answer, **options)
+    return serve(handled, sock=door, process_request=answer, **options)
 
 
 class ViewerApp:
@@ -150,7 +165,8 @@ class ViewerApp:
         self.time = 0.0
         self._lock = threading.RLock()
         # viser offers no hook for requests, so it is given a server that has one. Its banner on stdout is suppressed.
-        serve = partial(_serve_guarded, websockets.asyncio.server.serve, door, self.token)
+        hands = Hands()
+        serve = partial(_serve_guarded, websockets.asyncio.server.serve, door, self.token, hands)
         with mock.patch.object(websockets.asyncio.server, "serve", serve), redirect_stdout(io.StringIO()):
             port = door.getsockname()[1]
             self.server = viser.ViserServer(host=LOOPBACK, port=port, label="ccm-opt view", verbose=False)
@@ -170,6 +186,7 @@ class ViewerApp:
         self._status = self.server.gui.add_markdown(self._summary)
         self._build_player()
         self._handles = None if live is None else Handles(self.scene, live, self._planned, self._planning)
+        self._drive = DriveControls(self.scene, hands, self._driving, self._driven)
         self._readings = Readings(self.server, frames)
         self._build_layers()
 
@@ -200,6 +217,7 @@ class ViewerApp:
                             self._readings.show(min(self.time, self.frames.duration))
                 last = now
         finally:
+            self._drive.end()
             if self._handles is not None:
                 self._handles.end()
             # viser waits five seconds for a page that does not answer.
@@ -277,12 +295,48 @@ class ViewerApp:
         with self._lock:
             self.scene.switch(layer, on=event.target.value)
 
+    def _driving(self) -> Problem:
+        """Stop playing, and return the problem that begins in the pose shown."""
+        with self._lock:
+            self._play.value = False
+            if self._handles is not None:
+                self._handles.hide()
+            problem = self.frames.problem if self.live is None else self.live.problem
+            pose = self.frames.configuration(min(self.time, self.frames.duration))
+            return dataclasses.replace(problem, start=JointPose.from_configuration(pose, problem.arm.coordinates))
+
+    def _driven(self, driven: Solution | None) -> None:
+        """Show a driven motion; the one before stays if there is none."""
+        if self._handles is not None:
+            self._handles.show()
+        if driven is None:
+            with self._lock:
+                self._pose()
+            return
+        self._show(driven, driven.trajectory.duration)
+        self._summary = _summary(self.frames, driven.checks)
+        self._status.content = f"{self._summary}\n\ndriven by hand"
+
+    def _show(self, plan: Solution, time: float) -> None:
+        """Show another motion, at a time [s]."""
+        with self._lock:
+            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints)
+            self.scene.frames = self.frames
+            self.scene.draw_motion()
+            self.time = time
+            self._pose()
+            self._slider.max = self._end
+            self._slider.value = round(min(self.time, self._end), 3)
+            self._readings.load(self.frames, min(self.time, self.frames.duration))
+
     def _planning(self) -> None:
         """Say that a plan is being made; the last one stays until then."""
         self._status.content = f"{self._summary}\n\n*planning …*"
 
     def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
         """Show the result of a change: the new plan, or the last plan with the reason why no new one was found."""
+        if self._drive.driving:
+            return
         with self._lock:
             self.scene.draw_bounds(live.problem)
             if isinstance(answer, str):
@@ -292,14 +346,7 @@ class ViewerApp:
                 self._status.content = f"**No plan; the last one is shown.** {answer.reason}"
                 return
             plan = live.plan
-            share = self.time / max(self.frames.duration, TINY)
-            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints)
-            self.scene.frames = self.frames
-            self.scene.draw_motion()
-            self.time = share * self.frames.duration
-            self._pose()
-            self._slider.max = self._end
-            self._readings.load(self.frames, min(self.time, self.frames.duration))
+            self._show(plan, self.time / max(self.frames.duration, TINY) * plan.trajectory.duration)
         self._summary = _summary(self.frames, plan.checks)
         route = "" if answer.same_route else "; **made from scratch: the route may have changed**"
         self._status.content = f"{self._summary}\n\nplanned and verified in {answer.cpu:.2f} s{route}"

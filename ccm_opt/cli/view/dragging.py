@@ -72,6 +72,8 @@ class Replanner:
                 self._on_answer(str(error))
 
 
+HANDLE = "/handle"
+"""Path of the handle in the scene."""
 GOAL = "the goal"
 """Name of the only goal in the list of objects that the user can drag; of several goals each has its number."""
 
@@ -103,6 +105,7 @@ class Handles:
             for number, stop in enumerate(goals, start=1)
             if stop.goal.whole(live.problem.arm) is None
         }
+        self._chosen = ""
         movable = [*self._goals, *(obstacle.name for obstacle in live.problem.workspace.obstacles)]
         if not movable:
             return
@@ -115,8 +118,18 @@ class Handles:
         """Stop the planning thread."""
         self._replanner.end()
 
+    def hide(self) -> None:
+        """Remove the handle until ``show``."""
+        self._scene.server.scene.remove_by_name(HANDLE)
+
+    def show(self) -> None:
+        """Put the handle back where it was."""
+        if self._chosen:
+            self.attach_handle(self._chosen)
+
     def attach_handle(self, what: str) -> None:
         """Put the handle on the goal, or on the obstacle, of the given name."""
+        self._chosen = what
         if what in self._goals:
             self._put_on_goal(self._goals[what])
         else:
@@ -157,7 +170,7 @@ class Handles:
         arm = self._live.problem.arm
         upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
-            "/handle",
+            HANDLE,
             scale=0.2,
             active_axes=(True, arm.dimension == 3, True),
             disable_rotations=direction is None,

@@ -44,8 +44,11 @@ class MotionFrames:
 
     def pose(self, time: float) -> FloatArray:
         """Return the positions of joints and tip at a time [s], shape (n + 1, d) with d = 2 or 3 [m]."""
-        columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
-        return self.problem.arm.joint_positions_at(np.array(columns))
+        return self.problem.arm.joint_positions_at(self.configuration(time))
+
+    def configuration(self, time: float) -> FloatArray:
+        """Return the configuration at a time [s], shape (c,) [rad, m]."""
+        return np.array([np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T])
 
     def gaps(self, time: float) -> FloatArray:
         """Return the clearance of every link to obstacles, beyond the required one, near a time [s]; shape (n,) [m].
@@ -98,8 +101,7 @@ class MotionFrames:
     def most_bent(self, time: float) -> tuple[int, float]:
         """Return the joint, from 0, that is nearest to its limit at a time [s], and its bend as a fraction of that."""
         limits = self.problem.arm.bend_limits
-        bends = np.array([np.interp(time, self.trajectory.time, column) for column in self.trajectory.positions.T])
-        shares = np.abs(bends[: len(limits)]) / np.where(limits > 0.0, limits, np.inf)
+        shares = np.abs(self.configuration(time)[: len(limits)]) / np.where(limits > 0.0, limits, np.inf)
         return int(np.argmax(shares)) // self.problem.arm.bends_a_joint, float(np.max(shares))
 
     @cached_property

@@ -293,10 +293,14 @@ class Scene:
 
     def pose(self, time: float) -> None:
         """Show the arm in its pose at a time [s]."""
-        points = self.world(self.frames.pose(time))
+        self.place(self.frames.pose(time))
+        self._arm.batched_colors = self._colours(time)
+
+    def place(self, joints: FloatArray) -> None:
+        """Show the arm with its joints and tip at given places, shape (n + 1, d) [m]."""
+        points = self.world(joints)
         self._arm.batched_positions = points[:-1]
         self._arm.batched_wxyzs = _turns(points)
-        self._arm.batched_colors = self._colours(time)
 
     def _colours(self, time: float) -> colours.Colours:
         problem = self.frames.problem
