@@ -18,7 +18,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, Finding, NoPlanFound, ProblemError, ProblemFileError, UnreachableGoal
 from ccm_opt.core.polyline import vector_heading
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.views import SampledViews, ViewPlanner, hidden_by_arm
+from ccm_opt.driver.sight_lines import hidden_by_arm
+from ccm_opt.driver.views import SampledViews, ViewPlanner
 from ccm_opt.problem import LookAt, Obstacle, PlaneShape, Problem, Tolerances
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm

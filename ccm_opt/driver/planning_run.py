@@ -23,8 +23,8 @@ from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.positioning import PositioningPlanner
 from ccm_opt.planning.tool_problem import problem_with_tool_links
-from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import JointPath, JointTrajectory
+from ccm_opt.problem import Coverage, Problem
+from ccm_opt.problem.solution import JointPath, JointTrajectory, Tour
 
 
 def default_planner(
@@ -88,27 +88,67 @@ class PlanningRun:
         """
         self.recorded.clear()
         planner = self._planner(problem, self.stages, terms)
+        if problem.coverage is not None and problem.planner.order == "free":
+            return self._planned_views(problem, planner, problem.coverage)
         if problem.planner.order == "free":
-            return self._planned_tour(problem, planner)
+            legs, tour = self._tour(problem, planner)
+            return self._verified_tour(legs, replace(tour, posed=self.problem))
         legs = plan_legs(problem, planner, self.recorded, retrace=self.terms is None)
         requested = replace(self.problem, joint_error=problem.joint_error)
         return timed_and_verified(requested, legs, self.stages, self.retimer, self.terms, self.settings)
 
-    def _planned_tour(self, problem: Problem, planner: Planner) -> VerifiedPlan:
-        """Return a verified plan of a problem whose goals may be visited in any order; see ``planned``."""
+    def _tour(self, problem: Problem, planner: Planner) -> tuple[tuple[Leg, ...], Tour]:
+        """Return the legs of a motion to goals in any order, and their order.
+
+        Raises:
+            NoPlanFound: no goal is reached.
+        """
         from ccm_opt.driver.tours import TourPlanner  # noqa: PLC0415 - most problems have one goal
 
-        tours = TourPlanner(
+        return TourPlanner(
             problem,
             planner,
             leg_timer(problem, self.retimer, self.settings),
             lambda single: refuse_impossible(problem_with_tool_links(single, weighed=True)),
             self.stages,
             share=problem.planner.effort_share if self.retimer is None else 1.0,
-        )
-        legs, tour = tours.plan()
-        tour = replace(tour, posed=self.problem)
+        ).plan()
+
+    def _verified_tour(self, legs: tuple[Leg, ...], tour: Tour) -> VerifiedPlan:
+        """Return the timed and verified plan of a tour; see ``planned``."""
         return timed_and_verified(tour.visited, legs, self.stages, self.retimer, None, self.settings, tour)
+
+    def _planned_views(self, problem: Problem, planner: Planner, coverage: Coverage) -> VerifiedPlan:
+        """Return a verified plan of a tour of the fewest views that see enough of surfaces; see ``planned``.
+
+        Views that are not reached, and what the arm hides from itself, lead to other views.
+        """
+        from ccm_opt.driver.coverage import CoverageViews  # noqa: PLC0415 - few problems have surfaces to see
+
+        deadline = Deadline.after(problem.planner.time_limit)
+        with self.stages("views"):
+            views = CoverageViews.of(problem, coverage)
+        while True:
+            with self.stages("views"):
+                chosen, fewest = views.fewest(deadline)
+                asked = views.expanded(chosen, deadline)
+            try:
+                legs, tour = self._tour(asked, planner)
+            except NoPlanFound as failure:
+                views.leave_out(chosen, [failure])
+                if deadline.passed():
+                    raise
+                continue
+            visited = [number - 1 for number in tour.order]
+            ends = [leg.path.spline(1.0) for leg in legs[: len(visited)]]
+            with self.stages("views"):
+                enough = views.seen(ends).share >= coverage.share
+            if enough:
+                return self._verified_tour(legs, views.toured(tour, self.problem, fewest))
+            views.learn(chosen[visited], ends)
+            views.leave_out(np.delete(chosen, visited))
+            if deadline.passed():
+                raise views.out_of_time(ends)
 
     def _planner(self, problem: Problem, stages: Stages, terms: UserTerms | None) -> Planner:
         """Return the planner of one leg: the caller's, for goals for the tip or the whole arm, or the built-in one."""

@@ -17,31 +17,28 @@ from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, TimeLimi
 from ccm_opt.core.length_words import file_length, short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner
+from ccm_opt.driver.sight_lines import (
+    END,
+    ERRORS,
+    PIECES,
+    ROUNDED,
+    clear_tips,
+    crossed,
+    hidden_by_arm,
+    line_pieces,
+    room_at_end,
+    sight_room,
+)
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import JointPose, LookAt, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import rotation_to_axis
-from ccm_opt.scene.distances.enclosures import enclosed, segment_distances
+from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import TriangleSoup
-from ccm_opt.scene.tool_links import points_with_tool, with_tool_links
-from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Workspace
+from ccm_opt.scene.tool_links import points_with_tool
+from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME
 
-_HALF_ANGLE = float(np.deg2rad(1.0))
-"""Half angle of the cone about the line of sight that views keep free [rad]. Derived: twice what is verified."""
-_END = 0.01
-"""Fraction of the cone about the line of sight, at the place, that is not kept free, since the place lies on a
-surface."""
-_ROUNDED = 5e-5
-"""Fraction of the line of sight itself, at the place, that does not count. Derived: half of what verifiers omit."""
-_ERRORS = 3.0
-"""Length of the line of sight, at the place, within which a surface does not count, in multiples of the surface's
-error. Derived: less than what verifiers leave out."""
-_PIECES_AT_END = 16
-"""Number of pieces of the line of sight between the end of the cone and its own."""
-_PIECES = 48
-"""Number of pieces of the line of sight; each piece is a tenth longer than the one before it."""
 _DIRECTIONS = {2: (180,), 3: (125, 500)}
 """Number of sampled lines of sight, in the plane and in space; more where the place is seen along none of the first
 ones. Heuristic: without a normal, 2° apart in the plane, and in space some 18° and 9°."""
@@ -162,43 +159,6 @@ def _not_reached(failures: list[NoPlanFound], tried: int, hidden: int, *, passed
     return kind(replace(found, reason=words, findings=findings))
 
 
-def hidden_by_arm(arm: Arm, q: FloatArray, place: FloatArray) -> bool:
-    """Return whether an arm hides a place from its own tip, or the tip of its tool.
-
-    Links and bodies of the tool that contain the tip carry the camera, and do not hide anything.
-
-    Args:
-        arm: the arm.
-        q: configuration, shape (c,) [rad, m].
-        place: the place that it looks at, shape (d,) [m].
-    """
-    points = points_with_tool(arm, q)
-    whole = with_tool_links(arm)
-    tip = points[-1]
-    bare = np.zeros(whole.links, dtype=bool) if whole.tool_links is None else whole.tool_links.bare
-    one, other = points[:-1][~bare], points[1:][~bare]
-    radii = whole.radii[~bare]
-    tips = np.broadcast_to(tip, one.shape)
-    ahead = segment_distances(tips, tips, one, other)[2] > radii
-    one, other, radii = one[ahead], other[ahead], radii[ahead]
-    starts, ends, shares = _pieces(place, tip[None])
-    away = float(np.linalg.norm(tip - place))
-    wide = shares * away * np.tan(_HALF_ANGLE)
-    line = place + _ROUNDED * (tip - place), place + _END * (tip - place), 0.0
-    for start, end, width in (line, *zip(starts[0], ends[0], wide, strict=True)):
-        every = np.broadcast_to(start, one.shape), np.broadcast_to(end, one.shape)
-        if np.any(segment_distances(*every, one, other)[2] <= radii + width):
-            return True
-    return False
-
-
-def _pieces(place: FloatArray, tips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return starts and ends of the pieces of m lines of sight, shape (m, k, d), and their ends as fractions, (k,)."""
-    shares = np.geomspace(_END, 1.0, _PIECES + 1)
-    ends = place + shares[:, None] * (tips - place)[:, None]
-    return ends[:, :-1], ends[:, 1:], shares[1:]
-
-
 @dataclass(frozen=True, eq=False)
 class SampledViews:
     """Sampled tip positions from which a place might be seen.
@@ -246,18 +206,18 @@ class SampledViews:
     @classmethod
     def _among(cls, posed: Problem, problem: Problem, look_at: LookAt, tree: SurfaceTree, count: int) -> "SampledViews":
         """Return the views along a number of lines of sight, at several distances each."""
-        tips, off = _sampled_tips(look_at, count)
+        tips, off = sampled_tips(look_at, count)
         away = np.linalg.norm(tips - look_at.place, axis=1)
-        beyond = _beyond_reach(problem.arm, tips)
+        beyond = beyond_reach(problem.arm, tips)
         clear = beyond <= 0.0
-        clear[clear] = _clear(problem, tree, tips[clear])
+        clear[clear] = clear_tips(problem, tree, tips[clear])
         least, most = look_at.distance
         turn = np.sin(_OFF_AXIS * 0.5 * look_at.field_of_view)
         room = np.minimum.reduce((away - least, most - away, away * turn, away * np.sin(look_at.angle - off)))
-        lit, limiting = np.full(len(tips), -np.inf), np.full(len(tips), _PIECES)
-        free = np.flatnonzero(clear)[~_crossed(tree, look_at.place, tips[clear])]
-        lit[free], limiting[free] = _sight_room(tree, look_at.place, tips[free], float(np.max(room)))
-        at_end, hiding = _room_at_end(problem.workspace, look_at.place, tips[free], float(np.max(room)))
+        lit, limiting = np.full(len(tips), -np.inf), np.full(len(tips), PIECES)
+        free = np.flatnonzero(clear)[~crossed(tree, look_at.place, tips[clear])]
+        lit[free], limiting[free] = sight_room(tree, look_at.place, tips[free], float(np.max(room)))
+        at_end, hiding = room_at_end(problem.workspace, look_at.place, tips[free], float(np.max(room)))
         limiting[free] = np.where(at_end < lit[free], -1 - hiding, limiting[free])
         lit[free] = np.minimum(lit[free], at_end)
         return cls(posed, problem, look_at, tree, tips, beyond, clear, np.minimum(room, lit), limiting)
@@ -325,8 +285,8 @@ class SampledViews:
         far = 2.0 * float(np.linalg.norm(np.ptp(self.tips, axis=0))) + self.problem.arm.length
         near = self.tree.nearest(np.repeat(in_space(place)[None, None], 2, axis=1), far)
         owner = int(near.owner[0])
-        error = _ERRORS * float(self.problem.workspace.surface_errors[owner])
-        if near.gap[0] <= max(_ROUNDED * self.look_at.distance[0], error):
+        error = ERRORS * float(self.problem.workspace.surface_errors[owner])
+        if near.gap[0] <= max(ROUNDED * self.look_at.distance[0], error):
             return
         name = self.problem.workspace.triangle_soup.names[owner]
         depth = short_length(float(near.gap[0]))
@@ -341,8 +301,8 @@ class SampledViews:
         """Return how many of the lines of sight from clear positions each obstacle hides, by its name."""
         hidden = np.flatnonzero(self.clear)
         place, tips = self.look_at.place, self.tips[hidden][:, None]
-        start, end, _ = _pieces(place, self.tips[hidden])
-        start, end = np.append(start, place + _END * (tips - place), axis=1), np.append(end, tips, axis=1)
+        start, end, _ = line_pieces(place, self.tips[hidden])
+        start, end = np.append(start, place + END * (tips - place), axis=1), np.append(end, tips, axis=1)
         at = np.arange(len(hidden)), np.maximum(self.limiting[hidden], 0)
         pieces = np.stack((in_space(start[at]), in_space(end[at])), axis=1)
         owners = self.tree.nearest(pieces, float(self.look_at.distance[1])).owner
@@ -403,7 +363,7 @@ def _angles(some: FloatArray, other: FloatArray) -> FloatArray:
     return np.asarray(np.arccos(np.clip(np.sum(some * other, axis=-1) / np.maximum(lengths, 1e-300), -1.0, 1.0)))
 
 
-def _sampled_tips(look_at: LookAt, count: int) -> tuple[FloatArray, FloatArray]:
+def sampled_tips(look_at: LookAt, count: int) -> tuple[FloatArray, FloatArray]:
     """Return sampled tip positions, shape (m, d) [m], and the angles of their lines of sight from the normal, (m,)."""
     d = len(look_at.place)
     widest = np.pi if look_at.normal is None else _INSIDE * look_at.angle
@@ -434,7 +394,7 @@ def _bases(arm: Arm, tips: FloatArray) -> FloatArray:
     return np.asarray(arm.base + along[:, None] * arm.direction)
 
 
-def _beyond_reach(arm: Arm, tips: FloatArray) -> FloatArray:
+def beyond_reach(arm: Arm, tips: FloatArray) -> FloatArray:
     """Return by how much tip positions (m, d) are farther from the base than the arm is long, shape (m,) [m].
 
     Axes other than a feed axis may carry the base anywhere.
@@ -442,73 +402,3 @@ def _beyond_reach(arm: Arm, tips: FloatArray) -> FloatArray:
     if arm.carrier:
         return np.zeros(len(tips))
     return np.asarray(np.linalg.norm(tips - _bases(arm, tips), axis=1) - arm.length)
-
-
-def _clear(problem: Problem, tree: SurfaceTree, tips: FloatArray) -> BoolArray:
-    """Return a mask of the tip positions (m, d) at which the tip keeps the required clearance, shape (m,)."""
-    kept = problem.arm.tip_radius + problem.workspace.clearance
-    clear = tree.distances(np.repeat(in_space(tips)[:, None], 2, axis=1), 2.0 * kept + 1e-9) >= kept
-    inside = np.zeros(len(tips), dtype=bool)
-    inside[enclosed(problem.workspace, tips, problem.arm.tip_radius)] = True
-    return np.asarray(clear & ~inside)
-
-
-def _crossed(tree: SurfaceTree, place: FloatArray, tips: FloatArray) -> BoolArray:
-    """Return a mask of the tip positions (m, d) whose lines of sight cross a surface but at the place, shape (m,)."""
-    lines = np.stack((in_space(place + _END * (tips - place)), in_space(tips)), axis=1)
-    return np.asarray(tree.distances(lines, 1e-9) <= 0.0)
-
-
-def _sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
-    """Return the radii of balls about tip positions from all of whose points a place is seen, with the thin cone.
-
-    A tip displaced by r displaces the point at a fraction s of the line of sight, from the place, by s r.
-
-    Args:
-        tree: distances from the obstacles.
-        place: the place, shape (d,) [m].
-        tips: tip positions, shape (m, d) [m].
-        most: radius above which more does not matter [m].
-
-    Returns:
-        Radii, negative where the place is hidden, shape (m,) [m], and the piece of each line with the least, (m,).
-    """
-    if len(tips) == 0:
-        return np.zeros(0), np.zeros(0, dtype=np.intp)
-    starts, ends, shares = _pieces(place, tips)
-    cone = np.linalg.norm(tips - place, axis=1) * np.tan(_HALF_ANGLE)
-    reach = most + float(np.max(cone))
-    segments = np.stack((in_space(starts), in_space(ends)), axis=2).reshape(-1, 2, 3)
-    gaps = tree.distances(segments, reach).reshape(len(tips), -1)
-    rooms = gaps / shares - cone[:, None]
-    return np.min(rooms, axis=1), np.argmin(rooms, axis=1)
-
-
-def _room_at_end(workspace: Workspace, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
-    """Return the rooms of lines of sight, without a cone, next to the place, and the obstacle that limits each.
-
-    Arguments and rooms are those of ``_sight_room``; the end counts up to a rounding of the place, and for surfaces
-    with errors up to a few times these.
-    """
-    rooms, limiting = np.full(len(tips), np.inf), np.zeros(len(tips), dtype=np.intp)
-    if len(tips) == 0:
-        return rooms, limiting
-    away = np.linalg.norm(tips - place, axis=1)
-    soup = workspace.triangle_soup
-    middle, reach = in_space(place), _END * (float(np.max(away)) + most) + soup.rounding[:, None]
-    near = np.all(
-        (soup.triangles.min(axis=1) <= middle + reach) & (soup.triangles.max(axis=1) >= middle - reach), axis=1
-    )
-    for owner in np.unique(soup.owner[near]):
-        mine = np.flatnonzero(near & (soup.owner == owner))
-        part = TriangleSoup(soup.triangles[mine], soup.rounding[mine], soup.owner[mine], soup.names)
-        first = np.clip(_ERRORS * float(workspace.surface_errors[owner]) / away, _ROUNDED, _END)
-        shares = np.geomspace(first, _END, _PIECES_AT_END + 1, axis=1)
-        ends = place + shares[:, :, None] * (tips - place)[:, None]
-        segments = np.stack((in_space(ends[:, :-1]), in_space(ends[:, 1:])), axis=2).reshape(-1, 2, 3)
-        gaps = SurfaceTree.from_triangles(part).distances(segments, _END * most + 1e-9).reshape(len(tips), -1)
-        # A line that touches is hidden.
-        room = np.min(np.where(gaps > 0.0, gaps / shares[:, 1:], -1.0), axis=1)
-        limiting[room < rooms] = owner
-        rooms = np.minimum(rooms, room)
-    return rooms, limiting

@@ -26,6 +26,7 @@ from ccm_opt.io.schema import (
 from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable, TendonTable
 from ccm_opt.io.tool_tables import build_bodies, build_tool
 from ccm_opt.problem import (
+    Coverage,
     Disturbances,
     Goal,
     JointPose,
@@ -158,12 +159,17 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
     """
     arm = build_arm(tables["arm"])
     mapping = tables["planner"].mapping
-    *stops, last = ((_goal(goal, arm, mapping), _tolerances(goal), goal.pause) for goal in tables["goals"])
+    workspace = build_workspace(tables["workspace"], tables["obstacles"], tables["meshes"])
+    coverage = build_coverage(tables["goals"][0])
+    if coverage is None:
+        *stops, last = ((_goal(goal, arm, mapping), _tolerances(goal), goal.pause) for goal in tables["goals"])
+    else:
+        stops, last = [], (TipGoal.seeing(coverage, workspace), Tolerances(), tables["goals"][0].pause)
     simulation: SimulationTable = tables["simulation"]
     return Problem(
         name=tables["root"].name,
         description=tables["root"].description,
-        workspace=build_workspace(tables["workspace"], tables["obstacles"], tables["meshes"]),
+        workspace=workspace,
         arm=arm,
         limits=_with_axis_limits(build_limits(tables["limits"], arm), tables["arm"]),
         start=build_pose(tables["start"], arm, mapping),
@@ -185,6 +191,7 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
         verification=VerificationOptions(**tables["verification"].values),
         source=source,
         length_unit=tables["root"].units,
+        coverage=coverage,
     )
 
 
@@ -526,6 +533,18 @@ def _look_at(table: GoalTable | SpaceGoalTable) -> LookAt:
     normal = None if table.normal is None else np.array(table.normal)
     angle = {} if table.angle_deg is None else {"angle": table.angle_deg}
     return LookAt(np.array(table.look_at), (distance[0], distance[1]), field, normal, **angle)
+
+
+def build_coverage(table: GoalTable | SpaceGoalTable) -> Coverage | None:
+    """Return the surfaces that have to be seen, from the table ``[goal]``; None if it is another goal."""
+    if table.see is None:
+        return None
+    # The rules between keys make sure that these are given with surfaces to see.
+    distance, field = table.distance or [0.0, 0.0], table.field_of_view_deg or 0.0
+    angle = {} if table.angle_deg is None else {"angle": table.angle_deg}
+    within = None if table.within is None else np.reshape(table.within, (2, -1))
+    share, spacing = table.share or 0.0, table.spacing or 0.0
+    return Coverage(tuple(table.see), share, spacing, (distance[0], distance[1]), field, within=within, **angle)
 
 
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:

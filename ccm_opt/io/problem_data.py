@@ -52,7 +52,8 @@ from ccm_opt.io.tool_tables import (
     SpaceToolBodyTable,
     SpaceToolTable,
 )
-from ccm_opt.problem import Goal, Limits, Problem, SimulationOptions, Tolerances
+from ccm_opt.problem import Coverage, Goal, Limits, Problem, SimulationOptions, Tolerances
+from ccm_opt.problem.solution import Tour
 from ccm_opt.robot.arc_sections import ArcSections, Tendons
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.tool import RigidBody, Tool
@@ -123,6 +124,8 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     written = partial(written, arm_axes=problem.arm.coordinates.base_units)
     stops = [written(stop.goal, tolerances=stop.tolerances) | {"pause": float(stop.pause)} for stop in problem.stops]
     goal = written(problem.goal, tolerances=problem.tolerances)
+    if problem.coverage is not None:
+        goal = coverage_table(problem, problem.coverage)
     goal |= {"pause": float(problem.pause)} if problem.pause else {}
     return {
         **head,
@@ -357,6 +360,32 @@ def goal_table(
             entries |= {"heading_deg": pose.curve.base_heading, "segments": pose.curve.segments}
     table = SpaceGoalTable if in_space else GoalTable
     return table.from_object(goal, **entries).written(unit)
+
+
+def coverage_table(problem: Problem, coverage: Coverage) -> Table:
+    """Return the surfaces that have to be seen as the table ``[goal]`` of a problem file.
+
+    Raises:
+        ProblemError: the goals are those found for them, which no file has beside them.
+    """
+    if problem.planner.order != "free":
+        raise ProblemError("views found for goal.see are not written as goals; write the problem as posed: tour.posed")
+    within = coverage.within
+    entries = {
+        "see": list(coverage.surfaces),
+        "field_of_view_deg": coverage.field_of_view,
+        "angle_deg": coverage.angle,
+        "within": None if within is None else within.ravel() if problem.dimension == 2 else within,
+    }
+    table = SpaceGoalTable if problem.dimension == 3 else GoalTable
+    return table.from_object(coverage, **entries).written(problem.length_unit)
+
+
+def views_data(tour: Tour) -> list[Table]:
+    """Return the goals that were found for what has to be seen, each as a table ``[goal]`` of a problem file."""
+    posed = tour.posed
+    written = partial(goal_table, unit=posed.length_unit, in_space=posed.dimension == 3, fed=False)
+    return [written(view.goal, tolerances=view.tolerances) | {"pause": float(view.pause)} for view in tour.views]
 
 
 def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:

@@ -19,7 +19,7 @@ from ccm_opt.core.files import read_plain
 from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.records import AXIS_NAMES, PARTIAL, SCHEMA, drive_arrays
-from ccm_opt.problem import Problem
+from ccm_opt.problem import Problem, Stop
 from ccm_opt.problem.solution import (
     Check,
     JointStates,
@@ -465,14 +465,24 @@ def load_posed(folder: Path) -> tuple[Problem, Tour | None]:
         ProblemError: the record is missing or unreadable, its problem has defects, or its tour is not one of the goals.
         VerificationError: the record is that of a run without a plan.
     """
-    problem = problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
+    posed = load_problem_data(folder)
+    problem = problem_from_mapping(posed, str(folder / RECORD), folder)
     record: Mapping[str, Any] = read_record(folder / RECORD)
     data = record.get("tour")
     if (problem.planner.order == "free") != (data is not None):
         raise ProblemError(f'{folder / RECORD}: "tour" goes together with goals in free order')
     if data is None:
         return problem, None
-    goals = range(1, len(problem.goals) + 1)
+    views: tuple[Stop, ...] = ()
+    fewest, unseen = 0, tuple[str, ...]()
+    if problem.coverage is not None:
+        try:
+            tables, fewest, unseen = list(data["views"]), int(data["fewest"]), tuple(map(str, data["unseen"]))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise ProblemError(f"{folder / RECORD}: the views of the tour in it are not readable: {error}") from error
+        # The views are goals of the same problem.
+        views = tuple(problem_from_mapping({**posed, "goal": tables}, str(folder / RECORD), folder).numbered_goals)
+    goals = range(1, len(views or problem.goals) + 1)
     try:
         left_out = tuple(
             UnvisitedGoal(each["goal"], str(each["status"]), str(each["reason"])) for each in data["left_out"]
@@ -485,7 +495,7 @@ def load_posed(folder: Path) -> tuple[Problem, Tour | None]:
         raise ProblemError(f"{folder / RECORD}: the tour has something other than numbers of the {len(goals)} goals")
     if (record["status"] == PARTIAL) != bool(left_out):
         raise ProblemError(f"{folder / RECORD}: the status is {record['status']!r} with {len(left_out)} goals left out")
-    return problem, Tour(problem, order, left_out, *times)
+    return problem, Tour(problem, order, left_out, *times, views, fewest, unseen)
 
 
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.files import strict_text
-from ccm_opt.io.problem_data import mesh_data, recorded_data
+from ccm_opt.io.problem_data import mesh_data, recorded_data, views_data
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
@@ -193,13 +193,16 @@ def solution_json(solution: Solution) -> str:
 
 def tour_data(tour: Tour) -> dict[str, object]:
     """Return the record of the order in which goals were visited, and of those left out; times [s]."""
-    return {
+    found = {
         "order": list(tour.order),
         "left_out": [asdict(goal) for goal in tour.left_out],
         "duration": tour.duration,
         "bound": tour.bound or None,
         "as_given": tour.as_given,
     }
+    if tour.views:
+        found |= {"views": views_data(tour), "fewest": tour.fewest, "unseen": list(tour.unseen)}
+    return found
 
 
 def goal_data(errors: GoalErrors) -> dict[str, object]:

@@ -82,6 +82,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
     last = (*goal_paths(data)[-1], "pause") if data.get("goal") else ()
     if last and lookup(data, last) and lookup(data, ("planner", "order")) != "free":
         issues.add(last, "no goal follows, so that it has no effect; leave it out")
+    _check_seen(data, issues)
     _check_feed_keys(data, issues)
     _check_base_axes(data, issues)
     _check_sections(data, issues)
@@ -232,6 +233,23 @@ def _check_coupled_joints(data: Mapping[str, object], issues: Issues) -> None:
             issues.add(("planner", key), f'expected "{only}" together with arm.coupling')
 
 
+def _check_seen(data: Mapping[str, object], issues: Issues) -> None:
+    """Report what is missing from, or goes beside, a goal of seeing surfaces."""
+    paths = goal_paths(data)
+    for path in paths:
+        if lookup(data, (*path, "see")) is None:
+            continue
+        for key in ("share", "spacing"):
+            if lookup(data, (*path, key)) is None:
+                issues.add((*path, key), "missing; goal.see needs it")
+        if len(paths) > 1:
+            issues.add((*path, "see"), "expected as the only goal; views are found for it, and no other goals")
+        if lookup(data, ("planner", "order")) != "free":
+            issues.add((*path, "see"), 'needs planner.order = "free", since the order of the views is free')
+        if lookup(data, ("planner", "end")) == "last":
+            issues.add(("planner", "end"), 'expected "free" or "start" with goal.see, which has no last goal')
+
+
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     """Report missing limits of a feed axis, or keys about the feed if the arm has no feed axis."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
@@ -246,7 +264,7 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
         if lookup(data, path) is None and isinstance(data.get("limits"), Mapping):
             issues.add(path, "missing; an arm with a feed axis needs this limit")
     for path in poses[1:]:
-        if lookup(data, path) is not None and _given(data, path[:-1], ("position", "path", "look_at")):
+        if lookup(data, path) is not None and _given(data, path[:-1], ("position", "path", "look_at", "see")):
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the feed is planned")
 
 
@@ -292,7 +310,7 @@ def _check_positions_of_axes(data: Mapping[str, object], count: int, issues: Iss
             issues.add(path, "only allowed together with arm.base.axes")
         elif isinstance(given, list) and len(given) != count:
             issues.add(path, f"expected one number for each of the {count} axes of arm.base, got {len(given)}")
-        if _given(data, path[:-1], ("position", "path", "look_at")):
+        if _given(data, path[:-1], ("position", "path", "look_at", "see")):
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the axes are planned")
 
 

@@ -128,30 +128,46 @@ class PoseTable(Table):
 TOLERANCE_KEYS = ("position_tolerance", "heading_tolerance_deg", "direction_tolerance_deg")
 """Keys of goals without effect where the tip looks at a place."""
 VIEW_NEEDS: Mapping[str, tuple[str, ...]] = {
-    "look_at": ("distance",),
+    **dict.fromkeys(("look_at", "see"), ("distance",)),
     "distance": ("field_of_view_deg",),
-    **dict.fromkeys(("field_of_view_deg", "normal"), ("look_at",)),
-    "angle_deg": ("normal",),
+    "field_of_view_deg": ("look_at", "see"),
+    "normal": ("look_at",),
+    "angle_deg": ("normal", "see"),
+    **dict.fromkeys(("share", "spacing", "within"), ("see",)),
 }
-"""For each key about a place that is looked at, the key that it requires; the first three require each other."""
+"""For each key about what is looked at, the keys of which it requires one; the first four require each other."""
 _LOOK_AT = (
     "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from where, is "
     "left to the planner. Needs `distance` and `field_of_view_deg`."
 )
-_DISTANCE = "`[least, greatest]` distance of the tip from the place that it looks at."
+_DISTANCE = "`[least, greatest]` distance of the tip from what it looks at."
 _FIELD_OF_VIEW = (
-    "Full angle of the field of view about the direction of the last link, or of the tool: the place lies within half "
-    "of it."
+    "Full angle of the field of view about the direction of the last link, or of the tool: what is seen lies within "
+    "half of it."
 )
 _NORMAL = "Outward normal of the surface at the place that is looked at. Default: any."
-_ANGLE = "Largest angle between `normal` and the line of sight. Default: 90."
+_ANGLE = (
+    "Largest angle between `normal`, or that of the surface to either side with `see`, and the line of sight. "
+    "Default: 90."
+)
+_SEE = (
+    'Names of obstacles, or `"room"`, whose surfaces are seen from as few views as possible, in place of `position` '
+    "([how](pose-and-reach.md#seeing-a-surface)). Needs `share`, `spacing`, `distance`, `field_of_view_deg` and "
+    '`planner.order = "free"`.'
+)
+_SHARE = "With `see`: least share of the surfaces that is seen, above 0 and at most 1."
+_SPACING = "With `see`: longest edge of the pieces into which surfaces are divided; each is seen or not."
+_WITHIN = "With `see`: box in which pieces count. Default: everywhere."
+SurfaceNames: TypeAlias = Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)]
+"""Names of surfaces."""
+Share: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class GoalTable(PoseTable):
     """Table of the goal of a planar motion: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
-        exactly_one=("position", "look_at", "joints_deg", "shape", "segments"),
+        exactly_one=("position", "look_at", "see", "joints_deg", "shape", "segments"),
         needs={
             "heading_deg": ("position", "segments"),
             **dict.fromkeys(TOLERANCE_KEYS, ("position", "joints_deg", "shape", "segments")),
@@ -175,6 +191,10 @@ class GoalTable(PoseTable):
     )
     normal: PlaneDirection | None = Field(default=None, description=_NORMAL)
     angle_deg: RightAngle | None = Field(default=None, description=_ANGLE)
+    see: SurfaceNames | None = Field(default=None, description=_SEE)
+    share: Share | None = Field(default=None, description=_SHARE)
+    spacing: PositiveLength | None = Field(default=None, description=_SPACING)
+    within: Box | None = Field(default=None, description=_WITHIN)
     position_tolerance: PositiveLength = Field(
         default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
     )
@@ -647,7 +667,7 @@ class SpaceGoalTable(SpacePoseTable):
     """Table of the goal of a motion in space: a pose of the whole arm, or a position of the tip."""
 
     rules = Rules(
-        exactly_one=("position", "look_at", "path", "joints_deg", "shape"),
+        exactly_one=("position", "look_at", "see", "path", "joints_deg", "shape"),
         needs={
             **dict.fromkeys(("direction", "via"), ("position",)),
             **dict.fromkeys(TOLERANCE_KEYS, ("position", "joints_deg", "shape")),
@@ -672,6 +692,10 @@ class SpaceGoalTable(SpacePoseTable):
     )
     normal: Direction | None = Field(default=None, description=_NORMAL)
     angle_deg: RightAngle | None = Field(default=None, description=_ANGLE)
+    see: SurfaceNames | None = Field(default=None, description=_SEE)
+    share: Share | None = Field(default=None, description=_SHARE)
+    spacing: PositiveLength | None = Field(default=None, description=_SPACING)
+    within: Corners | None = Field(default=None, description=_WITHIN)
     path: Annotated[list[SpacePoint], Field(min_length=2)] | None = Field(
         default=None,
         description=(

@@ -13,6 +13,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.io.build import (
     build_arm,
     build_boundary,
+    build_coverage,
     build_options,
     build_pose,
     build_problem,
@@ -55,6 +56,8 @@ from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
 from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.surface_pieces import without_flat_parts
+from ccm_opt.scene.workspace import Workspace
 
 IN_SPACE_KEY = 3
 """Value of the key ``space`` in problem files whose arm moves in three dimensions."""
@@ -243,7 +246,21 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
         arm = build_arm(table)
         at = pose_feed(found["start"], arm)
         base = arm.joint_positions_at(arm.configuration(np.zeros(arm.bends_a_joint * arm.links), at))[0]
-        check_base(build_workspace(room, whole, found["meshes"]), base, arm.length, issues, drawing)
+        workspace = build_workspace(room, whole, found["meshes"])
+        _check_surfaces(workspace, goals, issues)
+        check_base(workspace, base, arm.length, issues, drawing)
+
+
+def _check_surfaces(workspace: Workspace, goals: Sequence[Any], issues: Issues) -> None:
+    """Report names of surfaces to be seen that no obstacle with flat surfaces has."""
+    coverage = build_coverage(goals[0]) if goals else None
+    if coverage is not None and (unknown := without_flat_parts(workspace, coverage.surfaces)):
+        named = ", ".join(repr(name) for name in dict.fromkeys(workspace.triangle_soup.names))
+        issues.add(
+            ("goal", "see"),
+            f"no flat surfaces are named {', '.join(map(repr, unknown))}: circles, thick walls, spheres, capsules and "
+            f"scans have none; there are {named}",
+        )
 
 
 def _has_shape(table: Table) -> bool:

@@ -6,7 +6,7 @@ the order of its tasks. So the map depends neither on which process finishes fir
 
 import pickle
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any, TypeAlias
@@ -36,6 +36,9 @@ _PROGRESS = 0.9
 """Largest ratio of the remaining error after a round of steps to the one before at which steps continue. Heuristic."""
 _ROUND = 4
 """Number of steps in a round, after which the progress is checked."""
+_AHEAD = 0.25
+"""Weight of the cosine of the turn from a pose to a goal, relative to the distance as a fraction of the arm's length,
+in the choice of poses from which a goal is tried. Heuristic."""
 _TURNS = 2
 """Maximum number of poses from which each direction is tried in a cell. Heuristic."""
 
@@ -255,6 +258,31 @@ class TipLooker:
             taken=taken, turned=tuple(each.v for each in found[1:]), gap=max(self.room(each.q[None]) for each in found)
         )
 
+    def led_from(self, poses: Sequence[Pose], goal: GoalPose, most: int) -> Pose | None:
+        """Return a free pose at a goal, reached by steps from the nearest of several poses, or None.
+
+        Args:
+            poses: free poses.
+            goal: the goal, with a direction.
+            most: number of poses from which it is tried.
+        """
+        unit = self.stepper.space.arm.length
+        away = [float(np.linalg.norm(pose.tip - goal.position)) / unit for pose in poses]
+        ahead = [0.0 if goal.direction is None else float(pose.tip_direction @ goal.direction) for pose in poses]
+        for number in np.argsort(np.array(away) - _AHEAD * np.array(ahead), kind="stable")[:most]:
+            found, _ = self._led(poses[number], goal)
+            if found is not None:
+                return found
+        return None
+
+    def drawn_free(self, count: int) -> Iterator[Pose]:
+        """Yield those of a number of randomly sampled poses that are free of contact and within all limits."""
+        rng = np.random.default_rng(self.seed)
+        for _ in range(count):
+            pose = self.stepper.pose(self.drawn(rng))
+            if self.free(pose):
+                yield pose
+
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
         """Return a free pose at a goal, reached by steps from a nearby pose, or None, and the pose after the steps."""
         stepper = self.stepper
@@ -361,7 +389,7 @@ class TipFlood:
             along: unknowns of a motion's poses, shape (N, p); these may lie in regions that the flood fill does not
                 reach otherwise.
         """
-        for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
+        for pose in (*map(looker.stepper.pose, (looker.start, *along)), *looker.drawn_free(self.settings.drawn)):
             cell = self._cell_index(pose.tip)
             if cell is not None and cell not in self._stones:
                 self._stones[cell] = pose.v
@@ -459,14 +487,6 @@ class TipFlood:
                         seeds.setdefault(other, []).extend(poses)
         self._given_on.update(self._turned)
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
-
-    def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
-        """Yield those of the randomly sampled poses that are free of contact and within all limits."""
-        rng = np.random.default_rng(looker.seed)
-        for _ in range(self.settings.drawn):
-            pose = looker.stepper.pose(looker.drawn(rng))
-            if looker.free(pose):
-                yield pose
 
     def _cell_index(self, place: FloatArray) -> Cell | None:
         """Return the indices of the cell that contains a point, shape (d,) [m]; None outside the grid."""

@@ -16,7 +16,7 @@ from ccm_opt.problem.options import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.problem.poses import Goal, JointPose, LookAt, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import Coverage, Goal, JointPose, LookAt, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import DriveLimits, Limits, PointLimit
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, obstacles_of
@@ -24,6 +24,7 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, obstacles_o
 __all__ = [
     "Arm",
     "ControllerName",
+    "Coverage",
     "Disturbances",
     "DriveLimits",
     "Goal",

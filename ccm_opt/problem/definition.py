@@ -24,7 +24,7 @@ from ccm_opt.problem.options import (
     TourEnd,
     VerificationOptions,
 )
-from ccm_opt.problem.poses import Goal, JointPose, LookAt, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import Coverage, Goal, JointPose, LookAt, Stop, TipGoal, Tolerances
 from ccm_opt.problem.tool_rules import Key, tool_defects
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes, MappingName
@@ -33,6 +33,7 @@ from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.couplings import DriveCoupling
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body
+from ccm_opt.scene.surface_pieces import MOST_PIECES, piece_count, surface_centre, without_flat_parts
 from ccm_opt.scene.workspace import PlaneShape, Workspace
 
 UNIT_ROUNDING = 1e-9
@@ -79,6 +80,8 @@ def defects(problem: "Problem") -> Iterator[str]:
     if problem.arm.sections is not None:
         yield from section_defects(problem, problem.arm.sections)
     yield from _tour_defects(problem)
+    if problem.coverage is not None:
+        yield from _coverage_defects(problem, problem.coverage)
 
 
 def _tour_defects(problem: "Problem") -> Iterator[str]:
@@ -292,17 +295,8 @@ def _look_at_defects(name: str, goal: TipGoal, look_at: LookAt, tolerances: Tole
     yield from found
     if found:
         return
-    least, most = look_at.distance
     yield from _broken(
-        (0.0 < least < most < np.inf, f"{name}.distance must be two increasing positive numbers, got {least}, {most}"),
-        (
-            0.0 < look_at.field_of_view <= MOST_FIELD_OF_VIEW,
-            f"{name}.field_of_view must be positive and at most 2.97 rad, got {look_at.field_of_view}",
-        ),
-        (
-            0.0 < look_at.angle <= 0.5 * np.pi,
-            f"{name}.angle must be positive and at most a right angle, got {look_at.angle}",
-        ),
+        *_sight_rules(name, look_at),
         (
             not goal.via and goal.direction is None and goal.path is None,
             f"{name}.look_at goes together with neither via nor direction nor path",
@@ -310,6 +304,73 @@ def _look_at_defects(name: str, goal: TipGoal, look_at: LookAt, tolerances: Tole
         (np.array_equal(goal.position, look_at.place), f"{name}.position must be the place that is looked at"),
         (tolerances == look_at.tolerances, f"{name}'s tolerances must be those of what it looks at"),
     )
+
+
+def _sight_rules(name: str, seen: LookAt | Coverage) -> Iterator[tuple[bool, str]]:
+    """Yield pairs (holds, message) for the distances, the field of view, and the angle at which something is seen."""
+    least, most = seen.distance
+    yield (
+        0.0 < least < most < np.inf,
+        f"{name}.distance must be two increasing positive numbers, got {least}, {most}",
+    )
+    yield (
+        0.0 < seen.field_of_view <= MOST_FIELD_OF_VIEW,
+        f"{name}.field_of_view must be positive and at most 2.97 rad, got {seen.field_of_view}",
+    )
+    yield (
+        0.0 < seen.angle <= 0.5 * np.pi,
+        f"{name}.angle must be positive and at most a right angle, got {seen.angle}",
+    )
+
+
+def _coverage_defects(problem: "Problem", coverage: Coverage) -> Iterator[str]:
+    """Yield a sentence for every invalid value of what has to be seen, and of the goal that stands for it."""
+    name, workspace = "coverage", problem.workspace
+    if coverage.within is not None:
+        found = tuple(array_defects(f"{name}.within", coverage.within, (2, problem.dimension), positive=False))
+        yield from found
+        if not found and not np.all(coverage.within[0] < coverage.within[1]):
+            yield f"{name}.within must have a lower corner below the upper one"
+    unknown = without_flat_parts(workspace, coverage.surfaces)
+    yield from _broken(
+        *_sight_rules(name, coverage),
+        (0.0 < coverage.share <= 1.0, f"{name}.share must be above 0 and at most 1, got {coverage.share}"),
+        (coverage.spacing > 0.0, f"{name}.spacing must be positive, got {coverage.spacing}"),
+        (len(coverage.surfaces) > 0, f"{name}.surfaces must name an obstacle, or the room"),
+        (
+            not unknown,
+            (
+                f"{name}.surfaces: no obstacle with flat surfaces is named {', '.join(map(repr, unknown))}; circles, "
+                "thick walls, spheres, capsules and scans have none"
+            ),
+        ),
+    )
+    if unknown or not coverage.surfaces or not coverage.spacing > 0.0:
+        return
+    count = piece_count(workspace, coverage.surfaces, coverage.spacing)
+    yield from _broken(
+        (
+            count <= MOST_PIECES,
+            f"{name}.spacing of {coverage.spacing:g} m makes {count} pieces; expected at most {MOST_PIECES}",
+        ),
+        (
+            problem.planner.order != "free" or _stands_in(problem, coverage),
+            f"{name} with goals in free order needs TipGoal.seeing(coverage, workspace) as its only goal",
+        ),
+        (
+            problem.planner.order == "free" or not _stands_in(problem, coverage),
+            'goal.see needs planner.order = "free", since the order of the views that are found is free',
+        ),
+        (problem.planner.end != "last", 'planner.end = "last" is not supported with goal.see, which has no last goal'),
+    )
+
+
+def _stands_in(problem: "Problem", coverage: Coverage) -> bool:
+    """Return whether the only goal of a problem is the one that stands for what has to be seen."""
+    goal = problem.goal.for_tip
+    if goal is None or problem.stops or goal.look_at or goal.path is not None or goal.via or goal.direction is not None:
+        return False
+    return np.array_equal(goal.position, surface_centre(problem.workspace, coverage.surfaces))
 
 
 def _path_defects(name: str, goal: TipGoal, path: FloatArray, arm: Arm) -> Iterator[str]:
@@ -522,6 +583,8 @@ class Problem:
             always in metres.
         drawing: report on the drawing from which obstacles were imported; None without a drawing.
         imported_arm: report on the URDF file from which the arm was read; None without one.
+        coverage: surfaces that have to be seen from the goals; None for none. With goals in free order, goals are found
+            for it, and ``goal`` is ``TipGoal.seeing(coverage, workspace)``.
 
     Raises:
         ProblemError: an attribute has a wrong type or shape, or an invalid value; the message lists all of them.
@@ -545,6 +608,7 @@ class Problem:
     drawing: ImportedDrawing | None = None
     imported_arm: ImportedArm | None = None
     pause: float = 0.0
+    coverage: Coverage | None = None
 
     @property
     def dimension(self) -> int:

@@ -8,7 +8,7 @@ import shapely
 from ccm_opt.core.arguments import in_words, is_number
 from ccm_opt.core.length_words import file_length
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions, Weights
-from ccm_opt.problem.poses import JointPose, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import Coverage, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.coordinates import Limits
@@ -27,6 +27,7 @@ _PARTS: Mapping[str, tuple[type, ...]] = {
     "planner": (PlannerOptions,),
     "simulation": (SimulationOptions,),
     "verification": (VerificationOptions,),
+    "coverage": (Coverage, type(None)),
     "source": (str,),
     "workspace.boundary": (shapely.Polygon,),
     "workspace.obstacles": (tuple,),

@@ -14,6 +14,8 @@ from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import FEED, Coordinates
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.surface_pieces import surface_centre
+from ccm_opt.scene.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,34 @@ class LookAt:
 
 
 @dataclass(frozen=True)
+class Coverage:
+    """A share of surfaces that the arm has to see, piece by piece, from the goals at which it comes to rest.
+
+    Edges in the plane and triangles in space are divided into equal pieces without an edge longer than ``spacing``. A
+    piece counts with its length or area. It is seen from a tip if its centre is: within the distances, the field of
+    view and the angle, and with a free line of sight as for ``LookAt``.
+
+    Attributes:
+        surfaces: names of obstacles; "room" for the walls of the room.
+        share: least fraction of the surfaces that is seen, above 0 and at most 1.
+        spacing: greatest length of an edge of a piece [m].
+        distance: least and greatest distance of the tip from what it sees [m].
+        field_of_view: full angle of the field of view about the optical axis [rad].
+        angle: greatest angle between the line of sight and the normal of the surface, to either side [rad].
+        within: lower and upper corner of a box, shape (2, d) [m]: only pieces with their centres in it count; None for
+            all.
+    """
+
+    surfaces: tuple[str, ...]
+    share: float
+    spacing: float
+    distance: tuple[float, float]
+    field_of_view: float
+    angle: float = 0.5 * np.pi
+    within: FloatArray | None = None
+
+
+@dataclass(frozen=True)
 class TipGoal:
     """A goal for position and direction of the arm's tip, which leaves all other joints free.
 
@@ -204,6 +234,11 @@ class TipGoal:
     def looking(cls, look_at: LookAt) -> "TipGoal":
         """Return the goal of looking at a place; its tolerances must be ``look_at.tolerances``."""
         return cls(look_at.place, look_at=look_at)
+
+    @classmethod
+    def seeing(cls, coverage: Coverage, workspace: Workspace) -> "TipGoal":
+        """Return the goal that stands for surfaces to be seen, for which the views are found later."""
+        return cls(surface_centre(workspace, coverage.surfaces))
 
     @classmethod
     def at(

@@ -105,37 +105,57 @@ def free_half_angle(
         place: the place that it looks at, shape (d,) [m].
         errors: how far true surfaces may be from those of each obstacle [m]; None if all are exact.
     """
+    angles, names = free_half_angles(surfaces, motion, sample, place[None], errors)
+    return float(angles[0]), str(names[0])
+
+
+def free_half_angles(
+    surfaces: CheckedSurfaces | None,
+    motion: ChainMotion,
+    sample: int,
+    places: FloatArray,
+    errors: FloatArray | None = None,
+) -> tuple[FloatArray, npt.NDArray[np.object_]]:
+    """Return lower bounds on the half angles of the free cones about lines of sight to m places, and what limits each.
+
+    Arguments are those of ``free_half_angle``, but for the places, shape (m, d) [m]. Both results have shape (m,).
+    """
     arm, points = motion.arm, motion.points[sample]
     tip = points[-1]
     count = int(np.ceil(-np.log(_END) / np.log(_RATIO)))
     shares = np.append(np.geomspace(_ROUNDED, _END, _PIECES_AT_END + 1)[:-1], np.geomspace(_END, 1.0, count + 1))
-    ends = place + shares[:, None] * (tip - place)
-    start, end = ends[:-1], ends[1:]
-    away = float(np.linalg.norm(tip - place))
+    ends = places[:, None] + shares[:, None] * (tip - places)[:, None]
+    form, d = (len(places), len(shares) - 1), len(tip)
+    start, end = ends[:, :-1].reshape(-1, d), ends[:, 1:].reshape(-1, d)
+    away = np.linalg.norm(tip - places, axis=1)[:, None]
     far = shares[1:] * away
     rounding = distance_rounding(float(np.max(np.abs(ends), initial=motion.size)))
     # Gaps of the line itself at its end are compared with rounding only.
-    line = np.arange(len(far)) < _PIECES_AT_END
-    reach = np.where(line, 2.0 * rounding, far * np.tan(_SEEN * SIGHT_HALF_ANGLE))
-
-    gaps, names = reach.copy(), np.full(len(far), "nothing near", dtype=object)
+    line = np.arange(form[1]) < _PIECES_AT_END
+    gaps = np.where(line, 2.0 * rounding, far * np.tan(_SEEN * SIGHT_HALF_ANGLE)).ravel()
+    names = np.full(len(gaps), "nothing near", dtype=object)
     if surfaces is not None:
         blind = np.zeros(len(surfaces.names)) if errors is None else _ERRORS * errors[: len(surfaces.names)]
-        _to_surfaces(surfaces, start, end, gaps, names, np.where(line, shares[:-1] * away, np.inf), blind)
+        counted = np.where(line, shares[:-1] * away, np.inf).ravel()
+        _to_surfaces(surfaces, start, end, gaps, names, counted, blind)
     bare = np.zeros(arm.links, dtype=bool) if arm.tool_links is None else arm.tool_links.bare
     for link in np.flatnonzero(~bare):
         one, other = points[link], points[link + 1]
         if float(segment_distances(tip[None], tip[None], one[None], other[None])[0]) <= arm.radii[link]:
             continue
-        k = len(far)
+        k = len(gaps)
         apart = segment_distances(start, end, np.tile(one, (k, 1)), np.tile(other, (k, 1))) - arm.radii[link]
         names[apart < gaps] = link_word(arm, int(link))
         np.minimum(gaps, apart, out=gaps)
-    if np.any(crossed := gaps[line] <= rounding):
-        return 0.0, str(names[line][crossed][0])
-    slopes = (gaps - rounding)[~line] / far[~line]
-    worst = int(np.argmin(slopes))
-    return float(np.arctan(max(float(slopes[worst]), 0.0))), str(names[~line][worst])
+    gaps, names = gaps.reshape(form), names.reshape(form)
+    every = np.arange(len(places))
+    slopes = (gaps - rounding)[:, ~line] / far[:, ~line]
+    worst = np.argmin(slopes, axis=1)
+    angles, limiting = np.arctan(np.maximum(slopes[every, worst], 0.0)), names[:, ~line][every, worst]
+    crossed = gaps[:, line] <= rounding
+    first = np.argmax(crossed, axis=1)
+    hidden = crossed[every, first]
+    return np.where(hidden, 0.0, angles), np.where(hidden, names[:, line][every, first], limiting)
 
 
 def _to_surfaces(

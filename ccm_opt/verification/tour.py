@@ -1,6 +1,7 @@
 """Check that a motion to goals in free order accounts for every goal, and the goals in the order of the visits."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 from ccm_opt.core.errors import ProblemError
@@ -26,7 +27,9 @@ def check_order(problem: Problem, tour: Tour | None) -> list[Check]:
         raise ProblemError('a tour goes together with planner.order = "free"; solutions and loaded plans have one')
     if tour is None:
         return []
-    count = len(problem.stops) + 1
+    if (problem.coverage is not None) != bool(tour.views):
+        raise ProblemError("views go together with a problem that has surfaces to be seen")
+    count = len(_goals(problem, tour))
     named = Counter([*tour.order, *(goal.goal for goal in tour.left_out)])
     wrong = sorted(
         {number for number in range(1, count + 1) if named[number] != 1} | {k for k in named if not 0 < k <= count}
@@ -37,6 +40,11 @@ def check_order(problem: Problem, tour: Tour | None) -> list[Check]:
     elif problem.planner.end == "last" and tour.order[-1] != count:
         wrong, where = [*wrong, count], f"the motion ends at goal {tour.order[-1]}, not at the last one"
     return [Check("order of goals", float(len(wrong)), 0.0, "goals", where, passed=not wrong)]
+
+
+def _goals(problem: Problem, tour: Tour) -> Sequence[Stop]:
+    """Return the goals of which a tour has the numbers: the problem's, or those found for what it has to see."""
+    return tour.views or problem.numbered_goals
 
 
 def check_tour_times(
@@ -77,7 +85,7 @@ def in_order(problem: Problem, tour: Tour | None) -> Problem:
     """
     if tour is None:
         return problem
-    goals = problem.numbered_goals
+    goals = _goals(problem, tour)
     visits = [goals[number - 1] for number in tour.order]
     if problem.planner.end == "start":
         visits.append(Stop(problem.start, Tolerances()))

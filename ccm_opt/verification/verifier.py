@@ -11,6 +11,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_consistency, check_form
+from ccm_opt.verification.coverage import check_coverage
 from ccm_opt.verification.drives import check_names
 from ccm_opt.verification.even_sections import check_coupled_joints, check_even_sections, check_tendons
 from ccm_opt.verification.following import check_following, check_given_paths
@@ -98,6 +99,7 @@ def verify(
     checks += check_sample_efforts(problem, of_links, trajectory, holding, settings)
     checks += check_ends(problem, motion, trajectory, settings)
     checks += check_pauses(problem, trajectory, settings)
+    checks += check_coverage(problem, motion, trajectory)
     # The joint error that a motion tolerates is defined only if the nominal motion passes every check.
     if problem.joint_error > 0.0 and all(check.passed for check in checks):
         checks.append(check_of(problem.joint_error, tolerated_error(problem, trajectory, joint_errors(problem.arm))))

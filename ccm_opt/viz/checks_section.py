@@ -31,6 +31,7 @@ _ORDER = (
     "self-collision",
     "goal",
     "stop",
+    "surface",
     "constraint",
     "soft constraint",
     "joint",
@@ -51,7 +52,7 @@ _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
 _PAUSE = re.compile(r"stop (\d+) pause")
 """Pattern of the name of the check of the pause at an intermediate goal."""
-_AT_LEAST = re.compile(r"stop \d+ pause|(goal|stop \d+) (least distance|line of sight)")
+_AT_LEAST = re.compile(r"stop \d+ pause|(goal|stop \d+) (least distance|line of sight)|surface seen")
 """Pattern of the names of the checks whose value must be at least its limit; gaps are told apart by their names."""
 _VIEW = {
     "least distance": "Distance from what is seen at",

@@ -35,8 +35,8 @@ from ccm_opt.viz.page_sections import (
     problem_section,
     stage_section,
 )
-from ccm_opt.viz.scene_data import route_layers, scene_data
-from ccm_opt.viz.sight import goal_sights
+from ccm_opt.viz.scene_data import route_layers, scene_data, surface_data
+from ccm_opt.viz.sight import goal_sights, seen_surface
 from ccm_opt.viz.time_series import phase_data, series_data
 from ccm_opt.viz.tour_section import tour_section
 
@@ -368,9 +368,10 @@ def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
     """
     problem, points = solution.problem, solution.joint_positions
     sights = {number: [line, edge] for number, line, edge in goal_sights(problem, solution.trajectory)}
+    surface = seen_surface(problem, solution.trajectory)
     data: dict[str, object] = {
         "unit": units.data(),
-        "scene": scene_data(problem, points.reshape(-1, problem.dimension), sights),
+        "scene": scene_data(problem, points.reshape(-1, problem.dimension), sights) | surface_data(surface),
         "marks": goal_times(solution),
         "groups": series_data(solution),
         "gaps": None if solution.room is None else gap_data(solution.room),

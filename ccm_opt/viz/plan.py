@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Wedge
 
@@ -12,13 +13,14 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import Goal, Tolerances
 from ccm_opt.scene.tool_links import drawn_radii
+from ccm_opt.verification.coverage import SeenPieces
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.clearance_section import least_gap_place
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
 from ccm_opt.viz.scene_views import Pose, SceneViews, work_box
 from ccm_opt.viz.shading import Tube
-from ccm_opt.viz.sight import goal_sights
+from ccm_opt.viz.sight import goal_sights, seen_surface
 from ccm_opt.viz.views import ARROW_SHARE, Sheet, action_window, draw_base, points_a_metre
 
 ARROW_IN_LINKS = 3.0
@@ -111,6 +113,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
         poses += [Pose(pose, radii, "stop", "" if k else "at the goals before") for k, pose in enumerate(few)]
     poses += [Pose(points[-1], radii, "end", "end")]
     window = work_box(problem, points, _shown_of(points, stops)) if in_space else action_window(problem, points)
+    surface = seen_surface(problem, plan.trajectory)
     sheet = Sheet.for_problem(problem, window, poses, [tip_path_tube(plan, window)] if in_space else [], scene)
     for axes, side in sheet.all_views:
         if in_space:
@@ -119,6 +122,8 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
             draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
             draw_tip_path(axes, side(points[:, -1]))
             draw_base(axes, points[0, 0])
+        if surface is not None:
+            draw_surface(axes, surface, side)
         draw_goals(axes, plan, side, poses=not in_space)
         draw_sights(axes, plan, side)
         _mark_least_gap(axes, side, plan)
@@ -205,6 +210,25 @@ def draw_sights(axes: Axes, plan: PlanDrawing, side: Side = PLANE) -> None:
         outline = shapely.get_coordinates(shapely.MultiPoint(side(np.vstack((line[:1], edge)))).convex_hull)
         axes.add_patch(Polygon(outline, facecolor=style.GOAL_TINT, edgecolor="none", alpha=0.7, zorder=1.6))
         axes.plot(*side(line).T, color=style.GOAL_MARK, linewidth=0.9, linestyle="--", zorder=8.4)
+
+
+def draw_surface(axes: Axes, surface: SeenPieces, side: Side = PLANE) -> None:
+    """Draw the pieces of surfaces that have to be seen, in different colours if they are seen or not.
+
+    Pieces in the plane are lines, those in space dots at their centres.
+
+    Args:
+        axes: axes with their limits set.
+        surface: the pieces.
+        side: projection to the picture plane; ``PLANE`` for a planar arm.
+    """
+    for mask, colour, label in ((surface.seen, style.GOAL_MARK, "seen"), (~surface.seen, style.LEAST_GAP, "not seen")):
+        if side is PLANE:
+            axes.add_collection(LineCollection(surface.corners[mask], colors=colour, linewidths=2.6, zorder=4.5))
+            axes.plot([], [], color=colour, linewidth=2.6, label=label)
+        else:
+            dots = side(surface.corners[mask].mean(axis=1))
+            axes.plot(*dots.T, marker=".", markersize=2.0, linestyle="none", color=colour, zorder=1.55, label=label)
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:

@@ -19,6 +19,7 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.surfaces import sharp_edges, within
 from ccm_opt.scene.tool_links import body_corners, drawn_radii, points_with_tool
 from ccm_opt.scene.workspace import Workspace
+from ccm_opt.verification.coverage import SeenPieces
 
 _PLACE_STEP = 2e-5
 """Resolution of planar positions in a report, as a fraction of the workspace's extent."""
@@ -73,6 +74,19 @@ def scene_data(problem: Problem, shown: FloatArray, sights: Mapping[int, Sequenc
         ],
         **room(problem, shown.min(axis=0), shown.max(axis=0)),
     }
+
+
+def surface_data(surface: SeenPieces | None) -> SceneData:
+    """Return the pieces of surfaces that are seen, and those that are not, as data for the report's scripts.
+
+    Pieces in the plane are given by their ends, those in space by their centres; without surfaces there are none.
+    """
+    if surface is None:
+        return {}
+    flat = surface.corners.shape[2] == 2
+    places = surface.corners if flat else surface.corners.mean(axis=1)
+    parts = {"good": places[surface.seen], "bad": places[~surface.seen]}
+    return {"surface": {look: part.round(6).tolist() for look, part in parts.items()}}
 
 
 def _goal_data(number: int, stop: Stop, arm: Arm, sight: Sequence[FloatArray]) -> SceneData:

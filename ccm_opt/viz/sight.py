@@ -1,4 +1,4 @@
-"""Fields of view of an arm in goals of looking at places, for pictures, pages and the viewer."""
+"""Fields of view of an arm that looks at places, and surfaces that it sees, for pictures, pages and the viewer."""
 
 from collections.abc import Iterator
 
@@ -9,6 +9,8 @@ from ccm_opt.problem import LookAt, Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.scene.bodies import rotation_to_axis
 from ccm_opt.scene.tool_links import points_with_tool
+from ccm_opt.verification.coverage import SeenPieces, seen_pieces, viewing_samples
+from ccm_opt.verification.tool_chain import motion_of
 
 _ARC = 9
 """Number of points on the edge of a field of view in the plane."""
@@ -35,6 +37,14 @@ def goal_sights(problem: Problem, trajectory: JointTrajectory) -> Iterator[tuple
             frame = arm.link_rotations(q)[-1]
             axis = frame[:, 0] if arm.tool is None else frame @ arm.tool.direction
             yield number, np.stack((tip, look_at.place)), _edge(tip, axis, look_at)
+
+
+def seen_surface(problem: Problem, trajectory: JointTrajectory) -> SeenPieces | None:
+    """Return which pieces of the surfaces that have to be seen a motion sees; None if nothing has to be seen."""
+    if problem.coverage is None:
+        return None
+    motion = motion_of(problem.arm, trajectory.time, trajectory.positions)
+    return seen_pieces(problem.workspace, problem.coverage, motion, viewing_samples(problem, trajectory))
 
 
 def _edge(tip: FloatArray, axis: FloatArray, look_at: LookAt) -> FloatArray:

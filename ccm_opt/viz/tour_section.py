@@ -12,6 +12,9 @@ precision."""
 
 def tour_sentences(tour: Tour) -> Iterator[str]:
     """Yield sentences about a tour: the order of its goals, and how its duration compares with that of other orders."""
+    if tour.views:
+        yield from _view_sentences(tour)
+        return
     goals = len(tour.order) + len(tour.left_out)
     some = f"{len(tour.order)} of {goals} goals" if tour.left_out else f"{goals} goals"
     back = ", and back to the start" if tour.posed.planner.end == "start" else ""
@@ -22,6 +25,17 @@ def tour_sentences(tour: Tour) -> Iterator[str]:
     yield f"{tour.duration:.4g} s of motion between goals{bound}; in the given order {tour.as_given:.4g} s"
 
 
+def _view_sentences(tour: Tour) -> Iterator[str]:
+    """Yield sentences about the views of a tour that has surfaces to see."""
+    count = len(tour.views)
+    some = f"{count} views" if count > 1 else "1 view"
+    fewest = "none of the sampled views are fewer" if tour.fewest == count else f"at least {tour.fewest} are needed"
+    yield f"{some} see enough; of those sampled, {fewest}"
+    if tour.unseen:
+        yield f"not to be seen from any sampled view: {', '.join(tour.unseen)}"
+    yield f"{tour.duration:.4g} s of motion between views"
+
+
 def tour_section(solution: Solution) -> Markup | None:
     """Return the section of a report about the order of the goals and what it leaves out; None for a given order."""
     tour = solution.tour
@@ -30,7 +44,7 @@ def tour_section(solution: Solution) -> Markup | None:
     time = solution.trajectory.time
     samples = [*solution.trajectory.stops, len(time) - 1]
     visits = [
-        (str(visit), f"goal {goal}", f"{time[sample]:.2f} s")
+        (str(visit), f"{'view' if tour.views else 'goal'} {goal}", f"{time[sample]:.2f} s")
         for visit, (goal, sample) in enumerate(zip(tour.order, samples, strict=False), start=1)
     ]
     missing = [element("li", f"goal {goal.goal} of the file: {goal.reason}") for goal in tour.left_out]
@@ -41,5 +55,5 @@ def tour_section(solution: Solution) -> Markup | None:
         element("h2", "Order of the goals"),
         *left_out,
         *sentences,
-        table(("visit", "in the file", "time"), visits, numbers=(0, 2)),
+        table(("visit", "found" if tour.views else "in the file", "time"), visits, numbers=(0, 2)),
     )

@@ -33,6 +33,10 @@ class Tour:
         bound: lower bound on this sum for every order of the motions that were found between the goals [s]; 0 if none
             is known, as for goals that were planned for one after the other.
         as_given: this sum for the order of the problem [s].
+        views: goals found for what the problem has to see, of which ``order`` has the numbers; empty if the goals are
+            the problem's own.
+        fewest: lower bound on the number of views among those considered; 0 without views.
+        unseen: why parts of the surfaces are seen from none of these, each with its share, in words.
     """
 
     posed: Problem
@@ -41,6 +45,9 @@ class Tour:
     duration: float = 0.0
     bound: float = 0.0
     as_given: float = 0.0
+    views: tuple[Stop, ...] = ()
+    fewest: int = 0
+    unseen: tuple[str, ...] = ()
 
     @property
     def excess(self) -> float:
@@ -61,7 +68,8 @@ class Tour:
     def visited(self) -> Problem:
         """Problem of the goals that are visited, in the order of the visits, and of the way back if there is one."""
         posed = self.posed
-        stops = [posed.numbered_goals[number - 1] for number in self.order]
+        goals = self.views or posed.numbered_goals
+        stops = [goals[number - 1] for number in self.order]
         if posed.planner.end == "start":
             stops.append(Stop(posed.start, Tolerances()))
         *before, last = stops

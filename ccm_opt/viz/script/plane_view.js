@@ -21,6 +21,7 @@ class PlaneView {
 
   draw(data, motion) {
     const pose = motion ? drawMotion(this, data, motion) : drawFailure(this, data);
+    drawSurface(this, this.data.surface ?? {});
     drawGoals(this, this.data.goals);
     if (data.pose) drawGoalPose(byId("goal-pose"), data, motion);
     if (data.nearest) drawRing(this, "least", data.nearest.place, data.nearest.words);
@@ -266,6 +267,14 @@ function drawFailure(scene, data) {
 }
 
 // Marks that keep their size: goals with their numbers, a place that is worth a look, a label on a line.
+
+function drawSurface(scene, surface) {
+  const layer = scene.layer("surface");
+  for (const [look, pieces] of Object.entries(surface)) {
+    const lines = pieces.map(ends => `M${ends.map(place => scene.local(place).join(" ")).join("L")}`);
+    layer.append(svg("path", { class: `surface ${look}`, d: lines.join("") }));
+  }
+}
 
 function drawGoals(scene, goals) {
   const marks = scene.layer("goals", scene.labels);

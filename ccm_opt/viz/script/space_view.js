@@ -132,6 +132,11 @@ function goalRods(goal, arm, reach) {
   return rods;
 }
 
+function surfaceRods(surface, arm, reach) {
+  const size = 0.15 * (arm.radius || 0.01 * reach);
+  return Object.entries(surface).flatMap(([look, places]) => places.map(place => [place, place, size, size, look, 1]));
+}
+
 function linked(points, radius) {
   return points.slice(1).map((point, k) => [points[k], point, radius, radius, "bad", 1]);
 }
@@ -187,6 +192,7 @@ class SpaceView {
       this.addSurface("bodies", bodyCorners(body), faces, new Uint32Array(bytes(body.edges)), colour);
     }
     if (room) this.setRods("room", boxRods(room));
+    this.setRods("surface", surfaceRods(data.scene.surface ?? {}, arm, reach));
     this.setRods("goals", goals.flatMap(goal => goalRods(goal, arm, reach)));
     if (!motion) {
       this.setRods("start", armRods(arm, start, "arm", 1));

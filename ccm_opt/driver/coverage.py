@@ -1,0 +1,297 @@
+"""The fewest views from which a share of surfaces is seen: sampled, checked for poses, and chosen by a program.
+
+Views are sampled about the pieces of the surfaces (``view_sampling``), and the fewest that see enough are chosen
+(``set_cover``). A chosen view for which no pose of the arm is found, as for a map of the reach, is left out, and others
+are chosen in its place; so is one to which no motion is found.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, TimeLimitReached
+from ccm_opt.driver.set_cover import fewest_sets, greedy_order
+from ccm_opt.driver.view_sampling import LEAST_ROOM, NO_POSE, NO_ROOM, OUT_OF_REACH, Views, ViewSampler
+from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.tip_reach import ReachQuestion, TipLooker
+from ccm_opt.planning.tool_problem import problem_with_tool_links
+from ccm_opt.problem import Coverage, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.solution import Tour
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surface_pieces import SurfacePieces
+from ccm_opt.verification.coverage import SeenPieces, seen_pieces, seen_places
+from ccm_opt.verification.tool_chain import motion_of
+
+_MOST_PIECES = 1500
+"""Largest number of pieces for which views are chosen; of more, a random sample stands for all. Heuristic."""
+_USED = 0.999
+"""Fraction of the tolerances of a view that is used. Derived: far above rounding."""
+_DRAWN = 300
+"""Number of sampled poses. Heuristic: each takes a few thousandths of a second."""
+_APART = (0.06, float(np.deg2rad(20.0)))
+"""Least difference of views that are tried after one has no pose: distance as a fraction of the arm's length, or angle
+[rad]. Heuristic."""
+_SEEDS = 3
+"""Number of poses from which a pose of a view is tried. Heuristic."""
+_PROGRAM_TIME = 2.0
+"""Time limit of the choice of the fewest views [s]. Heuristic: most take a second."""
+_ROUND_SHARE = 0.5
+"""Fraction of the time left that is given to a tour, so that other views may follow. Heuristic."""
+_SEARCH_SHARE = 0.3
+"""Fraction of the time left after which no further poses are tried. Heuristic."""
+_SAMPLE_MARGIN = 0.01
+"""Share that is seen beyond the required one where a sample of pieces stands for all. Heuristic."""
+
+
+@dataclass(eq=False)
+class CoverageViews:
+    """Views of what a problem has to see, and what is known of them.
+
+    Attributes:
+        problem: the problem, with its coverage.
+        coverage: what has to be seen.
+        pieces: the pieces for which views are chosen.
+        sampler: measures lines of sight to them.
+        views: the sampled views.
+        posed: for each view, 2 if it was reached, 1 if a pose was found, −1 if it is left out, else 0, shape (n,).
+        reasons: why a piece has no view, an index of an obstacle that hides it or a negative number, shape (m,).
+        lookup: finds poses; None for arms for which there are no maps of the reach.
+        poses: poses found so far.
+        failures: errors of views to which no motion was found.
+    """
+
+    problem: Problem
+    coverage: Coverage
+    pieces: SurfacePieces
+    sampler: ViewSampler
+    views: Views
+    reasons: IntArray
+    lookup: TipLooker | None
+    poses: list[Pose] = field(default_factory=list)
+    failures: list[NoPlanFound] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.posed = np.zeros(len(self.views.tips), dtype=np.intp)
+        if self.lookup is not None:
+            # What known poses see are views too.
+            self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
+            tips, axes = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("tip", "tip_direction"))
+            self.views = self.views.with_further(self.sampler.at(tips, axes))
+            self.posed = np.append(self.posed, np.ones(len(tips), dtype=np.intp))
+        sampled = len(self.pieces.sizes) == _MOST_PIECES
+        self.share = min(self.coverage.share + (_SAMPLE_MARGIN if sampled else 0.0), 1.0)
+
+    @classmethod
+    def of(cls, problem: Problem, coverage: Coverage) -> "CoverageViews":
+        """Sample views about the pieces of the surfaces that have to be seen.
+
+        Args:
+            problem: the problem.
+            coverage: what has to be seen.
+
+        Raises:
+            MotionNotFound: the box in which pieces count has none.
+        """
+        whole = problem_with_tool_links(problem)
+        found = SurfacePieces.of(problem.workspace, coverage.surfaces, coverage.spacing, coverage.within)
+        if not np.any(found.sizes > 0.0):
+            raise MotionNotFound(Diagnosis("goal.see: there is no surface in the box", "views", ("move goal.within",)))
+        rng = np.random.default_rng(problem.planner.seed)
+        if len(found.sizes) > _MOST_PIECES:
+            some = np.sort(rng.choice(len(found.sizes), _MOST_PIECES, replace=False))
+            found = SurfacePieces(found.corners[some], found.owner[some])
+        sampler = ViewSampler(whole, coverage, found, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
+        views, reasons = sampler.sampled(rng)
+        return cls(problem, coverage, found, sampler, views, reasons, _tip_looker(problem))
+
+    def fewest(self, deadline: Deadline) -> tuple[IntArray, int]:
+        """Return the fewest views that see enough and have poses, and a lower bound on their number.
+
+        The bound is that of the sampled views that are not left out.
+
+        Args:
+            deadline: time at which all planning has to end.
+
+        Raises:
+            NoPlanFound: all views together do not see enough; the message says why, with shares.
+        """
+        sizes = self.pieces.sizes
+        needed = self.share * float(np.sum(sizes))
+        search = deadline.within(max(_SEARCH_SHARE * deadline.left, 1.0))
+        # Those that see most are looked at first, so that few remain that cannot be reached.
+        while not search.passed():
+            alive = self._alive(needed)
+            order = alive[greedy_order(self.views.sees[alive], sizes)]
+            if self._have_poses(self._first_unknown(order, needed)):
+                break
+        while True:
+            alive = self._alive(needed)
+            cover = fewest_sets(self.views.sees[alive], sizes, needed, 0.5 * self.posed[alive], _PROGRAM_TIME)
+            chosen = alive[cover.sets]
+            if search.passed() or self._have_poses(chosen):
+                return chosen, cover.fewest
+
+    def _alive(self, needed: float) -> IntArray:
+        """Return the views that are not left out.
+
+        Raises:
+            NoPlanFound: they do not see enough.
+        """
+        alive = np.flatnonzero(self.posed >= 0)
+        together = float(np.sum(self.pieces.sizes[np.any(self.views.sees[alive], axis=0)]))
+        if together < needed * (1.0 - 1e-9):
+            raise self._not_enough(together / float(np.sum(self.pieces.sizes)))
+        return alive
+
+    def _have_poses(self, some: IntArray) -> bool:
+        """Return whether all of some views have poses; those that have none are left out."""
+        for k in some:
+            if self.posed[k] == 0 and self.lookup is not None:
+                self.posed[k] = self._posed(self.lookup, int(k))
+                if self.posed[k] < 0:
+                    self.posed[self._alike(k) & (self.posed == 0)] = -1
+        return bool(np.all(self.posed[some] >= 0))
+
+    def _alike(self, k: np.intp) -> BoolArray:
+        """Return a mask of the views that need not be tried where one has no pose, shape (n,)."""
+        away = np.linalg.norm(self.views.tips - self.views.tips[k], axis=1)
+        ahead = self.views.axes @ self.views.axes[k]
+        return np.asarray((away < _APART[0] * self.problem.arm.length) & (ahead > np.cos(_APART[1])))
+
+    def _first_unknown(self, order: IntArray, needed: float) -> IntArray:
+        """Return those views of unknown pose that are needed if views are taken in an order."""
+        covered = np.cumsum(self.views.sees[order], axis=0) > 0
+        count = int(np.searchsorted(covered @ self.pieces.sizes, needed)) + 1
+        return np.asarray(order[:count][self.posed[order[:count]] == 0])
+
+    def _posed(self, lookup: TipLooker, k: int) -> int:
+        """Return 1 if a pose is found for a view, which is kept, else −1."""
+        near = self.stop(k).tolerances
+        goal = GoalPose(self.views.tips[k], self.views.axes[k], room=(near.position, near.heading))
+        pose = lookup.led_from(self.poses, goal, _SEEDS)
+        if pose is None:
+            return -1
+        self.poses.append(pose)
+        return 1
+
+    def stop(self, k: int) -> Stop:
+        """Return a view as a goal, with the largest tolerances within which it sees its pieces."""
+        tip, axis, mine = self.views.tips[k], self.views.axes[k], np.flatnonzero(self.views.sees[k])
+        sights = self.pieces.centres[mine] - tip
+        away = np.linalg.norm(sights, axis=1)
+        left = 0.5 * self.coverage.field_of_view - np.arccos(np.clip(sights @ axis / away, -1.0, 1.0))
+        least = LEAST_ROOM * self.problem.arm.length
+        radius = max(least, float(np.min(away * np.sin(np.clip(left / 3.0, 0.0, 0.5 * np.pi)))))
+        rooms = self.sampler.rooms(np.broadcast_to(tip, sights.shape), mine, radius)
+        radius = max(least, min(radius, float(np.min(rooms))))
+        turn = float(np.min(left - np.arcsin(np.minimum(radius / away, 1.0))))
+        tolerances = Tolerances(_USED * radius, _USED * max(turn, 1e-6))
+        return Stop(TipGoal(tip, axis), tolerances, self.problem.pause)
+
+    def expanded(self, chosen: IntArray, deadline: Deadline) -> Problem:
+        """Return the problem whose goals, in free order, are some of the views.
+
+        Args:
+            chosen: indices of the views, shape (k,).
+            deadline: time at which all planning has to end.
+        """
+        *before, last = [self.stop(int(k)) for k in chosen]
+        options = replace(self.problem.planner, time_limit=max(_ROUND_SHARE * deadline.left, 1.0))
+        goal: dict[str, Any] = {"goal": last.goal, "tolerances": last.tolerances, "pause": last.pause}
+        return replace(self.problem, stops=tuple(before), planner=options, coverage=None, source="", **goal)
+
+    def seen(self, ends: Sequence[FloatArray]) -> SeenPieces:
+        """Return which pieces, of all, are seen from configurations, each of shape (c,)."""
+        motion = motion_of(self.problem.arm, np.arange(len(ends), dtype=np.float64), np.array(ends))
+        return seen_pieces(self.problem.workspace, self.coverage, motion, range(len(ends)))
+
+    def leave_out(self, missed: IntArray, failures: Sequence[NoPlanFound] = ()) -> None:
+        """Leave out views to which no motion was found, shape (k,), with the errors."""
+        for k in missed:
+            self.posed[self._alike(k) & (self.posed < 2)] = -1
+        self.failures += failures
+
+    def learn(self, reached: IntArray, ends: Sequence[FloatArray]) -> None:
+        """Take from views, shape (k,), what the arm hides from itself where it reached them, in configurations (c,)."""
+        for k, q in zip(reached, ends, strict=True):
+            mine = np.flatnonzero(self.views.sees[k])
+            motion = motion_of(self.problem.arm, np.zeros(1), q[None])
+            places, normals = self.pieces.centres[mine], self.pieces.normals[mine]
+            self.views.sees[k, mine] = seen_places(self.problem.workspace, self.coverage, motion, places, normals)
+            self.posed[k] = 2
+        if len(self.pieces.sizes) == _MOST_PIECES:
+            self.share = min(self.share + _SAMPLE_MARGIN, 1.0)
+
+    def out_of_time(self, ends: Sequence[FloatArray]) -> TimeLimitReached:
+        """Return the error for a search that ended with configurations, each of shape (c,), that do not see enough."""
+        found, wanted = 100.0 * self.seen(ends).share, 100.0 * self.coverage.share
+        reason = f"goal.see: when the time limit was reached, {found:.3g} % was seen from {len(ends)} views"
+        advice = ("raise planner.time_limit", "lower goal.share")
+        return TimeLimitReached(Diagnosis(f"{reason}, {wanted:.3g} % is wanted", "views", advice))
+
+    def toured(self, tour: Tour, posed: Problem, fewest: int) -> Tour:
+        """Return the tour of the views that were visited, as goals of the problem as posed.
+
+        Args:
+            tour: tour of the expanded problem.
+            posed: the problem as posed.
+            fewest: lower bound on the number of views.
+        """
+        visited = sorted(tour.order)
+        goals = tour.posed.numbered_goals
+        order = tuple(visited.index(number) + 1 for number in tour.order)
+        views = tuple(goals[number - 1] for number in visited)
+        least = min(fewest, len(views))
+        return replace(tour, posed=posed, order=order, left_out=(), views=views, fewest=least, unseen=self.missing())
+
+    def missing(self) -> tuple[str, ...]:
+        """Return why parts of the surfaces have no view, with shares, the largest first."""
+        sizes, names = self.pieces.sizes, self.problem.workspace.triangle_soup.names
+        reasons = np.where(
+            np.any(self.views.sees[self.posed >= 0], axis=0),
+            np.iinfo(np.intp).max,
+            np.where(np.any(self.views.sees, axis=0), NO_POSE, self.reasons),
+        )
+        words = {
+            OUT_OF_REACH: "out of reach",
+            NO_ROOM: "without room for the tip where they would be seen",
+            NO_POSE: "seen only from where no pose was found",
+        }
+        shares: Counter[str] = Counter()
+        for reason in np.unique(reasons[reasons < len(names)]).tolist():
+            share = float(np.sum(sizes[reasons == reason]) / np.sum(sizes))
+            shares[words.get(reason, f"hidden by '{names[reason]}'")] += share  # type: ignore[assignment]
+        return tuple(f"{100.0 * share:.2g} % {reason}" for reason, share in shares.most_common(4) if share > 0.0)
+
+    def _not_enough(self, together: float) -> NoPlanFound:
+        """Return the error for views that do not see enough together."""
+        wanted = 100.0 * self.coverage.share
+        names = " and ".join(f"'{name}'" for name in self.coverage.surfaces)
+        found = (
+            f"goal.see: all sampled views together see {100.0 * together:.3g} % of {names}, {wanted:.3g} % is wanted"
+        )
+        reason = "; ".join((found, *self.missing()))
+        if self.failures:
+            reason += f"; to a view: {self.failures[0].diagnosis.reason}"
+        advice = (
+            f"lower goal.share to {np.floor(1000.0 * together) / 1000.0:g}",
+            "widen goal.distance, goal.angle_deg or goal.field_of_view_deg",
+        )
+        evidence = {"share": together, "wanted": self.coverage.share, "views": len(self.views.tips)}
+        kind = TimeLimitReached if any(isinstance(each, TimeLimitReached) for each in self.failures) else MotionNotFound
+        return kind(Diagnosis(reason, "views", advice, evidence))
+
+
+def _tip_looker(problem: Problem) -> TipLooker | None:
+    """Return what finds poses of the arm; None for arms for which there are no maps of the reach."""
+    arm = problem.arm
+    if arm.carrier or arm.sections is not None or arm.rigid_bodies or (arm.base_axes and problem.dimension == 2):
+        return None
+    plain = replace(problem, coverage=None, planner=replace(problem.planner, order="given", end="free"))
+    return ReachQuestion.about(plain, arm.length, np.zeros((0, problem.dimension))).looker
