@@ -291,7 +291,7 @@ class CoverageViews:
 def _tip_looker(problem: Problem) -> TipLooker | None:
     """Return what finds poses of the arm; None for arms for which there are no maps of the reach."""
     arm = problem.arm
-    if arm.carrier or arm.sections is not None or arm.rigid_bodies or (arm.base_axes and problem.dimension == 2):
+    if arm.carrier or arm.drives is not None or arm.rigid_bodies or (arm.base_axes and problem.dimension == 2):
         return None
     plain = replace(problem, coverage=None, planner=replace(problem.planner, order="given", end="free"))
     return ReachQuestion.about(plain, arm.length, np.zeros((0, problem.dimension))).looker
