@@ -19,7 +19,7 @@ from .test_user_terms_examples import run as run_example
 
 JOBS = PROBLEMS / "jobs"
 EXAMPLES = PROBLEMS.parent / "examples"
-POSSIBLE = ("wing-box", "hot-cell", "turbine-stages", "tank-baffles", "tank-looks", "floor-plan")
+POSSIBLE = ("wing-box", "hot-cell", "turbine-stages", "tank-baffles", "tank-looks", "tank-coverage", "floor-plan")
 BY_EXAMPLE = "five-views"
 """That is solved with a cost and without in an example, below."""
 IMPOSSIBLE = ("wing-box-too-thick", "hot-cell-out-of-reach", "tank-baffles-too-weak", "tank-baffles-closed")

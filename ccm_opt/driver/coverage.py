@@ -132,7 +132,7 @@ class CoverageViews:
                 break
         while True:
             alive = self._alive(needed)
-            cover = fewest_sets(self.views.sees[alive], sizes, needed, 0.5 * self.posed[alive], _PROGRAM_TIME)
+            cover = fewest_sets(self.views.sees[alive], sizes, needed, np.divide(self.posed[alive], 2.0), _PROGRAM_TIME)
             chosen = alive[cover.sets]
             if search.passed() or self._have_poses(chosen):
                 return chosen, cover.fewest

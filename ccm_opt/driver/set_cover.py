@@ -5,6 +5,7 @@ taken. Elements that are in the same sets are one element.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,8 +70,8 @@ def fewest_sets(
     of_alike = np.bincount(number.ravel(), weights[kept], minlength=columns.shape[1])
     m = len(of_alike)
     needed = least - _ROUNDING * float(np.sum(weights))
-    taken = hstack((csr_matrix(alike.T), -identity(m)), format="csr")
-    weighed = csr_matrix(np.concatenate((np.zeros(n), of_alike))[None])
+    taken: Any = hstack((csr_matrix(alike.T), -identity(m)), format="csr")
+    weighed: Any = csr_matrix(np.concatenate((np.zeros(n), of_alike))[None])
     order = greedy_order(covers, weights)
     enough = _enough(covers, weights, order, needed)
     costs = 1.0 + (1.0 - preference) * _PREFERENCE / len(enough)

@@ -495,7 +495,8 @@ def load_posed(folder: Path) -> tuple[Problem, Tour | None]:
         raise ProblemError(f"{folder / RECORD}: the tour has something other than numbers of the {len(goals)} goals")
     if (record["status"] == PARTIAL) != bool(left_out):
         raise ProblemError(f"{folder / RECORD}: the status is {record['status']!r} with {len(left_out)} goals left out")
-    return problem, Tour(problem, order, left_out, *times, views, fewest, unseen)
+    duration, bound, as_given = times
+    return problem, Tour(problem, order, left_out, duration, bound, as_given, views, fewest, unseen)
 
 
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:

@@ -224,7 +224,7 @@ def draw_surface(axes: Axes, surface: SeenPieces, side: Side = PLANE) -> None:
     """
     for mask, colour, label in ((surface.seen, style.GOAL_MARK, "seen"), (~surface.seen, style.LEAST_GAP, "not seen")):
         if side is PLANE:
-            axes.add_collection(LineCollection(surface.corners[mask], colors=colour, linewidths=2.6, zorder=4.5))
+            axes.add_collection(LineCollection(list(surface.corners[mask]), colors=colour, linewidths=2.6, zorder=4.5))
             axes.plot([], [], color=colour, linewidth=2.6, label=label)
         else:
             dots = side(surface.corners[mask].mean(axis=1))
