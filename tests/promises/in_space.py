@@ -9,7 +9,17 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.metrics import leader_deviation
-from ccm_opt.problem import JointPose, LookAt, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
+from ccm_opt.problem import (
+    Coverage,
+    JointPose,
+    LookAt,
+    PlannerOptions,
+    Problem,
+    SimulationOptions,
+    Stop,
+    TipGoal,
+    Tolerances,
+)
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
@@ -294,6 +304,16 @@ def seen(*, stop: bool = False, off: float = 0.0, ball: bool = False, **changes:
     return both.asking(stops=(Stop(goal, look_at.tolerances),))
 
 
+def covering(share: float) -> SpacePlan:
+    """Return a motion that ends before a box 0.2 m ahead, of whose surface a share has to be seen."""
+    there = fixed()
+    pose = tip_at_end(there)
+    assert pose.direction is not None
+    corner = pose.position + 0.2 * pose.direction
+    coverage = Coverage(("target",), share, 0.01, (0.1, 0.3), 0.4)
+    return with_body(there, "target", BoxBody(corner - 0.01, corner + 0.01)).asking(goal=pose, coverage=coverage)
+
+
 VIEWS: dict[str, dict[str, Any]] = {
     "least distance": {"distance": (0.201, 0.3)},
     "greatest distance": {"distance": (0.1, 0.199)},
@@ -375,6 +395,7 @@ SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
         ),
     ),
     "stop N pause": (lambda: stopping(fixed(), pose_at_end(fixed()), pause=0.1, rest=0.06),),
+    "surface seen": (lambda: covering(0.9),),
     **{f"goal {name}": (partial(seen, **changes),) for name, changes in VIEWS.items()},
     **{f"stop N {name}": (partial(seen, stop=True, **changes),) for name, changes in VIEWS.items()},
 }
@@ -383,6 +404,7 @@ SPACE_UNHARMED: tuple[Mutation, ...] = (
     fixed,
     seen,
     partial(seen, stop=True),
+    lambda: covering(0.1),
     fed,
     to_tip,
     lambda: fed().asking(goal=along(fed())),

@@ -10,7 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.driver.metrics import leader_deviation
-from ccm_opt.problem import JointPose, LookAt, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances, TourEnd
+from ccm_opt.problem import Coverage, JointPose, LookAt, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import Tour
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
@@ -190,6 +190,17 @@ def seen(*, stop: bool = False, off: float = 0.0, ball: bool = False, **changes:
     if stop:
         return case.asked(stops=(Stop(goal, look_at.tolerances),))
     return case.asked(goal=goal, tolerances=look_at.tolerances)
+
+
+def covering(share: float) -> Case:
+    """Return a case that ends before a box 0.2 m ahead, of whose outline a share has to be seen."""
+    case = fixed()
+    place, turned = tip_of(case, -1)
+    corner = place + 0.2 * unit_vector(turned)
+    box = Obstacle("target", PlaneShape(shapely.box(*(corner - 0.01), *(corner + 0.01))))
+    workspace = replace(case.problem.workspace, obstacles=(*case.problem.workspace.obstacles, box))
+    coverage = Coverage(("target",), share, 0.005, (0.1, 0.3), 0.4)
+    return case.asked(goal=TipGoal(place, heading=turned), workspace=workspace, coverage=coverage)
 
 
 VIEWS: dict[str, dict[str, Any]] = {
@@ -390,6 +401,7 @@ MUTATIONS: dict[str, Mutation] = {
     "goal feed": lambda: fed().asked(goal=JointPose(np.full(LINKS, 0.2), 0.202)),
     "goal on the curve": lambda: ending_bowed(2.0, -2.0),
     "goal tip": lambda: ending_bowed(1.0, 1.1),
+    "surface seen": lambda: covering(0.9),
     **{f"goal {name}": partial(seen, **changes) for name, changes in VIEWS.items()},
     **{f"stop N {name}": partial(seen, stop=True, **changes) for name, changes in VIEWS.items()},
     "stop N position": lambda: missed_tip(heading=False, stop=True),
@@ -410,6 +422,7 @@ UNHARMED = (
     fixed,
     seen,
     partial(seen, stop=True),
+    lambda: covering(0.1),
     tooled,
     lambda: tooled(stop=True),
     fed,
