@@ -1,6 +1,7 @@
 """The how-to for ROS 2: its blocks run on stand-ins that are as strict as the generated message classes of rclpy."""
 
 import re
+import runpy
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -9,12 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import ccm_opt
 from ccm_opt.cli.written_plans import exported_files
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem.solution import Solution
 
+from .conftest import PROBLEMS
+from .solved_problems import solved
 from .test_export_formats import Duration, JointTrajectoryPoint
 
+EXAMPLES = Path(__file__).parent.parent / "examples"
 PAGE = Path(__file__).parent.parent / "docs" / "other-programs.md"
 
 
@@ -41,6 +46,18 @@ class JointTrajectory(Strict):
         object.__setattr__(self, name, value)
 
 
+class Vector3(Strict):
+    """``geometry_msgs/Vector3``: float64 x, y, z."""
+
+    def __init__(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
+        super().__init__(x=x, y=y, z=z)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        assert name in {"x", "y", "z"}
+        assert isinstance(value, float)
+        object.__setattr__(self, name, value)
+
+
 class JointState(Strict):
     """``sensor_msgs/JointState``: header, string[] name, float64[] position, velocity, effort."""
 
@@ -64,8 +81,19 @@ class Node:
 
     def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
         """A publisher that keeps messages of its kind."""
-        assert (kind, topic, depth) == (JointState, "joint_states", 10)
+        topics = {JointState: "joint_states", JointTrajectory: "/joint_trajectory_controller/joint_trajectory"}
+        assert (topic, depth) == (topics[kind], 10)
         return SimpleNamespace(publish=self.published.append)
+
+    def create_subscription(self, kind: type, topic: str, callback: Any, depth: int) -> None:
+        """Keep nothing: the test calls the callback."""
+        assert (kind, topic) == (Strict, "/ccm_opt/twist")
+        assert callable(callback)
+        assert depth > 0
+
+    def get_logger(self) -> SimpleNamespace:
+        """A logger that says nothing."""
+        return SimpleNamespace(info=lambda _, **options: options["throttle_duration_sec"])
 
     def create_timer(self, period: float, callback: Any) -> None:
         """Keep the callback."""
@@ -74,7 +102,9 @@ class Node:
 
     def get_clock(self) -> SimpleNamespace:
         """A clock that stands still."""
-        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: "now"))
+        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: "now", nanoseconds=self.nanoseconds))
+
+    nanoseconds = 0
 
 
 class Launched:
@@ -92,6 +122,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> None:
         "builtin_interfaces.msg": {"Duration": Duration},
         "trajectory_msgs.msg": {"JointTrajectory": JointTrajectory, "JointTrajectoryPoint": JointTrajectoryPoint},
         "sensor_msgs.msg": {"JointState": JointState},
+        "geometry_msgs.msg": {"TwistStamped": Strict},
         "rclpy.node": {"Node": Node},
         "launch": {"LaunchDescription": list},
         "launch.actions": {"ExecuteProcess": Launched},
@@ -156,3 +187,34 @@ def test_the_launch_file_describes_the_arm_with_whole_addresses(exported: Path) 
         assert mesh.startswith(f"file://{exported.resolve()}/arm.urdf.meshes/")
     assert player.named["cmd"] == ["python3", "play.py"]
     assert rviz.named["package"] == "rviz2"
+
+
+@pytest.mark.usefixtures("ros")
+def test_the_node_sends_a_plan_and_then_every_tick_with_its_braking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Messages keep the definitions; those of ticks begin at the plan's end and end at rest; stale twists send none."""
+    pytest.importorskip("yaml")
+    solution = solved("open-space")
+    monkeypatch.setattr(ccm_opt, "solve", lambda _: solution)
+    node: Any = runpy.run_path(str(EXAMPLES / "14_ros2_plan_and_servo.py"))["PlanAndServo"](
+        PROBLEMS / "open-space.toml"
+    )
+    (planned,) = node.published
+    assert planned.points[0].time_from_start == Duration(0, 0)
+    twist = SimpleNamespace(linear=Vector3(0.02, -0.01), angular=Vector3())
+    node.heard(SimpleNamespace(twist=twist))
+    node.tick()
+    assert len(node.published) == 1, "the plan is still executed"
+    node.nanoseconds = round(1e9 * (solution.trajectory.duration + 1.0))
+    node.heard(SimpleNamespace(twist=twist))
+    for _ in range(3):
+        node.tick()
+    first, *_, last = node.published[1:]
+    assert first.joint_names == planned.joint_names
+    assert first.points[0].time_from_start == Duration(0, 20_000_000)
+    np.testing.assert_allclose(first.points[0].positions, planned.points[-1].positions, atol=1e-3)
+    assert all(abs(value) < 1e-9 for value in last.points[-1].velocities)
+    assert any(value != 0.0 for value in last.points[0].velocities)
+    node.nanoseconds += 10**9
+    ticks = node.servo.ticks
+    node.tick()
+    assert (len(node.published), node.servo.ticks) == (4, ticks + 1)
