@@ -185,9 +185,15 @@ def stage_rows(rng: np.random.Generator, count: int, stages: int, width: int, pa
 
 
 @settings(max_examples=50, deadline=None)
-@given(seed=st.integers(0, 10_000), stages=st.integers(1, 7), count=st.integers(0, 60), price=st.floats(0.1, 1e4))
-def test_programs_of_stages_are_solved(seed: int, stages: int, count: int, price: float) -> None:
-    """The solution satisfies the conditions of Karush, Kuhn and Tucker, which are sufficient."""
+@given(
+    seed=st.integers(0, 10_000),
+    stages=st.integers(1, 7),
+    count=st.integers(0, 60),
+    price=st.floats(0.1, 1e4),
+    guessed=st.floats(0.0, 1.0),
+)
+def test_programs_of_stages_are_solved(seed: int, stages: int, count: int, price: float, guessed: float) -> None:
+    """The solution satisfies the conditions of Karush, Kuhn and Tucker, which are sufficient, whatever is guessed."""
     rng = np.random.default_rng(seed)
     width, parts = 4, 3
     n = stages * width
@@ -202,7 +208,8 @@ def test_programs_of_stages_are_solved(seed: int, stages: int, count: int, price
     equal = replace(stage_rows(rng, 2, stages, width, parts), bound=np.zeros(2), part=np.full(2, NO_PART))
     rows = stage_rows(rng, count, stages, width, parts)
     rows = replace(rows, bound=np.where(rows.part == NO_PART, np.abs(rows.bound), rows.bound))
-    found = solve_stages(blocks, gradient, equal, rows, prices)
+    likely = rng.choice(3, count, p=[1.0 - guessed, 0.5 * guessed, 0.5 * guessed])
+    found = solve_stages(blocks, gradient, equal, rows, prices, likely)
     assert found is not None
     matrix, ties = (np.array([r.at(i, stages).ravel() for i in range(len(r))]).reshape(-1, n) for r in (rows, equal))
     slack = np.where(rows.part == NO_PART, 0.0, found.slack[rows.part])

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import MotionNotFound, NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
@@ -205,8 +205,7 @@ class MotionPlanner:
         path = planned.path
         if path.clearance_limit not in _IMPROVABLE:
             return planned
-        looks = np.linspace(0.0, 1.0, _LOOKS * len(planned.motion.unknowns) + 1)
-        lacking = task.shortfall_on_the_way(np.asarray(path.spline(looks))) / task.wanted_gap
+        lacking = _lacking(planned, task)
         further = partial(self._optimised_further, problem, task, planned.motion, replace(path, lacking=lacking))
         return replace(planned, path=replace(path, lacking=lacking, further=further))
 
@@ -232,9 +231,12 @@ class MotionPlanner:
         except MotionNotFound:
             return path
         ends = path.spline.c[[0, -1]]
+        apart = float(np.max(np.abs(smooth.path.spline.c[[0, -1]] - ends)))
+        if apart > ROUNDING or _lacking(smooth, task) > path.lacking - _GAINED:
+            return path
         smooth.path.spline.c[[0, -1]] = ends
-        better = self._improvable(problem, task, replace(smooth, path=replace(smooth.path, goal_pose=path.goal_pose)))
-        return better.path if better.path.lacking < path.lacking - _GAINED else path
+        smooth = replace(smooth, path=replace(smooth.path, goal_pose=path.goal_pose))
+        return self._improvable(problem, task, smooth).path
 
     def _space_task(self, problem: Problem) -> tuple[Problem, SpaceTask]:
         """Return a problem in space, with the base clamped if its mount requires that, and its search task.
@@ -448,6 +450,12 @@ def _following(problem: Problem, arm: Arm) -> tuple[FollowingLimit, ...]:
 def _bounded(problem: Problem, task: SpaceTask) -> SpaceTask:
     """Return the task with the limit, if any, on how far the arm may deviate from the path of its tip."""
     return replace(task, held=(*task.held, *_following(problem, task.arm)))
+
+
+def _lacking(planned: PlannedPath, task: SpaceTask) -> float:
+    """Return how much of the preferred clearance a path lacks more than at its worse end, as a fraction of it."""
+    looks = np.linspace(0.0, 1.0, _LOOKS * len(planned.motion.unknowns) + 1)
+    return task.shortfall_on_the_way(np.asarray(planned.path.spline(looks))) / task.wanted_gap
 
 
 def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> PlannedPath:

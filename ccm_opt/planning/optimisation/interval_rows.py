@@ -25,6 +25,8 @@ STILL = -1
 _SECTORS = 12
 """Number of sectors into which the directions of a plane are divided; of similar rows, the tightest one per sector is
 kept. Heuristic."""
+_MOST_SECTORS = 24
+"""Number of sectors in space, where there are more."""
 
 
 @dataclass(frozen=True)
@@ -261,6 +263,12 @@ class IntervalRows:
     def _time(self, sweep: Sweep) -> IntArray:
         """Return the index of the time of each row among all row times of a motion, shape (m,)."""
         return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
+
+    def keys(self, sweep: Sweep) -> IntArray:
+        """Return a number for the time, the points and the direction of each row, the same in similar motions, (m,)."""
+        points = sweep.timed_points.shape[1] + 1
+        places = (self._time(sweep) * points + self.plus) * points + self.minus - STILL
+        return np.asarray(places * _MOST_SECTORS + _directions(self.normal))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
         """Return derivatives of m rows with respect to the unknowns at both ends of their intervals, (m, p) each."""

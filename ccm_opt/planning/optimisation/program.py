@@ -5,7 +5,7 @@ linearised; the convex part of their second derivatives, weighted by the multipl
 Hessian if the motion provides it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,12 +36,31 @@ class QuadraticStep:
         slack: slack of every part of every interval, in nominal links, shape (parts,).
         multipliers: multipliers of the constraints over intervals, at least 0, shape (constraints,) [1/m].
         pull: multipliers of the tip's position at the goal, shape (d,) [1/m]; 0 if the last keyframe is fixed.
+        deciding: the inequalities that decide the solution.
     """
 
     change: FloatArray
     slack: FloatArray
     multipliers: FloatArray
     pull: FloatArray
+    deciding: "DecidingRows"
+
+
+@dataclass(frozen=True, eq=False)
+class DecidingRows:
+    """The m inequalities of a QP that decide its solution, with which that of a similar one is found sooner.
+
+    Attributes:
+        keys: keys of the inequalities, shape (m,).
+        yielding: mask of those whose part has slack, shape (m,).
+    """
+
+    keys: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    yielding: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    def likely(self, keys: IntArray) -> IntArray:
+        """Return for k inequalities of another QP whether they are among these, 2 for those with slack, shape (k,)."""
+        return np.isin(keys, self.keys).astype(np.intp) + np.isin(keys, self.keys[self.yielding])
 
 
 @dataclass(frozen=True)
@@ -104,12 +123,14 @@ class KeyframeProgram:
         prices: price of one nominal link of slack in each part of each interval, shape (parts,).
         curvature: second derivatives of the constraints, weighted by their multipliers; None if not known.
         damping: weight on the squared rotations of the links in the step.
+        deciding: inequalities that decided a similar program.
     """
 
     motion: LinearMotion
     prices: FloatArray
     curvature: RowCurvature | None
     damping: float
+    deciding: DecidingRows = field(default_factory=DecidingRows)
 
     @property
     def _intervals(self) -> int:
@@ -125,10 +146,22 @@ class KeyframeProgram:
         d = motion.rows.normal.shape[1]
         pull = np.zeros(d) if motion.end_fixed else found.pulls[:d] / motion.unit
         multipliers = found.multipliers[: len(motion.active)] / motion.unit
-        return QuadraticStep(np.vstack((np.zeros_like(found.x[:1]), found.x)), found.slack, multipliers, pull)
+        change = np.vstack((np.zeros_like(found.x[:1]), found.x))
+        yielding = np.zeros(len(self._keys), dtype=bool)
+        yielding[: len(motion.active)] = found.slack[motion.active.part(motion.sweep)] > 0.0
+        active = found.multipliers > 0.0
+        return QuadraticStep(change, found.slack, multipliers, pull, DecidingRows(self._keys[active], yielding[active]))
 
     def _solved(self) -> StageSolution | None:
-        return solve_stages(self.hessian(), self.gradient(), self.equations(), self.inequalities(), self.prices)
+        likely = self.deciding.likely(self._keys)
+        return solve_stages(self.hessian(), self.gradient(), self.equations(), self.inequalities(), self.prices, likely)
+
+    @cached_property
+    def _keys(self) -> IntArray:
+        """Keys of the inequalities, in their order, shape (m,)."""
+        over_intervals = self.motion.active.keys(self.motion.sweep)
+        on_keyframes = sum(2 * len(each.keyframe) for each in self.motion.keyframe_rows)
+        return np.concatenate((over_intervals, -1 - np.arange(on_keyframes)))
 
     def clearance_limit(self, improvement: float) -> ClearanceLimit | None:
         """Return the cause that keeps the least clearance of the motion from growing.

@@ -6,7 +6,7 @@ So the motion stays in its homotopy class, and every result is a usable motion.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
@@ -18,7 +18,7 @@ from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf, restored_keyframes
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import JointSlowness, Objective, WallNearness
-from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion, QuadraticStep
+from ccm_opt.planning.optimisation.program import DecidingRows, KeyframeProgram, LinearMotion, QuadraticStep
 from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.problem import Weights
@@ -265,6 +265,7 @@ class _Iterate(Generic[SweepType]):
         damping: weight on the squared rotations of the links in the next step.
         curvature: second derivatives of the constraints, weighted by the last multipliers; None before the first step.
         gained: decrease of the merit function in the last step.
+        deciding: inequalities that decided the last QP.
     """
 
     motion: _Certified[SweepType]
@@ -272,6 +273,7 @@ class _Iterate(Generic[SweepType]):
     damping: float = FIRST_DAMPING
     curvature: RowCurvature | None = None
     gained: float = 0.0
+    deciding: DecidingRows = field(default_factory=DecidingRows)
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
         """Return the state after a refused step: unchanged motion, damping raised above ``damping``, given prices."""
@@ -315,7 +317,7 @@ def sequential_convex(
             if before > worth_afresh:
                 break
             worth_afresh = (1.0 - _WORTH_AFRESH) * before
-            iterate = _Iterate(motion, prices)
+            iterate = _Iterate(motion, prices, deciding=iterate.deciding)
             continue
         # One poor round often comes before good ones, while damping or prices adapt.
         idle = idle + 1 if following.gained < settings.worth * before else 0
@@ -353,7 +355,9 @@ def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
     program = iterate.motion.program
     # Rows are linearised once; only the QP is solved again, with more damping and higher prices.
     for _ in range(_TRIES):
-        step = KeyframeProgram(iterate.motion.linear, iterate.prices, iterate.curvature, iterate.damping).solve()
+        linear, prices = iterate.motion.linear, iterate.prices
+        step = KeyframeProgram(linear, prices, iterate.curvature, iterate.damping, iterate.deciding).solve()
+        iterate = iterate if step is None else replace(iterate, deciding=step.deciding)
         following, failing = (None, _NONE) if step is None else _part_taken(iterate, step)
         if following is not None:
             return following
@@ -422,7 +426,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
             found = _Certified(program, sweep)
             gained = cost - after + settings.price * (iterate.motion.shortfall - found.shortfall)
             damping = _damping(iterate.damping, share, gain)
-            return _Iterate(found, prices, damping, curvature, gained), failed
+            return _Iterate(found, prices, damping, curvature, gained, step.deciding), failed
         failed = failing
         if share == 1.0 and not program.curve.affine:
             # The links of a fed arm move far; a single interval that fails would else refuse or shorten the whole step.

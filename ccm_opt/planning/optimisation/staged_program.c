@@ -20,6 +20,7 @@ typedef struct {
     const int64_t *stage, *part; /* of rows, (rows,); the part is -1 where there is no slack */
     const double *bound;       /* b, (rows,) */
     const double *price;       /* c, (parts,) */
+    const uint8_t *likely;     /* 1 for rows that are likely to be active, 2 where the part is likely to yield, (rows,) */
     double *x, *slack;         /* out: (stages, width) and (parts,) */
     double *multipliers;       /* out: (rows,) */
     int64_t solved;            /* out: whether it is solved */
@@ -29,6 +30,7 @@ typedef struct {
 #define SINGULAR 1e-11 /* least share of a pivot by which it is told from zero */
 #define NEVER 1e300
 #define MOST_ACTIVE 512
+#define BEGINNINGS 12 /* sets of likely rows that are tried */
 
 /* Everything that changes while a program is solved; rows that are active have slots in the order of their coming. */
 typedef struct {
@@ -174,8 +176,8 @@ static int join(const StagedProgram *q, Work *w, int64_t row, double z)
     return factorise_active(q, w, slot);
 }
 
-/* Take an active row out; the prepared one moves with the others. */
-static int leave(const StagedProgram *q, Work *w, int64_t slot)
+/* Take an active row out, without the factor of S; the prepared one moves with the others. */
+static void take_out(Work *w, int64_t slot)
 {
     int64_t last = --w->active, place = w->place[slot];
     w->in[w->row[slot]] = 0;
@@ -190,6 +192,12 @@ static int leave(const StagedProgram *q, Work *w, int64_t slot)
     memmove(w->target + slot, w->target + slot + 1, (size_t)(last + 1 - slot) * sizeof(double));
     memmove(w->place + slot, w->place + slot + 1, (size_t)(last + 1 - slot) * sizeof(int64_t));
     w->place[last + 1] = place;
+}
+
+/* Take an active row out; whether S stays regular. */
+static int leave(const StagedProgram *q, Work *w, int64_t slot)
+{
+    take_out(w, slot);
     return factorise_active(q, w, slot);
 }
 
@@ -337,6 +345,48 @@ static int begin(const StagedProgram *q, Work *w)
     return 1;
 }
 
+/* Begin with the rows that are likely to be active; of those whose multipliers would be negative, the worst of each part
+   leave until none is, so that this too is a minimum under the active rows. Whether that is reached. */
+static int begin_likely(const StagedProgram *q, Work *w)
+{
+    int64_t first = w->active;
+    for (int64_t i = q->equations; i < q->rows; i++) {
+        if (!q->likely[i]) continue;
+        prepare(q, w, i);
+        if (w->active >= w->room - 1) return 0;
+        if (q->part[i] >= 0 && q->likely[i] == 2) w->yields[q->part[i]] = 1;
+        if (join(q, w, i, 0.0)) continue;
+        w->active--;
+        w->in[i] = 0;
+    }
+    for (int tries = 0; tries < BEGINNINGS && w->active > first; tries++) {
+        int changed = 0;
+        if (!factorise_active(q, w, first)) return 0;
+        settle(q, w);
+        memset(w->loads, 0, (size_t)q->parts * sizeof(double));
+        memset(w->rises, 0, (size_t)q->parts * sizeof(double)); /* here the least multipliers */
+        for (int64_t i = first; i < w->active; i++) {
+            int64_t part = q->part[w->row[i]];
+            if (part < 0) continue;
+            w->loads[part] += w->z[i];
+            w->rises[part] = fmin(w->rises[part], w->z[i]);
+        }
+        for (int64_t i = w->active - 1; i >= first; i--) {
+            int64_t part = q->part[w->row[i]];
+            if (w->z[i] > 0.0 || (part >= 0 && w->z[i] > w->rises[part])) continue;
+            take_out(w, i);
+            changed = 1;
+        }
+        for (int64_t j = 0; j < q->parts; j++) {
+            int yields = w->loads[j] > (w->yields[j] ? 0.0 : q->price[j]);
+            if (yields != w->yields[j] && w->loads[j] != 0.0) changed = 1;
+            w->yields[j] = (uint8_t)yields;
+        }
+        if (!changed) return 1;
+    }
+    return 0;
+}
+
 static int solve(const StagedProgram *q, Work *w)
 {
     if (!factorise(q, w)) return 0;
@@ -349,7 +399,13 @@ static int solve(const StagedProgram *q, Work *w)
         if (join(q, w, i, 0.0)) continue;
         w->active--;
     }
-    if (!begin(q, w)) return 0;
+    int64_t first = w->active;
+    if (!begin_likely(q, w)) {
+        for (int64_t i = first; i < w->active; i++) w->in[w->row[i]] = 0;
+        memset(w->yields, 0, (size_t)q->parts);
+        w->active = first;
+        if (!begin(q, w)) return 0;
+    }
     int64_t left = q->most;
     double most;
     while ((most = find_violated(q, w)) > 0.0)

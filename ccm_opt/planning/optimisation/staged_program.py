@@ -5,7 +5,8 @@
 
 where stages k, l are at most two apart, every row of E and A has entries in one stage and the one before it, and the
 rows of a part j share its slack s_j. Few of the rows decide the solution, and it is found by a dual active-set method:
-its time hardly depends on the number of rows, and that of a factorisation is linear in the number of stages.
+its time hardly depends on the number of rows, and that of a factorisation is linear in the number of stages. It begins
+with the rows that decided a similar program, if these are given.
 """
 
 from collections.abc import Sequence
@@ -83,7 +84,12 @@ class StageSolution:
 
 
 def solve_stages(
-    blocks: FloatArray, gradient: FloatArray, equations: StageRows, rows: StageRows, prices: FloatArray
+    blocks: FloatArray,
+    gradient: FloatArray,
+    equations: StageRows,
+    rows: StageRows,
+    prices: FloatArray,
+    likely: IntArray | None = None,
 ) -> StageSolution | None:
     """Return the solution of a program, or None if it has none or the numbers are too bad.
 
@@ -93,19 +99,25 @@ def solve_stages(
         equations: the equations.
         rows: the other rows.
         prices: prices c of slack, above 0, shape (parts,).
+        likely: 1 for rows that are likely to be active, as in a similar program, 2 if their part is likely to have
+            slack, else 0, shape (m,); the solution is the same for any, but found sooner if they are right. None for
+            none.
     """
     stages, width = gradient.shape
     every = joined_stage_rows((equations, rows))
     x, slack, multipliers = np.zeros((stages, width)), np.zeros(len(prices)), np.zeros(len(every))
+    guess = np.zeros(len(every), dtype=np.uint8)
+    if likely is not None:
+        guess[len(equations) :] = likely
     call = NativeCall(
         "staged_program",
         stages=stages, width=width, equations=len(equations), rows=len(every), parts=len(prices),
         most=_CHANGES * stages, tolerance=_TOLERANCE, blocks=blocks, gradient=gradient,
         coefficients=np.concatenate((every.before, every.own), axis=1), stage=every.stage, part=every.part,
-        bound=every.bound, price=prices, x=x, slack=slack, multipliers=multipliers,
+        bound=every.bound, price=prices, likely=guess, x=x, slack=slack, multipliers=multipliers,
     )  # fmt: skip
     call()
     if not call.fields.solved or not np.isfinite(x).all():
-        return None
+        return None if not guess.any() else solve_stages(blocks, gradient, equations, rows, prices)
     first = len(equations)
     return StageSolution(x, np.maximum(slack, 0.0), multipliers[:first], np.maximum(multipliers[first:], 0.0))
