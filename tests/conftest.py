@@ -33,10 +33,9 @@ No test may fail because a machine is slow. A failing test prints a line that re
 of the report."""
 
 LONGEST = """
-    docs_blocks hill_climbing_planner space_diagnosis real_jobs comparison_executors comparison_supervision
-    surroundings space_suites user_terms_in_space pareto comparison followable_ways space_search how_to_cluster
-    tolerance own_units space_reach pipeline diagnosis space_retargeting determinism feed_planning space_pose
-    hill_climbing_examples interrupts motion_certificate
+    docs_blocks hill_climbing_planner promises space_diagnosis space_reach retiming real_jobs followable_ways
+    surroundings live_plan space_search pareto pipeline space_pose space_proofs surface_tree pinned_figures
+    user_terms_in_space find_pose cli import_cost schemas user_terms_costs verification space_folder determinism
 """.split()  # noqa: SIM905 - legible
 """Names of the slowest test files, slowest first; they are run first, so that none is left for the end."""
 

@@ -185,6 +185,7 @@ acceleration = 500.0
 """A base on an axis across the arm."""
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.planning
 def test_tendons_keep_their_travel_and_speed_on_a_carriage() -> None:
     """An arm on a base axis, which begins at 98 % of the travel, is planned and timed within both limits."""

@@ -387,6 +387,7 @@ def two_problems(folder: Path) -> list[Path]:
     return paths
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_a_reader_that_goes_away_does_not_stop_the_work(tmp_path: Path) -> None:
     """With a broken pipe as stdout both files are solved and written, quietly, with exit code 0."""
     reader, writer = os.pipe()
@@ -397,6 +398,7 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(tmp_path: Path) -> None:
     assert all((tmp_path / name / "solution.npz").is_file() for name in ("first", "second"))
 
 
+@pytest.mark.drawn(6, of="processes")
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_full_device_is_no_bug(tmp_path: Path) -> None:
     """When stdout cannot be written the plans are, and one line says so; the exit code is 1."""

@@ -246,7 +246,7 @@ def own_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
         del sys.modules[name]
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 @pytest.mark.usefixtures("in_threads")
 def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     tmp_path: Path, own_package: Path, capsys: pytest.CaptureFixture[str]
@@ -397,7 +397,7 @@ def test_the_page_holds_every_run_and_every_pair() -> None:
 # ---------------------------------------------------------------- command line
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Tables by method and by pairs, every failure with its reason, CSV, JSON, the page; exit code 0."""
     small_cases(tmp_path, 1)
@@ -435,7 +435,7 @@ def test_bad_input_ends_before_any_run(tmp_path: Path, capsys: pytest.CaptureFix
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 @pytest.mark.planning
 def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
     """Ctrl-C in the middle ends the workers, gives exit code 130, and the next run goes on from the journal."""

@@ -22,6 +22,7 @@ from .comparison_tasks import deadly, die_once, double, fail_on_odd, nap, slow_d
 ROOT = Path(__file__).parent.parent
 
 
+@pytest.mark.drawn(6, of="processes")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_every_task_comes_back_once_from_processes(workers: int) -> None:
     """Results belong to their tasks, none is missing and none is double; tasks are taken as there is room."""
@@ -42,6 +43,7 @@ def test_an_error_is_a_result() -> None:
     assert [str(found[k]) for k in (1, 3, 5)] == ["1 is odd", "3 is odd", "5 is odd"]
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_a_task_that_ends_its_process_is_found_out() -> None:
     """The guilty task alone comes back with an error; those that were on the way with it are run again."""
     found = list(completed(LocalWorkers(2), deadly, range(20)))
@@ -51,6 +53,7 @@ def test_a_task_that_ends_its_process_is_found_out() -> None:
     assert all(result == 2 * task for task, result in found if task != 7)
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_a_process_that_dies_by_chance_loses_nothing(tmp_path: Path) -> None:
     """When a task dies once and not again, all results are there, each once."""
     tasks = [(k, str(tmp_path / "mark")) for k in range(12)]
@@ -59,6 +62,7 @@ def test_a_process_that_dies_by_chance_loses_nothing(tmp_path: Path) -> None:
     assert sorted(found) == [(k, 2 * k) for k in range(12)]
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_work_that_is_given_up_is_ended() -> None:
     """Leaving the loop early does not wait for tasks that sleep for a minute."""
     begin = time.monotonic()

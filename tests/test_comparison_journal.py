@@ -92,6 +92,7 @@ def test_a_line_that_is_no_run_is_named(tmp_path: Path, line: str) -> None:
     assert path.read_text() == content
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_two_writers_are_kept_apart(tmp_path: Path) -> None:
     """While one comparison writes, another one is refused; afterwards it is not."""
     path = tmp_path / "journal.jsonl"

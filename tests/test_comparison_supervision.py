@@ -55,7 +55,7 @@ def test_a_path_of_no_numbers_is_no_solution(tmp_path: Path) -> None:
     assert run.reason
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 def test_a_suite_with_every_kind_of_planner_ends(tmp_path: Path) -> None:
     """Two workers, planners that die or fail, and a good one: one run each of each problem."""
     cases = small_cases(tmp_path, 1)
@@ -67,7 +67,7 @@ def test_a_suite_with_every_kind_of_planner_ends(tmp_path: Path) -> None:
     assert len((tmp_path / "journal.jsonl").read_text().splitlines()) == len(cases) * (len(bad) + 1)
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 def test_a_process_that_behaves_is_kept(tmp_path: Path) -> None:
     """Libraries are loaded once for many runs; after a fault there is another process."""
     settings = SupervisionSettings()
@@ -88,7 +88,7 @@ def test_time_for_a_run_follows_the_limit_of_its_planner(tmp_path: Path) -> None
     assert wall_limit(Task(case, STRAIGHT), settings) == 3.0 * case.problem().planner.time_limit + 10.0
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_nothing_is_left_running_when_the_watcher_is_killed(tmp_path: Path) -> None:
     """A run whose watcher dies, even by SIGKILL, ends with it, though its planner hangs."""
@@ -122,7 +122,7 @@ def _running(process: int) -> bool:
         return False
 
 
-@pytest.mark.drawn(3, of="comparisons")
+@pytest.mark.drawn(2, of="comparisons")
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_no_children_are_left_when_a_comparison_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers end, and with them the processes in which their runs were made."""

@@ -58,7 +58,7 @@ def ends_with(path: Path, data: dict[str, Any], *options: str) -> tuple[int, str
     return result.exit_code, result.output, record
 
 
-@pytest.mark.drawn(3)
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize(
     ("family", "seed"),
     [("too short", 0), ("too thick", 2), ("too stiff", 0), ("blocked", 0), ("contact", 1), ("torque", 0)],

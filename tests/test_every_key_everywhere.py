@@ -85,7 +85,7 @@ CHANGES: dict[str, dict[str, Any]] = {
 """Options by the key that they change."""
 
 
-@pytest.mark.drawn(9)
+@pytest.mark.drawn(6)
 @dimensions
 @pytest.mark.parametrize("key", list(CHANGES))
 def test_an_option_of_the_planner_changes_the_motion(dimension: str, key: str) -> None:

@@ -17,7 +17,7 @@ from .benchmarks.feed_families import elbow, into_clutter, straight_out, tank, w
 FAMILIES = {"clutter": into_clutter, "elbow": elbow, "straight": straight_out, "tank": tank}
 
 
-@pytest.mark.drawn(2)
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 @settings(deadline=None, max_examples=1)  # plans twice, for each of four families
 @given(seed=st.integers(0, 10**6))

@@ -224,6 +224,7 @@ def test_shipped_problems(name: str) -> None:
     assert 0.0 < found.mean < found.worst < 0.1 * problem.arm.radius
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_unreachable_goals_say_why() -> None:
     """A goal behind a closed wall has no way; one that is too far is out of reach; joints in the guide are straight."""
     closed = make_room(Obstacle("closed", PlaneShape(shapely.box(0.3, -1.2, 0.33, 1.2))))

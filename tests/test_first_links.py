@@ -103,6 +103,7 @@ def test_a_goal_within_tolerance_of_the_open_side_is_not_refused(curve: float) -
     assert not hemmed_in(wide)
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_the_search_asks_for_the_proof_before_what_takes_long() -> None:
     """Three links that are shut off end the search as unreachable."""
     scene = clutter(8086, 30)

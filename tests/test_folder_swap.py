@@ -74,6 +74,7 @@ def writing(target: Path, name: str, count: int) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_racing_writers_refuse_nobody_and_lose_nothing(tmp_path: Path) -> None:
     """Of three processes that write one folder 30 times none is refused; it is always whole, the user's files stay."""
     target = tmp_path / "plan"
@@ -112,6 +113,7 @@ def test_a_failure_that_races_a_plan_leaves_the_plan(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} <= {"plan", "plan.failed"}
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_killed_writers_leave_old_or_new_and_the_next_clears_up(tmp_path: Path) -> None:
     """SIGKILL at random moments: the folder is whole at once, and nothing is left beside it after the next run."""
     target = tmp_path / "plan"

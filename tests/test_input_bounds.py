@@ -41,6 +41,7 @@ def test_a_hundred_defects_are_listed_and_the_rest_counted() -> None:
     assert [issue.key for issue in caught.value.issues] == [f"arm.key{k}" for k in range(100)]
 
 
+@pytest.mark.drawn(4)
 @pytest.mark.planning
 @pytest.mark.parametrize(
     ("text", "message"),

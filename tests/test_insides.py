@@ -312,7 +312,7 @@ KINDS = {
 }
 
 
-@pytest.mark.drawn(3)
+@pytest.mark.drawn(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_arm_inside_is_refused_by_name_and_depth(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -105,6 +105,7 @@ def test_objects_that_an_interrupt_leaves_half_made_are_not_told_of(tmp_path: Pa
     assert ended([sys.executable, "-c", HALF_MADE], tmp_path) == (130, "error: cancelled\n")
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_a_solve_that_is_interrupted_says_so_and_leaves_an_earlier_plan(tmp_path: Path) -> None:
     """At any moment: 130 or, when it was just done, success; one line, no traceback; an earlier plan is as it was."""
     folder = tmp_path / "runs" / "swan-neck"

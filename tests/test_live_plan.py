@@ -92,6 +92,7 @@ def test_a_plan_made_anew_is_kept_only_where_it_is_shorter() -> None:
     assert whole.trajectory is live.plan.trajectory
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_constraints_are_kept_while_dragging(swan: ccm_opt.Problem) -> None:
     """The user's constraints hold for every plan that is current."""
     high = ccm_opt.Constraint("tip above the floor", lambda q: q.tip[1], lower=-0.18, where="motion")

@@ -89,6 +89,7 @@ def test_whole_arm_goal_stays_fixed() -> None:
     assert np.allclose(scene.arm.headings(optimised.configurations[-1]), scene.goal, atol=1e-9)
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_interior_point_agrees_with_sequential_convex() -> None:
     """IPOPT on the same rows shortens a motion about as much, and its result is certified too."""
     _, task, motion = found(0)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.goal import GoalPose
@@ -84,6 +85,7 @@ def test_a_new_limit_is_kept_in_the_plane() -> None:
         assert highest(task.arm, np.asarray(q)) <= 0.77 + 1e-4
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_a_new_limit_is_kept_in_space() -> None:
     """The same past a block, over which the tip would rise to 0.14 m, below 0.07 m."""
     arm = snake(10)

@@ -306,6 +306,7 @@ print("equal")
 """
 
 
+@pytest.mark.drawn(6, of="processes")
 def test_two_threads_may_solve_at_once() -> None:
     """Two solves in two threads of one process end with the same plan; IPOPT by itself would crash."""
     command = [sys.executable, "-c", THREADS, str(PROBLEMS / "open-space.toml")]

@@ -63,7 +63,7 @@ def legs_with_stops(corners: FloatArray) -> FloatArray:
     return np.concatenate(([corners[0]] * 3, *legs))
 
 
-@pytest.mark.drawn(2)
+@pytest.mark.drawn(1)
 @pytest.mark.planning
 @pytest.mark.parametrize(
     "control",

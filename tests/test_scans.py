@@ -210,6 +210,7 @@ def gallery() -> FloatArray:
     return np.concatenate([trimesh.sample.sample_surface(post, 8000, seed=3)[0] for post in posts])
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.planning
 def test_a_plan_keeps_clear_of_every_point_of_a_scan(tmp_path: Path) -> None:
     """Solved, swept by all points that were read, and checked from the folder alone, which has a copy of the scan."""
@@ -317,6 +318,7 @@ def floor() -> FloatArray:
     return np.asarray(np.concatenate((post, wall)) @ np.array([[0.0, -1.0], [1.0, 0.0]]))
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.planning
 def test_a_plan_keeps_clear_of_every_point_of_a_scan_in_the_plane(tmp_path: Path) -> None:
     """Solved, swept by all points that were read, and checked from the folder alone."""

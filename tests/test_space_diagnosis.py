@@ -132,6 +132,7 @@ def test_no_pose_in_space_is_out_of_reach(seed: int, limit: float, base: float, 
     refuse_impossible(replace(problem, workspace=Workspace(bounds=None)))
 
 
+@pytest.mark.drawn(3, of="closed ways")
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_no_pose_among_bodies_is_closed_off(seed: int) -> None:
@@ -183,6 +184,7 @@ def test_split_cubes_touch_as_before(seed: int) -> None:
     assert len(cells.pairs) == np.count_nonzero(np.triu(touch, 1))
 
 
+@pytest.mark.drawn(3, of="closed ways")
 @pytest.mark.planning
 def test_the_widest_way_in_space_is_the_window() -> None:
     """The bottleneck is found: its place, how wide it is, and the walls beside it; a thinner arm passes."""
@@ -201,6 +203,7 @@ def test_the_widest_way_in_space_is_the_window() -> None:
         refuse_infeasible(problem)
 
 
+@pytest.mark.drawn(3, of="closed ways")
 @pytest.mark.planning
 def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     """Behind a screen that ends above, the arm is too short, by as much as a string over its edge is long."""
@@ -219,6 +222,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     assert failed(longer) == ()
 
 
+@pytest.mark.drawn(3, of="closed ways")
 @pytest.mark.planning
 def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
     """Every way is closed however thin the arm is; the smallest body that opens one is named first, and where."""
@@ -230,6 +234,7 @@ def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
     assert failed(replace(problem, workspace=problem.workspace.without_obstacle("shutter"))) == ()
 
 
+@pytest.mark.drawn(3, of="closed ways")
 @pytest.mark.planning
 def test_what_is_tight_in_space_is_told() -> None:
     """A window hardly wider than the arm is likely to stand in the way, and is no proof; a wide one is not told."""

@@ -78,6 +78,7 @@ def test_the_best_of_all_beginnings_is_a_sound_pose_with_the_gap_it_says(seed: i
     assert sum(segment.length for segment in found.curve.segments) == pytest.approx(found.problem.arm.length)
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path, run: CommandLine) -> None:
     """In the wing box, where a sampled pose is hardly ever free, the pose, its record, arrays and picture are there."""
     done = run("pose", WING_BOX, "--out", tmp_path)

@@ -168,16 +168,16 @@ def test_results_may_come_in_any_order() -> None:
     """A wave whose tasks are done in another order leads to the same map, pose by pose."""
     settings = replace(REACH, drawn=10)
     question = ReachQuestion.about(mapped().problem, 0.2, spread_directions(2, 3), settings)
-    axes = (np.arange(-0.2, 0.3, 0.2),) * 3
+    axes = tuple(first + np.array([0.0, 0.2]) for first in (-0.2, -0.1, 0.05))
     found = []
     for backwards in (False, True):
-        flood = TipFlood(axes, 0.2, np.zeros((3, 3, 3), dtype=bool), 2, settings)
+        flood = TipFlood(axes, 0.2, np.zeros((2, 2, 2), dtype=bool), 2, settings)
         flood.begin(question.looker, np.zeros((0, len(question.looker.start))))
         while wave := list(flood):
             for asked in reversed(wave) if backwards else wave:
                 flood.add(asked, look_at_cell(question, asked))
         found.append(flood)
-    assert len(found[0].poses) > 5
+    assert len(found[0].poses) > 3
     assert list(found[0].poses) == list(found[1].poses)
     assert all(np.array_equal(found[0].poses[cell], found[1].poses[cell]) for cell in found[0].poses)
     assert np.array_equal(found[0].taken, found[1].taken)

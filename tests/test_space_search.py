@@ -326,6 +326,7 @@ def test_no_way_is_found_after_the_deadline() -> None:
     assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to_go(ends[1], in_time.prices(3.0)) is None
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_an_arm_of_many_links_moves_as_one_of_few() -> None:
     """A motion for nominal links is laid under all of them, and the arm's own certificate holds."""
     task = task_of(snake(61), BALLS, GOAL)

@@ -18,6 +18,7 @@ def run(*arguments: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.parametrize("options", [(), ("--space",)])
 def test_the_new_problem_solves_as_it_is(options: tuple[str, ...], tmp_path: Path) -> None:
     """It is named after its file, with or without the ending, and its motion passes the verifier."""

@@ -92,7 +92,7 @@ def foreign(tmp_path: Path) -> Path:
     return file
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 @pytest.mark.parametrize("numbers", [(1,), (2,), (0, 1, 2)])
 def test_closed_streams_are_no_failure(tmp_path: Path, numbers: tuple[int, ...]) -> None:
     """Nobody reads it, and the folder is written all the same, none of its files with what was printed in it."""
@@ -119,7 +119,7 @@ def test_programs_that_are_started_have_the_streams_that_were_closed(tmp_path: P
     assert ended("-c", script, cwd=tmp_path, first=closing(0, 1, 2)).returncode == 0
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 @pytest.mark.skipif(sys.platform != "linux", reason="how many files processes for workers need differs")
 def test_workers_that_cannot_be_had_are_told_in_a_line(tmp_path: Path) -> None:
     """Where the system allows too few open files for processes, one line says so."""
@@ -131,7 +131,7 @@ def test_workers_that_cannot_be_had_are_told_in_a_line(tmp_path: Path) -> None:
     assert "cannot start 1 worker process" in run.stderr.splitlines()[-1]
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems keep a directory that somebody is in")
 def test_a_working_directory_that_was_removed_is_no_bug(tmp_path: Path) -> None:
     """Processes have to begin in it, so one line says that it is gone, and nothing is said of bugs."""
@@ -153,7 +153,7 @@ def test_a_working_directory_that_was_removed_is_no_bug(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 def test_a_locale_without_the_letters_of_a_name_is_told(foreign: Path) -> None:
     """Where no folder can have the name, one line says so and what to do."""
     run = ended("-m", "ccm_opt", "solve", foreign.name, "--no-pictures", cwd=foreign.parent, environment=ASCII)
@@ -164,7 +164,7 @@ def test_a_locale_without_the_letters_of_a_name_is_told(foreign: Path) -> None:
     assert described.returncode == 0, described.stderr
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 def test_a_stream_without_the_letters_gets_escapes(foreign: Path) -> None:
     """The folder has its name, and what is printed of it is readable in ASCII."""
     ascii_streams = {"PYTHONIOENCODING": "ascii"}
@@ -175,7 +175,7 @@ def test_a_stream_without_the_letters_gets_escapes(foreign: Path) -> None:
     assert (foreign.parent / "runs" / "räume-雪" / "solution.npz").is_file()
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 def test_warnings_as_errors_change_nothing(tmp_path: Path) -> None:
     """No library that is loaded, no code of ours warns."""
     run = ended("-m", "ccm_opt", "solve", str(OPEN_SPACE), cwd=tmp_path, environment={"PYTHONWARNINGS": "error"})
@@ -183,7 +183,7 @@ def test_warnings_as_errors_change_nothing(tmp_path: Path) -> None:
     assert "Traceback" not in run.stderr
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep this limit")
 @pytest.mark.parametrize("megabytes", [200, 350, 500])
 def test_little_memory_is_told_in_a_line(tmp_path: Path, megabytes: int) -> None:
@@ -198,7 +198,7 @@ def test_little_memory_is_told_in_a_line(tmp_path: Path, megabytes: int) -> None
         assert run.returncode == 1
 
 
-@pytest.mark.drawn(5, of="surroundings")
+@pytest.mark.drawn(4, of="surroundings")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")
 def test_planning_that_falls_silent_is_ended_from_outside(tmp_path: Path) -> None:
     """What tells of itself goes on for as long as it likes; what does not is killed, and one line says so."""

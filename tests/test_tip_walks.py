@@ -43,7 +43,7 @@ def walked(seed: int, *, late: bool) -> tuple[Motion | None, list[Failure]]:
     return find_by_walks(crowded(clutter(seed, 30)), failures, late=late), failures
 
 
-@pytest.mark.drawn(2)
+@pytest.mark.drawn(1)
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("seed", range(3, 6))
 def test_what_is_found_is_certified_and_touches_nothing(seed: int, *, late: bool) -> None:

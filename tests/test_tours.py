@@ -220,6 +220,7 @@ position = [0.3, -0.2]
 )
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.planning
 def test_a_motion_that_leaves_out_a_goal_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code, message and record name the goal; the folder checks, but not with another order or claim."""

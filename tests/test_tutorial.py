@@ -26,6 +26,7 @@ def words(outputs: list[dict[str, Any]]) -> str:
     return re.sub(r"-?\d+(\.\d+)?", "#", " ".join(texts + kinds))
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.planning
 def test_the_tutorial_runs_and_shows_what_it_gives(ran: tuple[dict[str, Any], dict[str, Any]], tmp_path: Path) -> None:
     """Every cell runs, its words are those on the page, and constraint and cost do what the text says of them."""

@@ -349,6 +349,7 @@ def test_an_even_number_is_asked_of_equal_links_alone() -> None:
         posed({**EQUAL, "links": 7, "base": {"position": (0.0, 0.0, 0.0)}})
 
 
+@pytest.mark.drawn(6, of="whole plans")
 @pytest.mark.planning
 def test_a_thin_tip_goes_where_the_base_does_not_fit() -> None:
     """Through a slot narrower than the thickest section, and nothing is touched at any sample."""

@@ -34,7 +34,7 @@ SHAPES: dict[str, Expression] = {
 }
 
 
-@pytest.mark.drawn(3, of="costs")
+@pytest.mark.drawn(2, of="costs")
 @pytest.mark.planning
 @pytest.mark.parametrize("weight", [2.0, 20.0])
 def test_a_camera_that_should_be_high_still_finds_its_way(weight: float) -> None:
@@ -48,7 +48,7 @@ def test_a_camera_that_should_be_high_still_finds_its_way(weight: float) -> None
 
 @pytest.mark.planning
 # A failure would be shrunk for minutes, each of its tries being a whole solve.
-@pytest.mark.drawn(3, of="costs")
+@pytest.mark.drawn(2, of="costs")
 @settings(
     max_examples=4, suppress_health_check=[HealthCheck.too_slow], phases=(Phase.explicit, Phase.reuse, Phase.generate)
 )
@@ -61,7 +61,7 @@ def test_no_cost_makes_a_solvable_problem_fail(shape: str, exponent: float, wher
     assert all(check.passed for check in solution.checks)
 
 
-@pytest.mark.drawn(3, of="costs")
+@pytest.mark.drawn(2, of="costs")
 @pytest.mark.planning
 @pytest.mark.parametrize("name", ["swan-neck", "space/elbow"])
 def test_heavy_costs_shape_the_pose_at_the_goal_without_contact(name: str) -> None:
@@ -77,7 +77,7 @@ def test_heavy_costs_shape_the_pose_at_the_goal_without_contact(name: str) -> No
     assert bends[1] < bends[0]
 
 
-@pytest.mark.drawn(3, of="costs")
+@pytest.mark.drawn(2, of="costs")
 @pytest.mark.planning
 @pytest.mark.parametrize("weight", [1e4, 1e8])
 def test_heavy_costs_are_lowered_along_the_motion(weight: float) -> None:
@@ -90,7 +90,7 @@ def test_heavy_costs_are_lowered_along_the_motion(weight: float) -> None:
     assert found[1].metrics["cost_bends"] < 0.9 * found[0].metrics["cost_bends"]
 
 
-@pytest.mark.drawn(3, of="costs")
+@pytest.mark.drawn(2, of="costs")
 def test_costs_of_another_part_of_the_motion_leave_the_goal_pose_as_it_is() -> None:
     """However much they weigh."""
     problem = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")

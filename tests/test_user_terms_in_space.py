@@ -75,7 +75,7 @@ def residual(solution: Solution, name: str) -> float:
     return next(check.worst for check in solution.checks if check.name == f"constraint {name}")
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_a_constraint_that_the_free_motion_breaks_is_kept_all_the_way() -> None:
     """It binds, holds at every sample by kinematics of another kind, and is recorded with its margin and place."""
     free = tips(free_motion())
@@ -96,7 +96,7 @@ def test_a_constraint_that_the_free_motion_breaks_is_kept_all_the_way() -> None:
     assert solution.metrics["residual_bulge"] <= 1e-6
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 @pytest.mark.parametrize("fed", [False, True])
 def test_a_constraint_on_direction_and_middle_is_kept(fed: bool) -> None:
     """A vector of entries, on the way and at the goal, with a fixed base and with one that is fed."""
@@ -118,7 +118,7 @@ def ccm_opt_vertcat(*entries: Any) -> Any:
     return ca.vertcat(*entries)
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 @pytest.mark.parametrize("fed", [False, True])
 def test_a_constraint_of_an_interval_is_kept_there_alone(fed: bool) -> None:
     """From u = 0.4 to 0.7 the tip is higher than it has to be before and behind."""
@@ -130,7 +130,7 @@ def test_a_constraint_of_an_interval_is_kept_there_alone(fed: bool) -> None:
     assert abs(float(height[-1]) - 0.2) < 2e-3
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 @pytest.mark.parametrize(
     ("gap", "where"),
     [
@@ -145,14 +145,14 @@ def test_what_a_first_round_gains_is_kept_where_fewer_keyframes_break_an_interva
     assert solution.trajectory.duration < 5.0
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_a_constraint_that_moves_with_the_path_parameter_is_kept() -> None:
     """The tip rises with u between two planes that do."""
     rising = Constraint("rising", lambda q: q.tip[2] - 0.2 * q.path_parameter, lower=-0.02, upper=0.02)
     assert residual(ccm_opt.solve(post(), constraints=[rising]), "rising") <= 1e-6
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_equations_hold_between_keyframes_too() -> None:
     """The tip stays level and in a plane that no spline of bends lies in by itself, to 1e-6 at every sample."""
 
@@ -166,7 +166,7 @@ def test_equations_hold_between_keyframes_too() -> None:
     assert float(np.max(np.abs(directions))) <= 1e-6
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_a_cost_and_a_soft_constraint_shape_the_motion() -> None:
     """What is made dear becomes less, and cost_share says that the whole weight was used."""
     height = float(np.mean(tips(free_motion())[:, 2]))
@@ -202,7 +202,7 @@ def test_what_contradicts_the_start_or_stands_in_the_way_is_named() -> None:
         ccm_opt.solve(hurried, constraints=[Constraint("far", far, lower=0.6)], explain=False)
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_equations_that_a_fed_arm_cannot_keep_are_named() -> None:
     """An equation that is not linear in bends and feed is met at keyframes alone, and so no plan."""
     level = Constraint("level", lambda q: q.tip_direction[2], lower=0.0, upper=0.0)
@@ -210,7 +210,7 @@ def test_equations_that_a_fed_arm_cannot_keep_are_named() -> None:
         ccm_opt.solve(post(fed=True), constraints=[level], explain=False)
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_constraints_hold_for_every_leg_of_goals_in_sequence() -> None:
     """One check a goal; what applies at the goal applies at the end of each."""
     stop = Stop(TipGoal(np.array([0.75, 0.3, 0.1])), post().tolerances, 0.2)
@@ -225,7 +225,7 @@ def test_constraints_hold_for_every_leg_of_goals_in_sequence() -> None:
     assert float(np.min(tips(solution)[:, 2])) >= -0.01 - 1e-6
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_a_speed_is_held_against_the_finished_motion() -> None:
     """A constraint on the tip's velocity refuses a motion that is faster, and passes one that is not."""
     fastest = Constraint("speed", lambda q: q.tip_velocity.T @ q.tip_velocity, upper=100.0)
@@ -235,7 +235,7 @@ def test_a_speed_is_held_against_the_finished_motion() -> None:
         ccm_opt.solve(post(), constraints=[slow], explain=False)
 
 
-@pytest.mark.drawn(5, of="terms in space")
+@pytest.mark.drawn(4, of="terms in space")
 def test_the_command_line_takes_terms_in_space_and_checks_them_again(tmp_path: Path) -> None:
     """``solve --constraint --cost`` plans with them, ``check --constraint`` judges the written samples by them."""
     (tmp_path / "post.toml").write_text(POST)

@@ -50,6 +50,7 @@ def test_a_constraint_holds_on_every_leg() -> None:
     assert solution.joint_positions[:, -1, 1].max() <= 0.15 + 1e-6
 
 
+@pytest.mark.drawn(6, of="whole plans")
 def test_a_constraint_on_the_feed_is_planned_for() -> None:
     """A motion that would use more feed uses less where it may not; where no motion can, the constraint is named."""
     near = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.37, 0.1]"))

@@ -55,7 +55,7 @@ def check_of(solution: Solution, name: str) -> Check:
     return next(check for check in solution.checks if check.name == name)
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_an_equation_holds_all_the_way() -> None:
     """A camera at the tip looks at one point from the start to the goal."""
     problem = reaching(0.4, 0.7)
@@ -74,7 +74,7 @@ def test_an_equation_holds_all_the_way() -> None:
     assert np.hypot(*(positions[-1] - problem.goal.position)) < 1e-6
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_a_given_tip_path_is_followed() -> None:
     """The tip runs along a curve that is given over the path parameter."""
     goal = np.array([0.7, 0.25])
@@ -97,7 +97,7 @@ def test_a_given_tip_path_is_followed() -> None:
     assert check_of(solution, "constraint tip path").worst <= ALLOWED
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_an_interval_binds_only_inside() -> None:
     """A bound over a part of the motion holds there and is not asked for elsewhere."""
     problem = reaching(0.8, 0.1)
@@ -109,7 +109,7 @@ def test_an_interval_binds_only_inside() -> None:
     assert heights[-1] < 0.35
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_a_goal_constraint_chooses_the_goal_pose() -> None:
     """The tip's heading at the goal becomes what the constraint says, without saying so in the problem."""
     problem = reaching(0.8, 0.1)
@@ -118,7 +118,7 @@ def test_a_goal_constraint_chooses_the_goal_pose() -> None:
     assert problem.arm.headings(solution.trajectory.bend_angles[-1])[-1] == pytest.approx(-1.0, abs=1e-7)
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_soft_constraints_are_pulled_at_and_reported() -> None:
     """A heavier weight misses less; what is missed is in the checks and the metrics, and refuses nothing."""
     problem = reaching(0.8, 0.1)
@@ -135,7 +135,7 @@ def test_soft_constraints_are_pulled_at_and_reported() -> None:
     assert missed[1] < 0.9 * missed[0]
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_costs_are_made_small() -> None:
     """The mean of a cost over the motion falls when it is asked for, and stands in the metrics."""
     problem = reaching(0.8, 0.1)
@@ -146,7 +146,7 @@ def test_costs_are_made_small() -> None:
     assert low.metrics["cost_height"] == pytest.approx(mean[1], rel=0.02)
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_an_impossible_constraint_is_named_in_the_diagnosis() -> None:
     """Where no motion is found, the diagnosis names the constraint that stood in the way."""
     problem = reaching(0.8, 0.1)
@@ -194,7 +194,7 @@ class Slow:
         return JointTrajectory(time, q, slope * v, curve * v**2 + slope * a)
 
 
-@pytest.mark.drawn(4, of="terms of a motion")
+@pytest.mark.drawn(3, of="terms of a motion")
 def test_own_stages_are_held_against_own_constraints() -> None:
     """Another planner and another timing are used, and their plan is refused where it breaks a constraint."""
     problem = reaching(0.8, 0.1)

@@ -250,6 +250,7 @@ def test_a_taken_port_is_bad_input() -> None:
     assert "--port 0" in done.output
 
 
+@pytest.mark.drawn(6, of="processes")
 @pytest.mark.skipif(os.name == "nt", reason="no such signal")
 def test_an_open_page_does_not_hold_the_viewer(tmp_path: Path) -> None:
     """Ctrl-C ends it well before viser has waited for connections that never say anything."""
