@@ -253,3 +253,10 @@ def test_problems_are_written_as_posed_only() -> None:
         problem_data(views)
     with pytest.raises(ProblemError, match=r"TipGoal\.seeing"):
         replace(problem_of(PLANE), goal=JointPose(np.zeros(6)))
+
+
+def test_what_needs_a_goal_for_the_tip_refuses_surfaces() -> None:
+    """Searches for a pose, and the planner of single motions, say that they take no surfaces."""
+    for ask in (ccm_opt.find_pose, ccm_opt.BuiltInPlanner().plan):
+        with pytest.raises(ProblemError, match=r"goal\.see"):
+            ask(problem_of(PLANE))

@@ -119,6 +119,8 @@ def _refuse_other_questions(problem: Problem) -> None:
         raise ProblemError("goal.path determines the pose at the goal; give goal.position instead")
     if problem.goal.look_at is not None:
         raise ProblemError("the search for a pose does not support goal.look_at; give goal.position instead")
+    if problem.coverage is not None:
+        raise ProblemError("the search for a pose does not support goal.see; give goal.position instead")
     if problem.arm.carrier:
         raise ProblemError("finding a pose is not supported for an arm on arm.base.axes; use a fixed base or arm.feed")
     if problem.arm.base_axes and problem.dimension == 2:

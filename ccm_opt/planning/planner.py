@@ -155,6 +155,8 @@ class MotionPlanner:
         """
         if problem.goal.look_at is not None:
             raise ProblemError("this planner takes goals for the tip; goal.look_at is taken by ccm_opt.solve")
+        if problem.coverage is not None and problem.planner.order == "free":
+            raise ProblemError("this planner takes goals for the tip; goal.see is taken by ccm_opt.solve")
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
