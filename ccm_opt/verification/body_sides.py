@@ -18,6 +18,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.native import NativeCall
 from ccm_opt.verification.base_motion import cross
 
 
@@ -32,104 +33,30 @@ def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tu
     Returns:
         Proved lower bounds, and distances of a pair of points as upper bounds; each of shape (P,) [m].
     """
-    normal, upper = nearest_lines(start, end, triangles)
-    # Projections are relative to a corner, so that points far from the origin lose no digits.
-    origin = triangles[:, 0]
-    ends = np.stack((start - origin, end - origin), axis=1)
-    lowest = np.min(np.einsum("ped,pd->pe", ends, normal), axis=1)
-    highest = np.max(np.einsum("pcd,pd->pc", triangles - origin[:, None], normal), axis=1)
-    return np.maximum(lowest - highest, 0.0), upper
+    _, lower, upper = _nearest(start, end, triangles)
+    return lower, upper
 
 
-def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return unit vectors from triangles to segments between their nearest points, and the distances of these points.
+def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> FloatArray:
+    """Return unit vectors from triangles to segments between their nearest points, zero where they touch, (P, 3).
 
     Args:
         start: starts of P segments, shape (P, 3) [m].
         end: ends of the segments, shape (P, 3) [m].
         triangles: corners of one triangle per segment, shape (P, 3, 3) [m].
-
-    Returns:
-        Vectors, shape (P, 3), zero where segment and triangle touch; distances, shape (P,) [m].
     """
-    best = np.full(len(start), np.inf)
-    apart = np.zeros_like(start)
-    for difference, valid in _candidates(start, end - start, triangles):
-        square = np.where(valid, np.einsum("pd,pd->p", difference, difference), np.inf)
-        nearer = square < best
-        best = np.where(nearer, square, best)
-        apart[nearer] = difference[nearer]
-    upper = np.sqrt(best)
-    return apart / np.where(upper > 0.0, upper, 1.0)[:, None], upper
+    return _nearest(start, end, triangles)[0]
 
 
-def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
-    """Return candidates for the vector from the nearest point of a triangle to that of a segment, for P pairs.
-
-    Each candidate is a vector per pair, shape (P, 3), with a mask of the pairs, shape (P,), for which one end point of
-    the vector lies on the segment and the other on the triangle.
-    """
-    everywhere = np.ones(len(start), dtype=bool)
-    found: list[tuple[FloatArray, BoolArray]] = []
-    corners = [triangles[:, k] for k in range(3)]
-    for k in range(3):
-        corner = corners[k]
-        edge = corners[(k + 1) % 3] - corner
-        found.append((start + _clipped_foot(corner - start, line)[:, None] * line - corner, everywhere))
-        for offset in (start - corner, start + line - corner):
-            on_edge = offset - _clipped_foot(offset, edge)[:, None] * edge
-            found.append((on_edge, everywhere))
-        found.append(_between_lines(start - corner, line, edge))
-    return found + _through_face(start, line, corners[0], corners[1] - corners[0], corners[2] - corners[0])
-
-
-def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
-    """Project points onto segments that start at the origin; return fractions of the segments, clipped to [0, 1]."""
-    square = np.einsum("pd,pd->p", line, line)
-    share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
-    return np.asarray(np.clip(share, 0.0, 1.0))
-
-
-def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the shortest vectors from edges to lines, and a mask of those with both ends within the two segments."""
-    normal = cross(line, edge)
-    square = np.einsum("pd,pd->p", normal, normal)
-    safe = np.where(square > 0.0, square, 1.0)
-    share = -np.einsum("pd,pd->p", cross(offset, edge), normal) / safe
-    at = -np.einsum("pd,pd->p", cross(offset, line), normal) / safe
-    valid = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
-    return offset + share[:, None] * line - at[:, None] * edge, valid
-
-
-def _through_face(
-    start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
-) -> list[tuple[FloatArray, BoolArray]]:
-    """Return the candidates, as in ``_candidates``, whose point on the triangle lies inside it.
-
-    They are the projections of both segment ends onto the triangle, and the point where the segment crosses it.
-    """
-    normal = cross(one, other)
-    square = np.einsum("pd,pd->p", normal, normal)
-    safe = np.where(square > 0.0, square, 1.0)
-    begins = np.einsum("pd,pd->p", start - corner, normal)
-    rises = np.einsum("pd,pd->p", line, normal)
-
-    def inside(offset: FloatArray) -> BoolArray:
-        first = np.einsum("pd,pd->p", cross(offset, other), normal)
-        second = np.einsum("pd,pd->p", cross(one, offset), normal)
-        within = (first >= 0.0) & (second >= 0.0) & (first + second <= square)
-        return np.asarray((square > 0.0) & within)
-
-    found = []
-    for end, height in ((start, begins), (start + line, begins + rises)):
-        found.append(((height / safe)[:, None] * normal, inside(end - corner)))
-    # The comparison avoids dividing by a tiny rise before it is known that the segment reaches the plane.
-    reaches = (rises != 0.0) & (np.abs(begins) <= np.abs(rises))
-    share = -begins / np.where(reaches, rises, 1.0)
-    crosses = reaches & (share >= 0.0)
-    through = start + share[:, None] * line - corner
-    found.append((np.zeros_like(start), crosses & inside(through)))
-    return found
+def _nearest(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the unit vectors, shape (P, 3), and the lower and upper bounds on the distances, each (P,) [m]."""
+    count = len(start)
+    normal, lower, upper = np.empty((count, 3)), np.empty(count), np.empty(count)
+    NativeCall(
+        "segment_triangles", count=count, start=start, end=end, triangles=triangles,
+        normal=normal, lower=lower, upper=upper,
+    )()  # fmt: skip
+    return normal, lower, upper
 
 
 _GRID = 1e-6

@@ -254,7 +254,7 @@ def _lines(ends: FloatArray, parts: FloatArray) -> FloatArray:
     # An edge is treated as a triangle of zero area.
     corners = np.pad(parts, flat)[:, [0, 1, -1]]
     both = np.pad(ends, flat)
-    return nearest_lines(both[:, 0], both[:, 1], corners)[0][:, :dimension]
+    return nearest_lines(both[:, 0], both[:, 1], corners)[:, :dimension]
 
 
 def _tolerated_between(

@@ -1,0 +1,177 @@
+/* Bounds on the distances of segments from bounding boxes and from triangles, for the verifier alone. */
+
+#include "native.h"
+
+static double dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static void minus(const double *a, const double *b, double *out)
+{
+    for (int k = 0; k < 3; k++) out[k] = a[k] - b[k];
+}
+
+static double clipped(double share)
+{
+    return share > 0.0 ? share < 1.0 ? share : 1.0 : 0.0;
+}
+
+typedef struct {
+    int64_t count, dimension;
+    const int64_t *node;             /* (P,) box of each segment */
+    const double *start, *end;       /* (P, d) */
+    const double *low, *high;        /* (nodes, d) corners of all boxes */
+    double *least, *most;            /* (P,) bounds on the distance from whatever is in the box */
+} BoxBounds;
+
+/* The parts in a box are no nearer than the box is to the segment's own box, or than the ball around the box. */
+PUBLIC void box_bounds(BoxBounds *q)
+{
+    int64_t d = q->dimension;
+    for (int64_t p = 0; p < q->count; p++) {
+        const double *start = q->start + d * p, *end = q->end + d * p;
+        const double *low = q->low + d * q->node[p], *high = q->high + d * q->node[p];
+        double apart = 0.0, square = 0.0, along = 0.0, diagonal = 0.0, away = 0.0;
+        for (int64_t k = 0; k < d; k++) {
+            double beyond = fmax(fmax(low[k] - fmax(start[k], end[k]), fmin(start[k], end[k]) - high[k]), 0.0);
+            double line = end[k] - start[k];
+            apart += beyond * beyond;
+            square += line * line;
+            along += (0.5 * (low[k] + high[k]) - start[k]) * line;
+            diagonal += (high[k] - low[k]) * (high[k] - low[k]);
+        }
+        double share = clipped(along / (square > 0.0 ? square : 1.0)), half = 0.5 * sqrt(diagonal);
+        for (int64_t k = 0; k < d; k++) {
+            double off = start[k] + share * (end[k] - start[k]) - 0.5 * (low[k] + high[k]);
+            away += off * off;
+        }
+        q->least[p] = fmax(sqrt(apart), sqrt(away) - half);
+        q->most[p] = sqrt(away) + half;
+    }
+}
+
+typedef struct {
+    int64_t count;
+    const double *start, *end; /* (P, 3) */
+    const double *triangles;   /* (P, 3, 3) corners */
+    double *normal;            /* (P, 3) unit vector from the triangle to the segment; zero where they touch */
+    double *upper, *lower;     /* (P,) distance of a pair of points; bound that the unit vector proves */
+} SegmentTriangles;
+
+typedef struct {
+    double square, apart[3];
+} Nearest;
+
+static void offer(Nearest *best, const double *apart)
+{
+    double square = dot(apart, apart);
+    if (square < best->square) {
+        best->square = square;
+        memcpy(best->apart, apart, sizeof best->apart);
+    }
+}
+
+/* From a point of a segment that starts at the origin, as near as it comes to a point, to that point. */
+static void from_segment(const double *point, const double *line, double *out)
+{
+    double square = dot(line, line), share = clipped(dot(point, line) / (square > 0.0 ? square : 1.0));
+    for (int k = 0; k < 3; k++) out[k] = point[k] - share * line[k];
+}
+
+/* Between the lines of an edge from the origin and of the segment from `offset`, where both ends are within them. */
+static void between_lines(Nearest *best, const double *offset, const double *line, const double *edge)
+{
+    double normal[3], turned[3], apart[3];
+    cross(line, edge, normal);
+    double square = dot(normal, normal);
+    if (!(square > 0.0)) return;
+    cross(offset, edge, turned);
+    double share = -dot(turned, normal) / square;
+    cross(offset, line, turned);
+    double at = -dot(turned, normal) / square;
+    if (!(share >= 0.0 && share <= 1.0 && at >= 0.0 && at <= 1.0)) return;
+    for (int k = 0; k < 3; k++) apart[k] = offset[k] + share * line[k] - at * edge[k];
+    offer(best, apart);
+}
+
+typedef struct {
+    const double *one, *other; /* edges from the first corner */
+    double normal[3], square;
+} Face;
+
+/* Whether the foot of a point, relative to the first corner, is within the triangle. */
+static int inside(const Face *face, const double *point)
+{
+    double turned[3];
+    cross(point, face->other, turned);
+    double first = dot(turned, face->normal);
+    cross(face->one, point, turned);
+    double second = dot(turned, face->normal);
+    return first >= 0.0 && second >= 0.0 && first + second <= face->square;
+}
+
+/* From the inside of the triangle: to both ends of the segment, and to where it crosses. */
+static void through_face(Nearest *best, const Face *face, const double *begin, const double *finish, const double *line)
+{
+    double apart[3], at[3];
+    if (!(face->square > 0.0)) return;
+    double begins = dot(begin, face->normal), rises = dot(line, face->normal), heights[2] = {begins, begins + rises};
+    const double *ends[2] = {begin, finish};
+    for (int side = 0; side < 2; side++) {
+        if (!inside(face, ends[side])) continue;
+        for (int k = 0; k < 3; k++) apart[k] = heights[side] / face->square * face->normal[k];
+        offer(best, apart);
+    }
+    /* Compared before dividing, for a rise that is tiny. */
+    if (rises == 0.0 || fabs(begins) > fabs(rises)) return;
+    double share = -begins / rises;
+    if (!(share >= 0.0 && share <= 1.0)) return;
+    for (int k = 0; k < 3; k++) at[k] = begin[k] + share * line[k];
+    if (inside(face, at)) offer(best, (const double[3]){0.0, 0.0, 0.0});
+}
+
+PUBLIC void segment_triangles(SegmentTriangles *q)
+{
+    for (int64_t p = 0; p < q->count; p++) {
+        const double *start = q->start + 3 * p, *end = q->end + 3 * p, *corners = q->triangles + 9 * p;
+        double line[3], begins[3][3], finishes[3][3], edges[3][3], apart[3];
+        Nearest best = {INFINITY, {0.0, 0.0, 0.0}};
+        minus(end, start, line);
+        for (int k = 0; k < 3; k++) {
+            const double *corner = corners + 3 * k;
+            minus(corners + 3 * ((k + 1) % 3), corner, edges[k]);
+            minus(start, corner, begins[k]);
+            minus(end, corner, finishes[k]);
+            double to_corner[3] = {-begins[k][0], -begins[k][1], -begins[k][2]};
+            from_segment(to_corner, line, apart);
+            for (int axis = 0; axis < 3; axis++) apart[axis] = -apart[axis];
+            offer(&best, apart);
+            from_segment(begins[k], edges[k], apart);
+            offer(&best, apart);
+            from_segment(finishes[k], edges[k], apart);
+            offer(&best, apart);
+            between_lines(&best, begins[k], line, edges[k]);
+        }
+        double other[3];
+        minus(corners + 6, corners, other);
+        Face face = {edges[0], other, {0.0, 0.0, 0.0}, 0.0};
+        cross(face.one, face.other, face.normal);
+        face.square = dot(face.normal, face.normal);
+        through_face(&best, &face, begins[0], finishes[0], line);
+        double upper = sqrt(best.square), *normal = q->normal + 3 * p;
+        for (int k = 0; k < 3; k++) normal[k] = best.apart[k] / (upper > 0.0 ? upper : 1.0);
+        /* Projections are relative to a corner, so that points far from the origin lose no digits. */
+        double lowest = fmin(dot(begins[0], normal), dot(finishes[0], normal));
+        double highest = fmax(fmax(0.0, dot(edges[0], normal)), dot(other, normal));
+        q->upper[p] = upper;
+        q->lower[p] = fmax(lowest - highest, 0.0);
+    }
+}
