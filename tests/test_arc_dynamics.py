@@ -25,7 +25,7 @@ from ccm_opt.verification.newton_euler import drive_efforts
 from tests.arc_arms import CAMERA, arc_arm
 from tests.command_runs import CommandLine
 from tests.oracles.arc_chains import chain_states, mujoco_torques, pinocchio_torques
-from tests.oracles.interpreted_loop import InterpretedLoop
+from tests.oracles.interpreted_loop import InterpretedLoop, with_feed
 from tests.test_section_files import TEXT, read
 
 GRAVITY = np.array([1.0, 2.0, -9.81])
@@ -128,8 +128,8 @@ def test_closed_loop_of_drives_is_that_of_the_same_law_in_numpy(seed: int, compu
     arm = arc_arm((1, 3), (0.3, 0.2), payload=0.1, rotor_inertia=0.01, friction=0.02)
     plant, believed = (arm_model(each, GRAVITY) for each in (arm, replace(arm, payload=0.2)))
     kp, kd = (900.0 * np.ones(4), 60.0 * np.ones(4)) if computed else (np.linspace(0.5, 5.0, 4), np.full(4, 0.02))
-    numbers = {"step": 1e-4, "computed": computed, "kp": kp, "kd": kd, "feed_kp": 400.0, "feed_kd": 40.0}
-    numbers |= {"limit": np.full(4, share), "feed_limit": 20.0}
+    numbers = {"step": 1e-4, "computed": computed, "kp": kp, "kd": kd, "limit": np.full(4, share)}
+    numbers = with_feed(numbers, believed, (400.0, 40.0), 20.0)
     random = np.random.default_rng(seed)
     state, reference = random.uniform(-1.0, 1.0, (2, 5)), random.uniform(-1.0, 1.0, (3, 3, 5))
     noise, held = random.normal(0.0, 1e-3, (3, 2, 4)), int(random.integers(0, 2))

@@ -26,7 +26,7 @@ from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.jacobians import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
-from tests.oracles.interpreted_loop import InterpretedLoop
+from tests.oracles.interpreted_loop import InterpretedLoop, with_feed
 
 GRAVITY = np.array([1.0, 2.0, -9.81])
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
@@ -154,9 +154,8 @@ def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rot
     plant = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
     believed = arm_model(replace(arm, payload=0.2, rotor_inertia=1e-4 if rotors else 0.0), GRAVITY)
     kp, kd = (900.0 * np.ones(12), 60.0 * np.ones(12)) if computed else (np.linspace(0.5, 5.0, 12), np.full(12, 0.02))
-    feed_kp, feed_kd = (400.0, 40.0) if computed else (50.0, 5.0)
-    numbers = {"step": 1e-4, "computed": computed, "kp": kp, "kd": kd, "feed_kp": feed_kp, "feed_kd": feed_kd}
-    numbers |= {"limit": np.full(12, share), "feed_limit": 20.0 * share}
+    numbers = {"step": 1e-4, "computed": computed, "kp": kp, "kd": kd, "limit": np.full(12, share)}
+    numbers = with_feed(numbers, believed, (400.0, 40.0) if computed else (50.0, 5.0), 20.0 * share)
 
     random = np.random.default_rng(seed)
     state = random.uniform(-1.0, 1.0, (2, 13))

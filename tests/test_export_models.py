@@ -200,7 +200,7 @@ def test_the_loaded_feed_axis_moves_the_arm_along_the_base_heading() -> None:
     q = angles_for(arm)
     pin.framesForwardKinematics(model, data, np.append(0.2, q))
     tip = data.oMf[model.getFrameId("payload")].translation
-    assert np.allclose(tip, joint_positions_3d(arm, q, 0.2)[-1], atol=1e-14)
+    assert np.allclose(tip, joint_positions_3d(arm, q, np.array([0.2]))[-1], atol=1e-14)
     assert model.names[1] == "feed"
     assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == (0.0, 0.4)
     assert (model.upperVelocityLimit[0], model.upperEffortLimit[0]) == (0.1, 25.0)

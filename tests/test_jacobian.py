@@ -54,7 +54,7 @@ def test_the_tip_jacobian_turns_the_last_link_as_it_turns(axes: Axes) -> None:
 def test_the_feed_moves_every_point_along_the_base_heading() -> None:
     """With a feed axis the first column is the base heading for positions and nothing for the heading of the link."""
     arm, q = fed(swan_neck(4)), np.linspace(-1.0, 1.0, 12)
-    slope = (joint_positions_3d(arm, q, STEP) - joint_positions_3d(arm, q, -STEP)) / (2 * STEP)
+    slope = (joint_positions_3d(arm, q, np.array([STEP])) - joint_positions_3d(arm, q, np.array([-STEP]))) / (2 * STEP)
     assert np.allclose(point_jacobians(arm, q)[..., 0], slope, atol=1e-9)
     assert not np.any(tip_jacobian(arm, q)[3:, 0])
     assert point_jacobians(arm, np.stack((q, q))).shape == (2, 5, 3, 13)
@@ -65,9 +65,9 @@ def test_angles_are_found_wherever_the_base_is_fed() -> None:
     arm = fed(swan_neck(4))
     q = np.zeros(12)
     q[0::3], q[1::3] = 0.3, [0.4, -0.2, 0.3, 0.1]
-    points = joint_positions_3d(arm, q, 0.2)
+    points = joint_positions_3d(arm, q, np.array([0.2]))
     assert np.allclose(ball_angles(arm, points), q, atol=1e-12)
     with pytest.raises(ProblemError, match="off the arm's base"):
         ball_angles(arm, points + np.array([0.0, 0.01, 0.0]))
     with pytest.raises(ProblemError, match="off the arm's base"):
-        ball_angles(arm, joint_positions_3d(arm, q, 0.35))
+        ball_angles(arm, joint_positions_3d(arm, q, np.array([0.35])))

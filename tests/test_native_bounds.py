@@ -187,10 +187,10 @@ def test_dynamics(states: FloatArray, feed: float, computed: bool) -> None:
     InverseDynamics(arm, gravity).efforts(*states, feed)
     ForwardDynamics(arm, gravity).with_feed(*states, feed)
     model = arm_model(arm, gravity)
-    by_joint = np.ones(3 * LINKS)
-    numbers = {"step": 1e-3, "computed": computed, "kp": by_joint, "kd": by_joint, "limit": by_joint}
-    loop = CompiledLoop(model, model, {**numbers, "feed_kp": 1.0, "feed_kd": 1.0, "feed_limit": 1.0})
     width = 3 * LINKS + 1
+    each = np.ones(width)
+    options = {"step": 1e-3, "computed": computed, "kp": each, "kd": each, "limit": each, "carried": each[:1]}
+    loop = CompiledLoop(model, model, options)
     reference = np.resize(states, (4, 3, width))
     noise = np.resize(states, (4, 2, width - 1))
     loop.run(np.resize(states, (2, width)), reference, noise, 10**12)

@@ -15,6 +15,7 @@ from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.robot.base_axes import Feed
 from tests.dynamics_arms import swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
+from tests.oracles.interpreted_loop import with_feed
 
 LINKS = 7
 SEEDS = st.integers(0, 2**32 - 1)
@@ -71,7 +72,7 @@ def test_planar_loop_gives_the_same_bits(seed: int, computed: bool, rotors: bool
     joints = 3 * LINKS
     kp, kd = (900.0, 60.0) if computed else (2.0, 0.02)
     numbers = {"step": 1e-4, "computed": computed, "kp": np.full(joints, kp), "kd": np.full(joints, kd)}
-    numbers |= {"feed_kp": 400.0, "feed_kd": 40.0, "limit": np.full(joints, share), "feed_limit": 20.0 * share}
+    numbers = with_feed(numbers | {"limit": np.full(joints, share)}, believed, (400.0, 40.0), 20.0 * share)
     state, reference = (
         np.dstack((_planar(random, n, 2 + k), random.normal(size=(n, 2 + k)))) for k, n in ((0, 1), (1, 9))
     )

@@ -231,7 +231,7 @@ def test_fast_fed_arms_brake_near_the_chords_that_are_certified() -> None:
 
 
 def test_a_driven_folder_of_an_arm_on_base_axes_is_accepted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Their dynamics are not modelled, and the folder says so as that of any plan does."""
+    """They are simulated as any plan's are."""
     servo = ccm_opt.Servo(ccm_opt.load_problem(PROBLEMS / "space/tank-camera.toml"))
     for _ in range(3):
         servo.step(ccm_opt.Twist((0.05, 0.02, 0.01)))

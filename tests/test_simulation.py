@@ -19,10 +19,12 @@ from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.base_axes import BaseAxis, Feed
+from ccm_opt.robot.coordinates import DriveLimits
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_loop import InterpretedLoop
+from tests.space_arms import space_arm
 
 CHUNK = 200
 """Steps between two states that are compared."""
@@ -426,7 +428,7 @@ def test_stable_options_pass_the_check() -> None:
     """The default options of both controllers pass on the swan's neck."""
     arm, states = swan_neck(12), states_of(swan_neck(12), smooth_trajectory(BENDS))
     for controller in ("computed-torque", "pd"):
-        check_stability(arm, states.angles, SimulationOptions(controller=controller), planar=True)
+        check_stability(arm, states.angles, np.zeros((1, 0)), SimulationOptions(controller=controller), planar=True)
 
 
 def on_axis(arm: Arm, duration: float = 1.0) -> tuple[Arm, JointTrajectory]:
@@ -442,6 +444,27 @@ def test_the_feed_axis_is_tracked() -> None:
     motion = run(arm, trajectory, SimulationOptions())
     assert motion.tracking_error < 2e-5
     assert np.max(np.abs(motion.base_positions - trajectory.base_positions)) < 1e-6
+
+
+@pytest.mark.parametrize("share", [10.0, 0.6])
+@pytest.mark.parametrize("controller", ["computed-torque", "pd"])
+def test_an_axis_along_the_arm_moves_as_a_feed_axis_does(controller: ControllerName, share: float) -> None:
+    """The closed loop on one prismatic base axis is that on a feed axis, with a force that saturates too."""
+    fed = space_arm(4, feed=Feed(0.0, 0.4, 0.0))
+    trajectory = carried(fed, smooth_trajectory(np.full(8, 0.3), 1.0), smooth_trajectory(np.array([0.3]), 1.0))
+    axis = BaseAxis(fed.base_rotation[:, 0], 0.0, 0.4, revolute=False)
+    on_axis = replace(fed, feed=None, carrier=(axis,))
+    options = SimulationOptions(controller=controller, gravity=np.array([3.0, 1.0, -9.0]))
+    joints = states_of(fed, trajectory)
+    most = share * float(np.max(np.abs(joints.base_forces)))
+    loose = loose_limits(fed)
+    of_axis = DriveLimits(*np.full((3, 1), np.inf), np.array([most]))
+    expected = simulate(fed, trajectory, joints, options, replace(loose, feed_force=most))
+    carried_too = replace(trajectory, coordinates=on_axis.coordinates)
+    got = simulate(on_axis, carried_too, joints, options, replace(loose, axes=of_axis))
+    assert got.saturated == expected.saturated == (share < 1.0)
+    np.testing.assert_allclose(got.base_positions, expected.base_positions, atol=1e-9)
+    np.testing.assert_allclose(got.angles, expected.angles, atol=1e-8)
 
 
 def test_pd_holds_the_feed_axis_against_gravity() -> None:

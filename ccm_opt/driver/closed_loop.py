@@ -168,8 +168,9 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
     """
     figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
-    for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
-        figures[f"{name}_tracking_error_m"] = float(np.max(error))
+    coordinates = trajectory.coordinates
+    for name, unit, error in zip(coordinates.base_names, coordinates.base_units, errors.T, strict=True):
+        figures[f"{name}_tracking_error_{unit}"] = float(np.max(error))
     if seen is not None:
         figures[WALLS] = seen.walls
         if seen.itself is not None:
@@ -278,7 +279,7 @@ def seen(
         return None
     arm = problem.arm
     if arm.dimension == 3:
-        points = joint_positions_3d(arm, angles, np.sum(simulated.base_positions, axis=1))
+        points = joint_positions_3d(arm, angles, simulated.base_positions)
     # Obstacles of planar problems exist in the plane only; yaws and rolls beyond rounding leave it.
     elif max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
         return None

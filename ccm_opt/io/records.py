@@ -319,6 +319,7 @@ AXIS_NAMES: Mapping[str, str] = MappingProxyType(
         "feed_accelerations": "axis_accelerations",
         "feed_forces": "axis_efforts",
         "keyframe_feeds": "keyframe_axes",
+        "simulated_feed": "simulated_axes",
     }
 )
 """Names of arrays of several base axes, with a column for each, by the names of those of a feed axis."""

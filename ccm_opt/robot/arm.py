@@ -217,7 +217,13 @@ class Arm(LinkLayout):
     @property
     def unsimulated(self) -> str:
         """Reason why the closed loop of an arm of this kind is not modelled; empty if it is."""
-        return "the dynamics of base axes other than a feed axis are not simulated" if self.carrier else ""
+        if self.carrier and self.dimension == 2:
+            return "the dynamics of planar arms on base axes other than a feed axis are not simulated"
+        for number, axis in enumerate(self.carrier, start=1):
+            # A ball joint on the axis turns with it or against it, whatever the torques, if nothing is between them.
+            if axis.revolute and axis.inertia == 0.0:
+                return f"base axis {number} turns without inertia of its own; give its inertia to have it simulated"
+        return ""
 
     @property
     def longest_link(self) -> float:

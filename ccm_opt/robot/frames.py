@@ -17,6 +17,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.base_axes import base_frames
 
 REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}
 _QUARTER = 0.5 * np.pi
@@ -192,17 +193,22 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
     return matrix
 
 
-def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+def joint_positions_3d(arm: Arm, angles: FloatArray, base: FloatArray | None = None) -> FloatArray:
     """Return the positions of the joints and of the tip in the world, shape (..., links + 1, 3) [m].
 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
-        feed: displacement of the base along its heading, shape (...) [m].
+        base: positions of the k axes that carry the base, shape (..., k) [m, rad]; None for all at zero.
     """
+    place = np.zeros(len(arm.base_axes)) if base is None else base
     if arm.sections is not None:
         bends = bends_from_revolutes(arm, angles)
-        moved = np.broadcast_to(np.asarray(feed)[..., None], (*bends.shape[:-1], len(arm.base_axes)))
+        moved = np.broadcast_to(place, (*bends.shape[:-1], len(arm.base_axes)))
         return arm.joint_positions_at(np.concatenate((bends, moved), axis=-1))
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
-    return positions + np.asarray(feed)[..., None, None] * arm.base_rotation[:, 0]
+    if not arm.carrier:
+        return positions + np.sum(place, axis=-1)[..., None, None] * arm.base_rotation[:, 0]
+    frames = base_frames(arm.axis_rows, arm.base_position, arm.base_rotation, place)
+    turn = frames.rotation @ arm.base_rotation.T
+    return (positions - arm.base_position) @ np.swapaxes(turn, -1, -2) + frames.place[..., None, :]

@@ -141,7 +141,7 @@ def plan_drawing(plan: Solution | SavedPlan) -> "PlanDrawing":
     arm, motion = plan.problem.arm, plan.motion
     simulated = None
     if arm.dimension == 2 and not arm.unsimulated:
-        simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base.sum(axis=1))
+        simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base)
     return PlanDrawing(
         problem=plan.problem,
         trajectory=motion.trajectory,

@@ -83,8 +83,7 @@ def _simulation_figure(
     from the front.
     """
     arm, reached = problem.arm, simulated_samples(trajectory, simulated)
-    carried = np.sum(simulated.base_positions[:reached], axis=1)
-    points = joint_positions_3d(arm, simulated.angles[:reached], carried)
+    points = joint_positions_3d(arm, simulated.angles[:reached], simulated.base_positions[:reached])
     planned = arm.joint_positions_at(trajectory.positions)
     if problem.dimension == 2:
         points = points[..., [0, 2]]

@@ -242,10 +242,10 @@ def compare_frames(solution: Solution, rate: float = 60.0) -> None:
     setup = (arm, solution.trajectory, solution.joints, problem.simulation, problem.limits)
     frames = 0
     start = user_cpu()
-    for time, angles, feed in simulated_states(*setup, 1.0 / rate):
+    for time, angles, base in simulated_states(*setup, 1.0 / rate):
         sample = min(int(np.searchsorted(solution.trajectory.time, time)), len(positions) - 1)
         ball_angles(arm, positions[sample])
-        view.show(joint_positions_3d(arm, angles, feed))
+        view.show(joint_positions_3d(arm, angles, base))
         frames += 1
     spent = user_cpu() - start
     points = joint_positions_3d(arm, revolute_angles(arm, solution.trajectory.bend_angles[-1]))

@@ -12,6 +12,13 @@ from ccm_opt.dynamics.simulation.controller import stiffened
 from .interpreted_function import DrivenFunction, InterpretedFunction
 
 
+def with_feed(numbers: Mapping[str, Any], model: ArmModel, gains: tuple[float, float], limit: float) -> dict[str, Any]:
+    """Numbers of a loop of which those of a feed axis stand last: its gains, limit and the mass that it moves."""
+    of_feed = {"kp": gains[0], "kd": gains[1], "limit": limit}
+    mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
+    return {**numbers, **{name: np.append(numbers[name], last) for name, last in of_feed.items()}, "carried": [mass]}
+
+
 class InterpretedLoop:
     """The closed loop of a plant and of the model its controller has; see ``simulation.controller``.
 
@@ -25,12 +32,13 @@ class InterpretedLoop:
         function = InterpretedFunction if plant.coupling is None else DrivenFunction
         self._forward = function("forward_dynamics", plant)
         self._inverse = function("inverse_dynamics", model)
+        self.bending = plant.coordinates
         self._step = numbers["step"]
         self._computed = numbers["computed"]
-        self._limit = np.append(numbers["limit"], numbers["feed_limit"])
-        self._mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
-        self._proportional = np.append(numbers["kp"], numbers["feed_kp"])
-        self._derivative = np.append(numbers["kd"], numbers["feed_kd"])
+        self._limit = numbers["limit"]
+        self._mass = numbers["carried"][0]
+        self._proportional = numbers["kp"]
+        self._derivative = numbers["kd"]
         if not self._computed:
             self._predicted = function("forward_dynamics", stiffened(model, self._step, numbers["kd"]))
 

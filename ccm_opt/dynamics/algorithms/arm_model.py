@@ -1,6 +1,6 @@
 """Rigid-body model of an arm: one link per ball joint, massless frames between revolutes (paper, section 5.4)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,6 +58,10 @@ class ArmModel:
         coupling: derivatives of the revolutes' angles by the values of m drives that move them together, shape
             (3 * links, m); None if every revolute has its own drive.
         armature: inertia of these drives beyond that of the revolutes, shape (m,) [kg m²]; None for none.
+        axes: the k axes that carry the base, as ``axis_rows`` gives them, shape (k, 7); none for a feed axis.
+        axis_inertia: inertia of the drives of these axes, shape (k,) [kg, kg m²].
+        ground: gravity in the world [m/s²], and place [m] and rotation of the base where all axes are at zero, shape
+            (15,).
     """
 
     structure: Structure
@@ -67,11 +71,19 @@ class ArmModel:
     coupling: FloatArray | None = None
     armature: FloatArray | None = None
     attached: FloatArray | None = None
+    axes: FloatArray = field(default_factory=lambda: np.zeros((0, 7)))
+    axis_inertia: FloatArray = field(default_factory=lambda: np.zeros(0))
+    ground: FloatArray = field(default_factory=lambda: np.zeros(15))
 
     @property
     def coordinates(self) -> int:
         """Number of drives that bend the arm: of the revolutes, or of those that move them together."""
         return self.structure.joints if self.coupling is None else self.coupling.shape[1]
+
+    @property
+    def of_base(self) -> int:
+        """Number of coordinates of the base: of its axes, or one of a feed axis, at rest where there is none."""
+        return max(len(self.axes), 1)
 
 
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
@@ -90,20 +102,27 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
     # The recursions start in the base frame, so gravity is expressed in it once.
     local_gravity = arm.base_rotation.T @ np.asarray(gravity, dtype=np.float64)
-    slides = float(len(arm.base_axes))
-    world = np.array([*local_gravity, arm.payload, slides])
+    world = np.array([*local_gravity, arm.payload, float(len(arm.base_axes))])
     structure = Structure(arm.links, arm.axes, arcs=sections is not None)
     attached = attached_inertia(arm.rigid_bodies, arm.links)
-    return ArmModel(structure, bodies, drives, world, coupling_of_revolutes(arm), attached=attached)
+    model = ArmModel(structure, bodies, drives, world, coupling_of_revolutes(arm), attached=attached)
+    if not arm.carrier:
+        return model
+    return replace(
+        model,
+        axes=arm.axis_rows,
+        axis_inertia=np.array([axis.inertia for axis in arm.base_axes]),
+        ground=np.concatenate((gravity, arm.base_position, arm.base_rotation.ravel())),
+    )
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:
     """Return a model whose generated code handles planar motions only.
 
-    The model is returned unchanged if gravity, the order of axes or a body leads out of the plane.
+    The model is returned unchanged if gravity, the order of axes, axes of the base or a body may lead out of the plane.
     """
     lopsided = model.attached is not None and np.any(model.attached[:, LOPSIDED])
-    if model.world[1] != 0.0 or model.structure.axes != "zyx" or lopsided:
+    if model.world[1] != 0.0 or model.structure.axes != "zyx" or lopsided or len(model.axes):
         return model
     return replace(model, structure=replace(model.structure, planar=True))
 

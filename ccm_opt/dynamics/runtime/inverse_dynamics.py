@@ -9,7 +9,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, native_constant
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model
-from ccm_opt.dynamics.algorithms.base_motion import CarriedBase
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import coupling_of_revolutes, joint_names, revolute_angles
@@ -27,11 +26,13 @@ def arm_for_c(model: ArmModel) -> dict[str, Any]:
     links = model.structure.links
     work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
     arrays = {"bodies": model.bodies, "drives": model.drives, "world": model.world, "attached": model.attached}
-    fields = {"links": links, **arrays, "work": work}
+    carrier = {"axes": len(model.axes), "axis": model.axes, "inertia": model.axis_inertia, "ground": model.ground}
+    fields = {"links": links, **arrays, "work": work, **carrier}
     if model.coupling is None:
         return fields
     coupled = model.coupling.shape[1]
-    reduced = np.zeros(12 * links + (coupled + 1) * (coupled + 4))
+    whole = coupled + model.of_base
+    reduced = np.zeros(12 * links + whole * (whole + 3))
     return fields | {"coupled": coupled, "coupling": model.coupling, "armature": model.armature, "reduced": reduced}
 
 
@@ -49,8 +50,14 @@ class CompiledFunction:
     """
 
     def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
-        self._many = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model))
-        self._one = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model), count=1)
+        self._many, self._one = (
+            NativeCall(
+                f"{kind}__{model.structure.variant}", arm=arm_for_c(model), count=1,
+                packed=np.zeros((4, model.coordinates + model.of_base)),
+            )
+            for _ in range(2)
+        )  # fmt: skip
+        self._of_base = model.of_base
         self.one, self.one_with_feed = self._single_state_calls(columns_of(kind, model))
 
     def _single_state_calls(self, joints: int) -> tuple[JointsCall, FeedCall]:
@@ -64,8 +71,8 @@ class CompiledFunction:
             or NotImplementedError for other arrays.
         """
         q, qd, third, out = np.zeros((4, joints))
-        feed, out_feed = np.zeros((2, 1))
-        self._one.set(q=q, qd=qd, third=third, feed=feed, out=out, out_feed=out_feed)
+        feed, out_feed, rest = np.zeros((3, self._of_base))
+        self._one.set(q=q, qd=qd, third=third, feed=feed, place=rest, pace=rest, out=out, out_feed=out_feed)
         address = self._one.address
         function = self._one.function
         copy_of_out = out.copy
@@ -98,40 +105,35 @@ class CompiledFunction:
         return one, one_with_feed
 
     def many(
-        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
+        self,
+        first: FloatArray,
+        second: FloatArray,
+        third: FloatArray,
+        feed: FloatArray,
+        place: FloatArray | None = None,
+        pace: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate the dynamics in N states, given by three arrays of shape (N, 3 * links) and a feed (N,).
-
-        The arrays are those of ``DynamicsFunction.with_feed``, and so are the results.
-        """
-        out = np.empty(first.shape)
-        out_feed = np.empty(len(feed))
-        self._many.set(count=len(feed), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed)
-        self._many()
-        return out, out_feed
-
-    def carried(
-        self, first: FloatArray, second: FloatArray, third: FloatArray, base: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate inverse dynamics in N states, whose base moves as axes carry it.
+        """Evaluate the dynamics in N states.
 
         Args:
-            first: angles of the revolutes, shape (N, 3 * links) [rad].
-            second: velocities of the revolutes, of this shape [rad/s].
-            third: accelerations of the revolutes, of this shape [rad/s²].
-            base: (ω, ω̇, a − g) of the base in its frame, shape (N, 9).
+            first: as for ``DynamicsFunction.with_feed``, shape (N, 3 * links).
+            second: likewise.
+            third: likewise.
+            feed: accelerations of a feed axis, or efforts, shape (N,); those of the k axes that carry the base, (N, k).
+            place: positions of these axes, shape (N, k) [m, rad]; None at zero.
+            pace: their velocities, shape (N, k); None at rest.
 
         Returns:
-            Torques of the revolutes, shape (N, 3 * links) [N m], and force and moment on the base in its frame, shape
-            (N, 6) [N, N m].
+            Efforts or accelerations, of the shapes of ``third`` and ``feed``.
         """
-        out, wrench = np.empty(first.shape), np.empty((len(base), 6))
-        none = np.zeros(len(base))
-        self._many.set(count=len(base), q=first, qd=second, third=third, feed=none, out=out, out_feed=none.copy())
-        self._many.set(carried=base, wrench=wrench)
+        out, out_feed = np.empty(first.shape), np.empty(feed.shape)
+        rest = np.zeros(feed.shape)
+        self._many.set(
+            count=len(first), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed,
+            place=rest if place is None else place, pace=rest if pace is None else pace,
+        )  # fmt: skip
         self._many()
-        self._many.set(carried=None, wrench=None)
-        return out, wrench
+        return out, out_feed
 
 
 MISFIT = (TypeError, ValueError, NotImplementedError)
@@ -213,8 +215,7 @@ class InverseDynamics:
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
         self._rnea = DynamicsFunction("inverse_dynamics", arm_model(arm, gravity))
-        self._arm, self._gravity = arm, np.asarray(gravity, dtype=np.float64)
-        self._carried = CompiledFunction("inverse_dynamics", arm_model(arm, gravity)).carried if arm.carrier else None
+        self._carried = CompiledFunction("inverse_dynamics", arm_model(arm, gravity)).many if arm.carrier else None
 
     def with_base(
         self, revolutes: tuple[FloatArray, FloatArray, FloatArray], axes: tuple[FloatArray, FloatArray, FloatArray]
@@ -233,11 +234,9 @@ class InverseDynamics:
         """
         if self._carried is None:
             raise ValueError("no axes but a feed axis carry the arm")
-        place, velocity, acceleration = axes
-        base = CarriedBase.at(self._arm, place)
+        place, velocity, acceleration = (np.ascontiguousarray(each, dtype=np.float64) for each in axes)
         q, qd, qdd = (np.ascontiguousarray(each, dtype=np.float64) for each in revolutes)
-        torques, wrench = self._carried(q, qd, qdd, base.state(velocity, acceleration, self._gravity))
-        return torques, base.efforts(wrench, acceleration)
+        return self._carried(q, qd, qdd, acceleration, place, velocity)
 
     def __call__(
         self,
@@ -299,19 +298,36 @@ class MassMatrix:
 
     def __init__(self, arm: Arm) -> None:
         self._dynamics = InverseDynamics(arm, np.zeros(3))
+        self._axes = arm.base_axes if arm.carrier else ()
         self._coupling = coupling_of_revolutes(arm)
 
     def __call__(self, angles: FloatArray) -> FloatArray:
         """Return the mass matrix M at joint angles (3 * links,) [rad], shape (n, n) for n drives [kg m²]."""
-        return self.with_feed(angles)[1:, 1:]
+        of_base = max(len(self._axes), 1)
+        return self.with_base(angles, np.zeros(len(self._axes)))[of_base:, of_base:]
 
     def with_feed(self, angles: FloatArray) -> FloatArray:
         """Return the mass matrix with the feed axis first, shape (n + 1, n + 1) [kg, kg m, kg m²]."""
+        return self.with_base(angles, np.zeros(0))
+
+    def with_base(self, angles: FloatArray, place: FloatArray) -> FloatArray:
+        """Return the mass matrix with the axes of the base first, or a feed axis, shape (n + k, n + k).
+
+        Args:
+            angles: angles of the revolutes, shape (3 * links,) [rad].
+            place: positions of the k axes that carry the base, shape (k,) [m, rad]; without effect for a feed axis.
+        """
         each = np.eye(len(angles)) if self._coupling is None else self._coupling.T
-        feeds = np.append(1.0, np.zeros(len(each)))
-        unit = np.vstack((np.zeros(len(angles)), each))
+        of_base = max(len(self._axes), 1)
+        unit = np.vstack((np.zeros((of_base, len(angles))), each))
+        gains = np.vstack((np.eye(of_base), np.zeros((len(each), of_base))))
         states = np.broadcast_to(angles, unit.shape)
-        torques, forces = self._dynamics.efforts(states, np.zeros_like(states), unit, feeds)
+        rest = np.zeros_like(states)
+        if self._axes:
+            places = np.broadcast_to(place, gains.shape)
+            torques, forces = self._dynamics.with_base((states, rest, unit), (places, np.zeros_like(gains), gains))
+        else:
+            torques, forces = self._dynamics.efforts(states, rest, unit, gains[:, 0])
         columns = np.column_stack((forces, torques if self._coupling is None else torques @ self._coupling))
         return np.asarray(0.5 * (columns + columns.T))
 

@@ -1,8 +1,8 @@
 """Simulation of an arm under its controller, and the verdict on how well the arm followed its plan.
 
 Each step holds the control computed at its start and integrates q̈ = ABA(q, q̇, τ) by the classical Runge–Kutta method;
-a feed axis is an additional, last coordinate. A planar motion under gravity in its plane stays exactly planar, since
-all out-of-plane terms are products with zero.
+the axes that carry the base are additional, last coordinates. A planar motion under gravity in its plane stays exactly
+planar, since all out-of-plane terms are products with zero.
 """
 
 from collections.abc import Iterator
@@ -18,14 +18,18 @@ from ccm_opt.dynamics.simulation.controller import (
     StepReference,
     disturbed_arm,
     loop_numbers,
+    most_efforts,
     step_reference,
 )
 from ccm_opt.dynamics.simulation.simulation_record import (
+    FEED_AXIS,
     PlanNeeds,
     SimulatedSteps,
     SimulationRecord,
     check_axes,
     check_finite,
+    column_names,
+    effort_units,
     falls_in_plane,
     largest_need,
 )
@@ -33,7 +37,7 @@ from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.frames import angles_from_drives, drive_names, drive_torque_limits, drive_torques, drive_values
+from ccm_opt.robot.frames import angles_from_drives, drive_torques, drive_values
 
 _LARGE_ERROR = 0.1
 """Tracking error of a joint above which the arm counts as not following its plan [rad]. Heuristic."""
@@ -52,7 +56,7 @@ class RunFault:
     """The first fault of a simulation run: a large or non-finite tracking error, or a saturated drive.
 
     Attributes:
-        column: index of the faulty coordinate: a revolute, or after all revolutes the feed axis.
+        column: index of the faulty coordinate: of a drive that bends the arm, or behind these of an axis of the base.
         step: index of the state from the start of the run; state k is at the end of k steps.
         error: tracking error of the revolute in that state [rad]; not finite if the state is not finite.
     """
@@ -70,8 +74,8 @@ def first_large_error(steps: SimulatedSteps, most: float) -> RunFault | None:
     # If an error is NaN, the first comparison fails, too.
     if steps.worst_error <= most and steps.is_finite:
         return None
-    # The feed axis, last, has errors in metres, for which there is no such bound.
-    errors = np.pad(steps.errors, ((0, 0), (0, 1)))
+    # The axes of the base, last, may have errors in metres, for which there is no such bound.
+    errors = np.pad(steps.errors, ((0, 0), (0, steps.efforts.shape[1] - steps.errors.shape[1])))
     bad = (errors > most) | ~np.isfinite(steps.states[1:]).all(axis=1)
     row, column = np.argwhere(bad)[0]
     return RunFault(int(column), steps.first + int(row) + 1, float(errors[row, column]))
@@ -124,7 +128,7 @@ def judge_run(
 
     Args:
         record: record of the run.
-        names: names of all revolutes.
+        names: names of all drives that bend the arm, and of the axes of its base.
         full: first effort that reached its limit; None if there was none.
         large_error: first large tracking error; None if there was none.
         divergence: fault at which the run was stopped because the arm diverged; None if the run was not stopped.
@@ -135,7 +139,7 @@ def judge_run(
     first = fault or full
     if first is None:
         return SimulationVerdict("followed", step)
-    name = (*names, "the feed axis")[first.column]
+    name = names[first.column]
     time = first.step * step
     met = "" if full is None else _describe_limit(full, record, names)
     # Once a drive is saturated, the controller has lost control of the arm, so saturation is the cause.
@@ -160,8 +164,7 @@ def _describe_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
     """Return a clause on whether the drives could follow the plan, to append to the reason of a verdict."""
     if needs is None:
         return ""
-    unit = "N" if needs.column == len(names) else "N m"
-    name = (*names, "the feed axis")[needs.column]
+    unit, name = needs.unit, names[needs.column]
     most = f"{needs.effort:.4g} {unit} of {name} at {needs.time:.4g} s, of which {needs.held:.4g} {unit} to hold still"
     plan = "follow this plan with the simulated arm"
     if needs.share > 1.0:
@@ -172,16 +175,22 @@ def _describe_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
 def _drive_advice(needs: PlanNeeds | None, names: tuple[str, ...]) -> tuple[str, ...]:
     if needs is None or needs.share <= 1.0:
         return SATURATED_ADVICE
-    if needs.column == len(names):
+    if names[needs.column] == FEED_AXIS:
         return (f"limits.feed_force above {needs.effort:.4g} N", *SATURATED_ADVICE)
+    if needs.column >= needs.bending:
+        kind = "force" if needs.unit == "N" else "torque"
+        return (
+            f"a {kind} in arm.base.axes above {needs.effort:.4g} {needs.unit} for {names[needs.column]}",
+            *SATURATED_ADVICE,
+        )
     return (f"a torque limit above {needs.effort:.4g} N m for {names[needs.column]}", *SATURATED_ADVICE)
 
 
 def _describe_limit(full: RunFault, record: SimulationRecord, names: tuple[str, ...]) -> str:
-    axis = full.column == len(names)
     limit = float(record.limit[full.column])
-    kind = f"force limit of {limit:.4g} N" if axis else f"torque limit of {limit:.4g} N m"
-    met = f"the drive of {(*names, 'the feed axis')[full.column]} reaches its {kind} at {full.step * record.step:.4g} s"
+    unit = record.units[full.column]
+    kind = f"{'force' if unit == 'N' else 'torque'} limit of {limit:.4g} {unit}"
+    met = f"the drive of {names[full.column]} reaches its {kind} at {full.step * record.step:.4g} s"
     return f"{met}; in all, drives are at limits for {record.full_steps * record.step:.3g} s"
 
 
@@ -219,8 +228,8 @@ def simulate(
             verdict=SimulationVerdict("followed", options.step),
         )
     run, state = _prepared(arm, trajectory, joints, options, limits)
-    most = _most_efforts(limits, arm)
-    record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most)
+    most = most_efforts(arm, limits)
+    record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most, effort_units(arm))
     full: RunFault | None = None
     large_error: RunFault | None = None
     divergence: RunFault | None = None
@@ -236,7 +245,7 @@ def simulate(
     if full or large_error or divergence:
         plant = disturbed_arm(arm, options.disturbances)
         needs = largest_need(plant, trajectory, joints, options.gravity, most)
-    return record.motion(arm, judge_run(record, drive_names(arm), full, large_error, divergence, needs))
+    return record.motion(arm, judge_run(record, column_names(arm), full, large_error, divergence, needs))
 
 
 def simulated_states(
@@ -246,7 +255,7 @@ def simulated_states(
     options: SimulationOptions,
     limits: Limits,
     interval: float,
-) -> Iterator[tuple[float, FloatArray, float]]:
+) -> Iterator[tuple[float, FloatArray, FloatArray]]:
     """Yield states of a simulated arm at a fixed time interval, for live display (paper, section 5.1, steps 5 to 7).
 
     Args:
@@ -258,21 +267,15 @@ def simulated_states(
         interval: time between two states, rounded to whole steps [s].
 
     Yields:
-        Time [s], angles of all revolutes, shape (3 * links,) [rad], and position of the base on its feed axis [m].
+        Time [s], angles of all revolutes, shape (3 * links,) [rad], and positions of the axes that carry the base, (k,)
+        [m, rad].
     """
     run, state = _prepared(arm, trajectory, joints, options, limits)
     for steps in run.steps(state, options, max(1, round(interval / options.step))):
-        check_finite(steps, drive_names(arm), options.step)
+        check_finite(steps, column_names(arm), options.step)
         last = steps.states[-1, 0]
-        yield (steps.first + steps.count) * options.step, angles_from_drives(arm, last[:-1]), float(last[-1])
-
-
-def _most_efforts(limits: Limits, arm: Arm) -> FloatArray:
-    """Return the effort limits of the drives that bend the arm and, last, of the feed axis, shape (n + 1,) [N m, N]."""
-    efforts = limits.of_drives(arm.coordinates).effort
-    revolutes = arm.coordinates.revolutes
-    # A fixed base has a column in the loop, but no drive.
-    return np.append(drive_torque_limits(arm, efforts[:revolutes]), np.append(efforts[revolutes:], np.inf)[:1])
+        bent, base = last[: steps.bending], last[steps.bending :][: len(arm.base_axes)]
+        yield (steps.first + steps.count) * options.step, angles_from_drives(arm, bent), base
 
 
 def _prepared(
@@ -288,7 +291,7 @@ def _prepared(
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are equivalent
     plant = disturbed_arm(arm, options.disturbances)
     check_axes(arm, joints.angles, planar=planar)
-    check_stability(plant, joints.angles, options, planar=planar, believed=arm)
+    check_stability(plant, joints.angles, trajectory.base_positions, options, planar=planar, believed=arm)
 
     positions, velocities = _coordinates(arm, trajectory, joints)
     reference = step_reference(trajectory.time, positions, velocities, options.step)
@@ -299,10 +302,11 @@ def _prepared(
 
 
 def _coordinates(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> tuple[FloatArray, FloatArray]:
-    """Return positions and velocities of the drives that bend the arm and, last, of its base, each (T, n + 1)."""
-    advance = trajectory.coordinates.advance
-    positions = np.column_stack((drive_values(arm, joints.angles), advance(trajectory.positions)))
-    velocities = np.column_stack((drive_values(arm, joints.velocities), advance(trajectory.velocities)))
+    """Return positions and velocities of the drives that bend the arm and, last, of its base, each (T, n + k)."""
+    # A fixed base has a column in the loop, which stays at zero.
+    still = np.zeros((len(joints.angles), 0 if arm.base_axes else 1))
+    positions = np.column_stack((drive_values(arm, joints.angles), trajectory.base_positions, still))
+    velocities = np.column_stack((drive_values(arm, joints.velocities), trajectory.base_velocities, still))
     return positions, velocities
 
 
@@ -328,7 +332,7 @@ def closed_loop(
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
     """Return whether reference and gravity keep the simulated arm exactly in its plane."""
-    if arm.drives is not None:
+    if arm.drives is not None or arm.carrier:
         return False
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
@@ -350,8 +354,7 @@ class _Run:
         for first in range(0, self.reference.steps, size):
             count = min(size, self.reference.steps - first)
             window, targets = self.reference.window(first, count)
-            # The last column is the feed axis, which is measured exactly.
-            noise = self.noise.draw(count, targets.shape[1] - 1)
+            noise = self.noise.draw(count, self.loop.bending)
             states, efforts = self.loop.run(state, window, noise, max(0, brake_steps - first))
-            yield SimulatedSteps(first, np.concatenate((state[None], states)), efforts, targets)
+            yield SimulatedSteps(first, np.concatenate((state[None], states)), efforts, targets, self.loop.bending)
             state = states[-1]

@@ -1,26 +1,26 @@
 """Controller of a simulated arm, its reference, and disturbances.
 
 The loop is computed by ``simulation.c``. Positions x = (q, x_b) and velocities ẋ are those of all revolutes, or of the
-bends of sections that bend evenly, and, last, of the base on its feed axis; the efforts are their torques and the
-thrust, u = (τ, F). A step of length h has three parts.
+bends of sections that bend evenly, and, last, of the axes that carry the base; the efforts are their torques and those
+of the axes, u = (τ, F). A step of length h has three parts.
 
 1. *Measure.* q and q̇ with noise, x_b and ẋ_b without. With the reference x_r at the start of the step, the errors are
-   e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, with separate gains for the feed axis.
+   e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, with separate gains for the axes of the base.
 
 2. *Control*, held over the step. While the brakes hold the arm, u = 0 and nothing moves. Otherwise
 
    - computed torque: a = ẍ_r + Kp e + Kd ė, u = ID(q + ½ h q̇, q̇ + ½ h a, a), the efforts that produce the
      acceleration a in the middle of the step. Where F exceeds its limit, a_b is changed to what the base can do, a_b +
-     (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joint torques fit
-     the delayed base;
+     (clamp(F) − F) / m with m the mass that a feed axis moves, or a bound on the inertia that another axis moves, and u
+     is computed once more, so that the joint torques fit the delayed base;
    - PD: τ = Kp e⁺ + Kd ė⁺ + ID(q, 0, 0), including the gravity torques of the measured pose (Takegaki and Arimoto,
      1981), with the errors at the end of the step, e⁺ = e + h ė and ė⁺ = ė + h (q̈_r − q̈): real drives close their
      loops many times per step, and errors of its start, held over the step, would destabilise a light link under gains
      that hold a heavy arm. The resulting q̈ is the forward dynamics FD of the modelled arm with rotor inertias
-     increased by h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0) (stable PD; Tan, Liu and Turk, 2011). The feed axis
-     has F = Kp e + Kd ė + ID(q, 0, 0).
+     increased by h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0) (stable PD; Tan, Liu and Turk, 2011). The axes of the
+     base have F = Kp e + Kd ė + ID(q, 0, 0).
 
-   Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is the inverse dynamics (``rnea``) of the controller's model,
+   Both saturate. ID is the inverse dynamics (``rnea``) of the controller's model,
    which may differ from the plant.
 
 3. *Move.* One classical Runge–Kutta step of ẍ = FD(x, ẋ, u), the forward dynamics (``aba``) of the plant, with u held.
@@ -32,7 +32,8 @@ and Kd = 2 ωn D. No lever is longer than along the straight arm, so that in the
 and D − M(q) is diagonally dominant: xᵀ D x ≥ xᵀ M(q) x. So every mode of the errors, M ë + Kd ė + Kp e = M q̈_r, is
 damped critically or more, and while the arm moves slowly compared with ωn the errors of all joints are at most
 max |q̈_r| / ωn², whatever the number and mass of the links. Sections that bend evenly have twice the row sums for D: a
-bend of one may move the arm across that of another, by no longer lever than along the straight arm.
+bend of one may move the arm across that of another, by no longer lever than along the straight arm. The k axes of the
+base have k times their own inertia at most, since xᵀ M x ≤ k Σ Mᵢᵢ xᵢ² for a positive definite M.
 """
 
 from collections.abc import Mapping
@@ -48,6 +49,7 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix, arm_for_c
 from ccm_opt.problem import Disturbances, Limits, SimulationOptions
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import axis_reaches
 from ccm_opt.robot.frames import drive_names, drive_torque_limits
 from ccm_opt.robot.tool import RigidBody
 
@@ -55,17 +57,20 @@ from ccm_opt.robot.tool import RigidBody
 def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
     """Return a controller's model with rotor inertias raised by step length times Kd, as stable PD requires."""
     if model.coupling is not None:
-        return replace(model, armature=step * kd)
+        return replace(model, armature=step * kd[: model.coordinates])
     drives = model.drives.copy()
-    drives[:, :3] += step * kd.reshape(-1, 3)
+    drives[:, :3] += step * kd[: drives.size // 2].reshape(-1, 3)
     return replace(model, drives=drives)
 
 
 class CompiledLoop:
     """Compiled simulation of an arm under its controller, as described in this module's docstring.
 
-    Arrays have W columns, one for each drive that bends the arm and, last, the feed axis, which stays at rest if there
-    is none.
+    Arrays have W columns, one for each drive that bends the arm and, last, those of the axes that carry the base, or of
+    a feed axis, which stays at rest if there is none.
+
+    Attributes:
+        bending: number n of drives that bend the arm.
 
     Args:
         plant: model of the simulated arm.
@@ -75,7 +80,7 @@ class CompiledLoop:
 
     def __init__(self, plant: ArmModel, model: ArmModel, numbers: Mapping[str, Any]) -> None:
         believed = arm_for_c(model)
-        self._width = plant.coordinates + 1
+        self._width, self.bending = plant.coordinates + plant.of_base, plant.coordinates
         variant = plant.structure.variant
         self._call = NativeCall(
             f"simulate__{variant}",
@@ -93,7 +98,8 @@ class CompiledLoop:
         Args:
             state: positions and velocities before the first step, shape (2, W).
             reference: positions, velocities and accelerations of every step, shape (N, 3, W).
-            noise: measurement noise of joint angles [rad] and velocities [rad/s], shape (N, 2, W - 1).
+            noise: measurement noise of joint angles [rad] and velocities [rad/s], shape (N, 2, n) for n
+                drives that bend the arm.
             brake_steps: number of steps at the beginning during which brakes hold the arm.
 
         Returns:
@@ -102,8 +108,8 @@ class CompiledLoop:
         count, _, width = reference.shape
         if width != self._width or reference.shape[1] != 3 or np.shape(state) != (2, width):
             raise ValueError(f"got shapes {np.shape(state)} and {reference.shape}; expected (N, 3, {self._width})")
-        if noise.shape != (count, 2, width - 1):
-            raise ValueError(f"noise has the shape {noise.shape}; expected {(count, 2, width - 1)}")
+        if noise.shape != (count, 2, self.bending):
+            raise ValueError(f"noise has the shape {noise.shape}; expected {(count, 2, self.bending)}")
         states = np.empty((count, 2, width))
         efforts = np.empty((count, width))
         self._call.set(
@@ -151,34 +157,52 @@ def inertia_at_most(arm: Arm) -> FloatArray:
     return np.repeat(bends, 3)
 
 
-def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
-    """Return the gains Kp and Kd of the feed axis, critically damped with ωn = bandwidth.
+def moved_by_base(arm: Arm) -> FloatArray:
+    """Return the inertia that each of the k axes of the base moves, at most, or a feed axis exactly [kg, kg m²]."""
+    if not arm.carrier:
+        return np.array([arm.moved_mass])
+    reaches = np.array(axis_reaches(arm.base_axes, arm.base_position, arm.length))
+    return arm.moved_mass * reaches**2 + np.array([axis.inertia for axis in arm.base_axes])
 
-    For computed torque they act on accelerations [1/s², 1/s], for PD, multiplied by the mass, on the force [N/m, N
-    s/m].
+
+def base_gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
+    """Return the gains Kp and Kd of the axes that carry the base, or of a feed axis, critically damped, each (k,).
+
+    They have ωn = bandwidth. For computed torque they act on accelerations [1/s², 1/s], for PD, multiplied by the
+    inertia, on efforts.
     """
-    mass = 1.0 if options.controller == "computed-torque" else arm.moved_mass
-    return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
+    inertia = moved_by_base(arm)
+    inertia = np.ones(len(inertia)) if options.controller == "computed-torque" else len(inertia) * inertia
+    return inertia * options.bandwidth**2, 2.0 * inertia * options.bandwidth
+
+
+def most_efforts(arm: Arm, limits: Limits) -> FloatArray:
+    """Return the effort limits of the drives that bend the arm and, last, of the k axes of the base, (n + k,) [N m, N].
+
+    A fixed base has a column without a limit.
+    """
+    efforts = limits.of_drives(arm.coordinates).effort
+    revolutes = arm.coordinates.revolutes
+    return np.append(drive_torque_limits(arm, efforts[:revolutes]), efforts[revolutes:] if arm.base_axes else np.inf)
 
 
 def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
     """Return the parameters of the control loop under their names in ``simulation.c``.
 
-    The parameters are the step [s], whether the law is computed torque rather than PD, Kp and Kd of every drive that
-    bends the arm, shape (n,), and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape
-    (n,) [N m], and on the thrust of the feed axis [N]; inf where unlimited.
+    The parameters are the step [s], whether the law is computed torque rather than PD, Kp, Kd and the effort limits of
+    every drive that bends the arm and, last, of the axes of the base, shape (n + k,), see ``gains``, ``base_gains`` and
+    ``most_efforts``, and the inertia that these axes move, shape (k,).
     """
-    kp, kd = gains(arm, options)
-    feed_kp, feed_kd = feed_gains(arm, options)
+    proportional, derivative = (
+        np.concatenate(both) for both in zip(gains(arm, options), base_gains(arm, options), strict=True)
+    )
     return {
         "step": options.step,
         "computed": options.controller == "computed-torque",
-        "kp": kp,
-        "kd": kd,
-        "feed_kp": feed_kp,
-        "feed_kd": feed_kd,
-        "limit": np.full(len(kp), np.inf) if limits.torque is None else drive_torque_limits(arm, limits.torque),
-        "feed_limit": np.inf if limits.feed_force is None else limits.feed_force,
+        "kp": proportional,
+        "kd": derivative,
+        "limit": most_efforts(arm, limits),
+        "carried": moved_by_base(arm),
     }
 
 

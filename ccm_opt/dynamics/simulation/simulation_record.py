@@ -13,7 +13,7 @@ from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.frames import angles_from_drives, drive_torques
+from ccm_opt.robot.frames import angles_from_drives, drive_names, drive_torques
 
 _LARGEST_BEND = 1.3
 """Largest bend for which an arm with Z-Y-X ball joints is simulated out of its plane [rad].
@@ -23,23 +23,40 @@ The 3.7 is chosen by hand.
 """
 
 
+FEED_AXIS = "the feed axis"
+"""Name of a feed axis in messages."""
+
+
+def column_names(arm: Arm) -> tuple[str, ...]:
+    """Return the names of the columns of a simulation: drives that bend the arm, then the axes of its base."""
+    return (*drive_names(arm), *(arm.coordinates.base_names if arm.carrier else (FEED_AXIS,)))
+
+
+def effort_units(arm: Arm) -> tuple[str, ...]:
+    """Return the units of the efforts of these columns, "N m" or "N"."""
+    of_base = arm.coordinates.base_units if arm.carrier else ("m",)
+    return (*("N m" for _ in drive_names(arm)), *("N" if unit == "m" else "N m" for unit in of_base))
+
+
 @dataclass(frozen=True)
 class SimulatedSteps:
-    """States and efforts of N consecutive simulation steps; the feed axis is the last of W columns.
+    """States and efforts of N consecutive simulation steps.
 
-    The others are of the drives that bend the arm.
+    The first of W columns are those of the drives that bend the arm; behind them are those of the axes of its base.
 
     Attributes:
         first: index of the first step.
         states: positions and velocities before the first step and at the end of each, shape (N + 1, 2, W).
         efforts: efforts held over each step, shape (N, W) [N m, N].
         targets: reference positions at the end of each step, shape (N, W).
+        bending: number n of drives that bend the arm.
     """
 
     first: int
     states: FloatArray
     efforts: FloatArray
     targets: FloatArray
+    bending: int
 
     @property
     def count(self) -> int:
@@ -48,9 +65,9 @@ class SimulatedSteps:
 
     @cached_property
     def errors(self) -> FloatArray:
-        """Absolute tracking errors of the revolutes at the end of each step, shape (N, W - 1) [rad]."""
+        """Absolute tracking errors of the revolutes at the end of each step, shape (N, n) [rad]."""
         with np.errstate(invalid="ignore", over="ignore"):
-            return np.asarray(np.abs(self.states[1:, 0, :-1] - self.targets[:, :-1]))
+            return np.asarray(np.abs(self.states[1:, 0, : self.bending] - self.targets[:, : self.bending]))
 
     @cached_property
     def worst_error(self) -> float:
@@ -67,7 +84,7 @@ class SimulatedSteps:
 class SimulationRecord:
     """Record of a simulated motion at the T samples of its plan, filled step by step.
 
-    The feed axis is the last of W columns.
+    Its W columns are those of ``SimulatedSteps``.
 
     Attributes:
         step: length of a step [s].
@@ -75,6 +92,7 @@ class SimulationRecord:
         positions: positions at the samples that steps have reached, shape (T, W) [rad, m].
         efforts: efforts applied at the samples, shape (T, W) [N m, N]; 0 at samples not reached yet.
         limit: limits of the efforts, shape (W,) [N m, N].
+        units: units of the efforts, "N m" or "N".
         tracking_error: largest difference of a joint's angle from its reference at the end of a step [rad].
         full_steps: number of steps in which an effort was at its limit.
         end: index of the last step that was added.
@@ -85,16 +103,19 @@ class SimulationRecord:
     positions: FloatArray
     efforts: FloatArray
     limit: FloatArray
+    units: tuple[str, ...]
     tracking_error: float = 0.0
     full_steps: int = 0
     end: int = 0
     _last: FloatArray | None = None
 
     @classmethod
-    def from_plan(cls, time: FloatArray, start: FloatArray, step: float, limit: FloatArray) -> "SimulationRecord":
+    def from_plan(
+        cls, time: FloatArray, start: FloatArray, step: float, limit: FloatArray, units: tuple[str, ...]
+    ) -> "SimulationRecord":
         """Create an empty record for a plan with sample times (T,) [s], start positions (W,) and effort limits (W,)."""
         positions = np.repeat(start[None], len(time), axis=0)
-        return cls(step, time / step, positions, np.zeros_like(positions), limit)
+        return cls(step, time / step, positions, np.zeros_like(positions), limit, units)
 
     def add(self, steps: SimulatedSteps) -> None:
         """Add simulation steps to the record by interpolating them at the plan's samples that they cover."""
@@ -117,7 +138,7 @@ class SimulationRecord:
 
     def motion(self, arm: Arm, verdict: SimulationVerdict) -> SimulatedMotion:
         """Return the whole simulated motion of an arm with a given verdict, after all steps have been added."""
-        bending = self.positions.shape[1] - 1
+        bending = len(drive_names(arm))
         base = slice(bending, bending + len(arm.base_axes))  # a fixed base has a column in the loop, but no drive
         if self._last is not None:
             # If the run was stopped, the arm is assumed to stand still from then on.
@@ -152,7 +173,8 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
     try:
         # In the plane only bends move, and both orders of axes are equivalent.
         check_axes(replace(arm, axes="zyx") if planar else arm, straight, planar=planar)
-        check_stability(plant, straight, options, planar=planar, believed=arm)
+        places = np.zeros((1, len(arm.base_axes)))
+        check_stability(plant, straight, places, options, planar=planar, believed=arm)
     except SimulationError as error:
         raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
 
@@ -203,7 +225,7 @@ def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> 
 
     Args:
         steps: steps of the run.
-        names: names of all revolutes.
+        names: names of the columns, as ``column_names`` gives them.
         step: length of a step [s].
 
     Raises:
@@ -214,10 +236,10 @@ def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> 
         return
     row, _, column = np.argwhere(~finite)[0]
     time = float((steps.first + row) * step)
-    name = (*names, "feed")[column]
+    name = names[column]
     raise SimulationError(
         Diagnosis(
-            reason=f"the simulated state of joint {name} is not finite at {time:.4g} s",
+            reason=f"the simulated state of {name} is not finite at {time:.4g} s",
             stage="simulation",
             advice=("a smaller simulation.step", "smaller gains", 'simulation.controller = "computed-torque"'),
             evidence={"joint": name, "time": time},
@@ -230,11 +252,13 @@ class PlanNeeds:
     """The effort of an exactly followed plan that is the largest fraction of its drive's limit.
 
     Attributes:
-        column: index of the drive: a revolute, or after all revolutes the feed axis.
+        column: index of the drive: one that bends the arm, or behind these an axis of the base.
         time: time at which the effort occurs [s].
         effort: magnitude of the effort [N m, N].
         held: effort that holds the arm still in that pose [N m, N].
         limit: effort limit of the drive [N m, N].
+        unit: unit of these efforts.
+        bending: number of drives that bend the arm.
     """
 
     column: int
@@ -242,6 +266,8 @@ class PlanNeeds:
     effort: float
     held: float
     limit: float
+    unit: str
+    bending: int
 
     @property
     def share(self) -> float:
@@ -259,17 +285,25 @@ def largest_need(
         trajectory: the plan.
         joints: angles, velocities and accelerations of the revolutes in the plan.
         gravity: gravitational acceleration, shape (3,) [m/s²].
-        limit: effort limits of the drives that bend the arm and, last, of the feed axis, shape (n + 1,) [N m, N].
+        limit: effort limits of the drives that bend the arm and, last, of the axes of its base, (n + k,) [N m, N].
     """
     if not np.isfinite(limit).any():
         return None
     dynamics = InverseDynamics(plant, gravity)
     rest = np.zeros_like(joints.angles)
-    feed = trajectory.coordinates.advance(trajectory.accelerations)
-    efforts = (
-        dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed),
-        dynamics.efforts(joints.angles, rest, rest),
-    )
+    if plant.carrier:
+        place, still_axes = trajectory.base_positions, np.zeros_like(trajectory.base_positions)
+        moved = (place, trajectory.base_velocities, trajectory.base_accelerations)
+        efforts = (
+            dynamics.with_base((joints.angles, joints.velocities, joints.accelerations), moved),
+            dynamics.with_base((joints.angles, rest, rest), (place, still_axes, still_axes)),
+        )
+    else:
+        feed = trajectory.coordinates.advance(trajectory.accelerations)
+        efforts = (
+            dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed),
+            dynamics.efforts(joints.angles, rest, rest),
+        )
     moving, still = (np.abs(np.column_stack((drive_torques(plant, torques), force))) for torques, force in efforts)
     # Without a limit the fraction is zero; with a limit of zero it is huge for any effort.
     share = moving / np.maximum(limit, np.finfo(np.float64).tiny)
@@ -280,4 +314,6 @@ def largest_need(
         float(moving[row, column]),
         float(still[row, column]),
         float(limit[column]),
+        effort_units(plant)[column],
+        len(drive_names(plant)),
     )

@@ -19,7 +19,7 @@ from scipy.linalg import eigvalsh
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, SimulationError
 from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix
-from ccm_opt.dynamics.simulation.controller import feed_gains, gains
+from ccm_opt.dynamics.simulation.controller import base_gains, gains
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import coupling_of_revolutes, drive_names
@@ -42,6 +42,7 @@ There 1 + z + … + z⁴/24 reaches 1.
 def check_stability(
     arm: Arm,
     angles: FloatArray,
+    places: FloatArray,
     options: SimulationOptions,
     *,
     planar: bool,
@@ -52,6 +53,7 @@ def check_stability(
     Args:
         arm: the simulated arm.
         angles: reference motion, shape (T, 3 * links) [rad].
+        places: positions of the axes that carry the base, shape (T, k) [m, rad].
         options: controller, gains and step.
         planar: whether the arm stays in its plane, so that only the bends matter.
         believed: the arm as modelled by its controller; the arm itself if None.
@@ -64,8 +66,8 @@ def check_stability(
         _check_computed_torque(options)
     else:
         _check_pd(believed or arm, poses, options, planar=planar)
-    for _ in arm.base_axes:
-        _check_feed(arm, poses, options, planar=planar)
+    if arm.base_axes and options.controller == "pd":
+        _check_base(arm, poses, _spread(places, _CHECKED_POSES), options, planar=planar)
     _check_friction(arm, poses, options, planar=planar)
 
 
@@ -162,17 +164,22 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[
     return (f"simulation.gains.derivative above {given / most:.3g} N m s/rad", shorter, computed)
 
 
-def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Raise an error for PD damping of the feed axis that is too large for the effective mass of the base."""
-    if options.controller == "computed-torque":
-        return
-    # The base has one mode: λ is the inverse of the mass that moves with it at once.
-    rate = feed_gains(arm, options)[1] / _lightest_base(arm, poses, planar=planar)
-    value = rate * options.step
+def _check_base(arm: Arm, poses: FloatArray, places: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
+    """Raise an error for PD damping of the axes of the base that is too large for the effective mass of the base.
+
+    Args:
+        arm: the simulated arm.
+        poses: angles of all revolutes, shape (N, 3 * links) [rad].
+        places: positions of the axes, shape (N, k) [m, rad].
+        options: gains and step.
+        planar: whether the arm stays in its plane, so that only the bends move.
+    """
+    value = _fastest_base(arm, poses, places, base_gains(arm, options)[1], planar=planar) * options.step
     if value < 2.0:
         return
     share = _ADVISED_SHARE * 2.0 / value
-    reason = f"PD of the feed axis is unstable: Kd · dt / m < 2 is needed, but the left side is {value:.4g}"
+    which = "the feed axis" if arm.feed is not None else "the axes of the base"
+    reason = f"PD of {which} is unstable: Kd · dt / m < 2 is needed, but the left side is {value:.4g}"
     advice = (
         f"simulation.bandwidth below {share * options.bandwidth:.3g} 1/s",
         f"simulation.step below {share * options.step:.3g} s",
@@ -204,20 +211,23 @@ def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, 
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": RUNGE_KUTTA_REACH}))
 
 
-def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Return the least effective mass of the base, with freely moving joints, over several poses [kg].
+def _fastest_base(arm: Arm, poses: FloatArray, places: FloatArray, damping: FloatArray, *, planar: bool) -> float:
+    """Return the largest eigenvalue of m⁻¹ diag(damping) over poses, with the effective mass m of the base [1/s].
 
-    The effective mass is the Schur complement of the joints' block in the mass matrix.
+    The effective mass, with freely moving joints, is the Schur complement of the joints' block in the mass matrix.
     """
     mass_matrix = MassMatrix(arm)
-    moving = _moving(planar=planar)
-    masses = []
-    for q in poses:
-        M = mass_matrix.with_feed(q)
-        coupling = M[0, 1:][moving]
-        joints = M[1:, 1:][moving, moving]
-        masses.append(M[0, 0] - coupling @ np.linalg.solve(joints, coupling))
-    return float(min(masses))
+    axes = len(damping)
+    scale = 1.0 / np.sqrt(damping)
+    smallest = []
+    for q, place in zip(poses, places, strict=True):
+        M = mass_matrix.with_base(q, place)
+        coupling = M[:axes, axes:][:, _moving(planar=planar)]
+        joints = M[axes:, axes:][_moving(planar=planar), _moving(planar=planar)]
+        effective = M[:axes, :axes] - coupling @ np.linalg.solve(joints, coupling.T)
+        smallest.append(eigvalsh(scale[:, None] * effective * scale, subset_by_index=[0, 0])[0])
+    least = float(min(smallest))
+    return 1.0 / least if least > 0.0 else float("inf")
 
 
 def _moving(*, planar: bool) -> slice:
@@ -226,6 +236,6 @@ def _moving(*, planar: bool) -> slice:
 
 
 def _spread(angles: FloatArray, count: int) -> FloatArray:
-    """Return evenly selected poses of a motion, including the first and the last, shape (count, 3 * links) [rad]."""
+    """Return evenly selected rows of a motion, including the first and the last, with the columns of the motion."""
     rows = np.unique(np.linspace(0, len(angles) - 1, count).round().astype(int))
     return np.asarray(angles[rows], dtype=np.float64)
