@@ -211,4 +211,4 @@ def joint_positions_3d(arm: Arm, angles: FloatArray, base: FloatArray | None = N
         return positions + np.sum(place, axis=-1)[..., None, None] * arm.base_rotation[:, 0]
     frames = base_frames(arm.axis_rows, arm.base_position, arm.base_rotation, place)
     turn = frames.rotation @ arm.base_rotation.T
-    return (positions - arm.base_position) @ np.swapaxes(turn, -1, -2) + frames.place[..., None, :]
+    return np.asarray((positions - arm.base_position) @ np.swapaxes(turn, -1, -2) + frames.place[..., None, :])

@@ -161,8 +161,10 @@ def moved_by_base(arm: Arm) -> FloatArray:
     """Return the inertia that each of the k axes of the base moves, at most, or a feed axis exactly [kg, kg m²]."""
     if not arm.carrier:
         return np.array([arm.moved_mass])
-    reaches = np.array(axis_reaches(arm.base_axes, arm.base_position, arm.length))
-    return arm.moved_mass * reaches**2 + np.array([axis.inertia for axis in arm.base_axes])
+    reaches = axis_reaches(arm.carrier, arm.base_position, arm.length)
+    return np.array(
+        [arm.moved_mass * reach**2 + axis.inertia for reach, axis in zip(reaches, arm.carrier, strict=True)]
+    )
 
 
 def base_gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
