@@ -208,7 +208,7 @@ def joint_positions_3d(arm: Arm, angles: FloatArray, base: FloatArray | None = N
         return arm.joint_positions_at(np.concatenate((bends, moved), axis=-1))
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
     if not arm.carrier:
-        return positions + np.sum(place, axis=-1)[..., None, None] * arm.base_rotation[:, 0]
+        return np.asarray(positions + np.sum(place, axis=-1)[..., None, None] * arm.base_rotation[:, 0])
     frames = base_frames(arm.axis_rows, arm.base_position, arm.base_rotation, place)
     turn = frames.rotation @ arm.base_rotation.T
     return np.asarray((positions - arm.base_position) @ np.swapaxes(turn, -1, -2) + frames.place[..., None, :])
