@@ -157,6 +157,7 @@ class LivePlan:
             its least gap to obstacles is reported to within a third.
         current: whether the plan solves ``problem``.
         reason: reason why the plan does not solve ``problem``; empty if it does.
+        begun: first plan, see ``from_plan``; None to plan one.
 
     Raises:
         ProblemError: the problem is not supported: it has goals in free order, a required joint error, another planner
