@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.biarc import bend_shares, free_before, straight_at_exit
@@ -223,6 +224,16 @@ def test_a_further_blend_leaves_configurations_at_all_feeds_as_they_are(
     unknowns[:, curve.feed_column] = rng.uniform(0.0, 0.85, 8) / curve.scale[curve.feed_column]
     padded = np.pad(unknowns, ((0, 0), (0, 1)))
     np.testing.assert_allclose(blended.configurations(padded), curve.configurations(unknowns), atol=1e-9)
+
+
+def test_configurations_between_keyframes_leave_path_parameters_as_they_are() -> None:
+    """Optimised motions of fed arms have them, and are optimised again."""
+    curve, v = CurveMap.through(snake(24, feed=fed), np.zeros(49))
+    unknowns = v + np.random.default_rng(2).uniform(size=(5, 1)) * np.eye(len(v))[curve.feed_column]
+    plain = SpaceMotion(curve, unknowns, curve.configurations(unknowns), "any")
+    between = replace(plain, configurations=curve.configurations(curve.in_pieces(unknowns)))
+    assert len(between.configurations) > len(unknowns)
+    np.testing.assert_array_equal(between.path_parameters, plain.path_parameters)
 
 
 @given(seeds, st.integers(8, 40))

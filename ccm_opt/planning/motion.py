@@ -27,7 +27,8 @@ class CurveMotion(Generic[CurveType]):
     Attributes:
         curve: map from the unknowns to configurations.
         unknowns: unknowns at the keyframes, shape (K, p).
-        configurations: configurations at the keyframes, shape (K, c) [rad, m].
+        configurations: configurations at the keyframes, shape (K, c) [rad, m], with more between them where those of a
+            fed arm are not linear.
         candidate: name of the candidate that found the motion.
         u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None if nothing depends on them.
         end_pose: configuration of the offered goal pose in which the motion ends, for the arm with which the motion was
@@ -91,7 +92,9 @@ class CurveMotion(Generic[CurveType]):
         """Path parameters of the keyframes: those given, or else fractions of the length of the joint path, (K,)."""
         if self.u is not None:
             return self.u
-        arcs = arc_lengths(self.curve.drives(self.configurations))
+        inserted = len(self.configurations) != len(self.unknowns)
+        at_keyframes = self.curve.configurations(self.unknowns) if inserted else self.configurations
+        arcs = arc_lengths(self.curve.drives(at_keyframes))
         shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
         return shares
 
