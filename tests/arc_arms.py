@@ -5,7 +5,7 @@ import numpy as np
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_layout import Proportions
-from ccm_opt.robot.tool import Tool, ToolBody
+from ccm_opt.robot.tool import RigidBody, Tool, ToolBody
 
 CAMERA = Tool(
     bodies=(
@@ -21,11 +21,21 @@ CAMERA = Tool(
 """A camera that looks aside, on the last link of an arm."""
 
 
+def lamp(link: int) -> RigidBody:
+    """Return a lamp beside the end of a link."""
+    bodies = (
+        ToolBody(np.array([0.0, 0.02, 0.0]), np.array([0.02, 0.03, 0.0]), 0.005),
+        ToolBody(np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 0.03]), 0.008),
+    )
+    return RigidBody(bodies, 0.1, np.array([0.01, 0.02, 0.01]), np.diag([2e-5, 3e-5, 4e-5]), link)
+
+
 def arc_arm(
     counts: tuple[int, ...] = (6, 5, 8),
     lengths: tuple[float, ...] = (0.3, 0.25, 0.2),
     limit: float = 2.0,
     radius: float = 0.01,
+    straight: tuple[int, ...] = (),
     **changes: object,
 ) -> Arm:
     """Return an arm at the origin, straight along x, whose sections each bend by up to a limit about either axis.
@@ -35,10 +45,11 @@ def arc_arm(
         lengths: length of each section [m].
         limit: bound on each of the two bends of a section [rad].
         radius: radius of the body about the arcs [m].
+        straight: indices of further joints that do not bend, at which bodies may sit.
         **changes: further fields of the arm.
     """
     both = np.full((len(counts), 2), radius)
-    sections = ArcSections(np.array(counts), np.array(lengths), np.full(len(counts), limit), both)
+    sections = ArcSections(np.array(counts), np.array(lengths), np.full(len(counts), limit), both, (), straight)
     n = sections.links
     mean = float(np.mean(sections.link_lengths))
     radii = sections.link_radii

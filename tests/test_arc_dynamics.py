@@ -22,7 +22,7 @@ from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.frames import coupling_of_revolutes, drive_torques, revolute_angles
 from ccm_opt.verification.drives import of_drives
 from ccm_opt.verification.newton_euler import drive_efforts
-from tests.arc_arms import CAMERA, arc_arm
+from tests.arc_arms import CAMERA, arc_arm, lamp
 from tests.command_runs import CommandLine
 from tests.oracles.arc_chains import chain_states, mujoco_torques, pinocchio_torques
 from tests.oracles.interpreted_loop import InterpretedLoop, with_feed
@@ -39,9 +39,10 @@ AXES = (
 
 
 def heavy_arm(seed: int, **changes: object) -> Arm:
-    """An arm of four sections with random masses, a camera, a payload, and drives with inertia and friction."""
+    """An arm of four sections with random masses, camera, lamp and payload, and drives with inertia and friction."""
+    carried = {"tool": CAMERA, "straight": (6,), "bodies": (lamp(5),), "payload": 0.3}
     of_drives = {"rotor_inertia": 0.01, "friction": 0.02}
-    arm = arc_arm((1, 2, 5, 3), (0.3, 0.1, 0.2, 0.3), payload=0.3, tool=CAMERA, **of_drives, **changes)
+    arm = arc_arm((1, 2, 5, 3), (0.3, 0.1, 0.2, 0.3), **carried, **of_drives, **changes)  # type: ignore[arg-type]
     return replace(arm, masses=np.random.default_rng(seed).uniform(0.05, 0.3, arm.links))
 
 

@@ -22,19 +22,21 @@ from ccm_opt.verification.chain_motion import (
 )
 from ccm_opt.verification.selfcollision import travels_in_frame
 from ccm_opt.verification.tool_chain import motion_of
-from tests.arc_arms import CAMERA, arc_arm
+from tests.arc_arms import CAMERA, arc_arm, lamp
 from tests.oracles.space_certificate import bows
 
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def tip_of_arcs(arm: Arm, bends: FloatArray) -> FloatArray:
-    """Pose (4, 4) of the tip for bends of the sections, as a product of exponentials of constant twists."""
+def tip_of_arcs(arm: Arm, bends: FloatArray, until: float = np.inf) -> FloatArray:
+    """Pose (4, 4) of the tip, or until an arc length, for bends of the sections: exponentials of constant twists."""
     assert arm.sections is not None
     pose = np.eye(4)
     pose[:3, :3] = arm.base_rotation
     for (a, b), length in zip(bends.reshape(-1, 2), arm.sections.lengths, strict=True):
-        pose = pose @ expm(np.array([[0.0, -a, b, length], [a, 0.0, 0.0, 0.0], [-b, 0.0, 0.0, 0.0], [0.0] * 4]))
+        twist = np.array([[0.0, -a, b, length], [a, 0.0, 0.0, 0.0], [-b, 0.0, 0.0, 0.0], [0.0] * 4])
+        pose = pose @ expm(min(max(until / length, 0.0), 1.0) * twist)
+        until -= length
     return pose
 
 
@@ -97,7 +99,7 @@ def test_derivatives_are_those_of_the_places(seed: int, share: float) -> None:
 @given(SEEDS, st.sampled_from([0.01, 0.3, 1.0]))
 def test_bounds_hold_for_second_derivatives(seed: int, share: float) -> None:
     """No point of the arm is accelerated by more than planner and verifier bound, while its joints turn evenly."""
-    arm = with_tool_links(arc_arm((3, 4), (0.2, 0.3), limit=1.2, tool=CAMERA))
+    arm = with_tool_links(arc_arm((3, 4), (0.2, 0.3), limit=1.2, straight=(3,), tool=CAMERA, bodies=(lamp(2),)))
     middle, turns = bent(arm, seed, 1.0 - share), bent(arm, seed + 1, share)
     u = np.linspace(-0.5, 0.5, 31)[:, None]
     step = 2e-4
@@ -110,7 +112,7 @@ def test_bounds_hold_for_second_derivatives(seed: int, share: float) -> None:
 @given(SEEDS, st.sampled_from([0.0, 1e-7, 1.0]))
 def test_verifier_has_the_same_links(seed: int, share: float) -> None:
     """The verifier's own kinematics of arcs give the same places and directions of the links, and of a tool."""
-    arm = arc_arm(tool=CAMERA)
+    arm = arc_arm(straight=(5,), tool=CAMERA, bodies=(lamp(4),))
     q = bent(arm, seed, share)
     both = motion_of(arm, np.array([0.0, 1.0]), np.stack((q, q)))
     tip = points_with_tool(arm, q)[-1]
@@ -129,10 +131,27 @@ def test_verifier_has_the_same_links(seed: int, share: float) -> None:
     np.testing.assert_allclose(frames.across[0], arm.link_rotations(q)[:, :, 2], atol=1e-13)
 
 
+@given(SEEDS, st.sampled_from([1e-3, 1.0]), st.sampled_from([(3, 0.2), (6, 0.4), (8, 0.46)]))
+def test_bodies_are_on_the_true_arcs(seed: int, share: float, place: tuple[int, float]) -> None:
+    """Bodies at the ends of arcs are in frames of the true arcs, in planning and in the verifier; the tip stays."""
+    link, until = place
+    arm = arc_arm((6, 5, 2), (0.4, 0.15, 0.2), straight=(link + 1,), bodies=(lamp(link),))
+    assert arm.sections is not None
+    bends = share * np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
+    q = arm.sections.coupling @ bends
+    frame = tip_of_arcs(arm, bends, until)
+    both = motion_of(arm, np.array([0.0, 1.0]), np.stack((q, q))).points[0]
+    for corner in [capsule.end for capsule in lamp(link).bodies[:1]] + [np.zeros(3)]:
+        expected = frame[:3, :3] @ corner + frame[:3, 3]
+        for points in (points_with_tool(arm, q), both):
+            assert np.min(np.linalg.norm(points - expected, axis=1)) < 1e-12
+    np.testing.assert_allclose(both[-1], tip_of_arcs(arm, bends)[:3, 3], atol=1e-12)
+
+
 @given(SEEDS, st.sampled_from([0.02, 0.3, 1.0]))
 def test_travel_between_links_is_bounded(seed: int, share: float) -> None:
     """No two links come nearer to each other from mid-interval than the verifier's bound, though both grow."""
-    arm = with_tool_links(arc_arm((3, 4), (0.2, 0.3), limit=2.0, tool=CAMERA))
+    arm = with_tool_links(arc_arm((3, 4), (0.2, 0.3), limit=2.0, straight=(3,), tool=CAMERA, bodies=(lamp(2),)))
     middle, turns = bent(arm, seed, 1.0 - share), bent(arm, seed + 1, share)
     motion = ChainMotion(arm, np.array([0.0, 1.0]), np.stack((middle - 0.5 * turns, middle + 0.5 * turns)))
     i, j = np.triu_indices(arm.links, 2)

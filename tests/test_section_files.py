@@ -14,8 +14,10 @@ from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitting_arcs
+from ccm_opt.robot.arm import Arm
 
 from .command_runs import CommandLine
+from .test_arc_sections import tip_of_arcs
 
 TEXT = """
 schema = 1
@@ -60,6 +62,22 @@ position = [220.0, -60.0, 120.0]
 
 
 LIMIT = "joint_limit_deg = 14.0"
+LAMPS = """
+[[arm.bodies]]
+section = 1
+at = 0.5
+bodies = [{ capsule = { from = [0.0, 12.0, 0.0], to = [0.0, 35.0, 0.0], radius = 10.0 } }]
+
+[[arm.bodies]]
+section = 1
+mass = 0.05
+bodies = [{ sphere = { center = [0.0, 0.0, 18.0], radius = 10.0 } }]
+
+[[arm.bodies]]
+section = 2
+at = 0.75
+bodies = [{ capsule = { from = [0.0, -10.0, 0.0], to = [0.0, -30.0, 0.0], radius = 5.0 } }]
+"""
 
 
 def read(text: str = TEXT) -> ccm_opt.Problem:
@@ -84,8 +102,9 @@ def test_sections_are_read_as_arcs() -> None:
 
 def test_problem_is_written_as_it_was_read() -> None:
     """The data of a problem give the same arm, limits and start again."""
-    problem = read()
+    problem = read(TEXT + LAMPS)
     again = problem_from_mapping(problem_data(problem), "written")
+    assert [body.link for body in again.arm.bodies] == [body.link for body in problem.arm.bodies]
     for name in ("lengths", "radii", "bend_limits", "arcs"):
         np.testing.assert_allclose(getattr(again.arm, name), getattr(problem.arm, name), rtol=1e-12)
     np.testing.assert_allclose(again.start.bends, problem.start.bends, atol=1e-14)
@@ -104,6 +123,10 @@ def test_problem_is_written_as_it_was_read() -> None:
         ("velocity = 0.5", "velocity = 0.5\ntip_velocity = 1.0", "limits.tip_velocity: not supported"),
         (LIMIT, f"{LIMIT}\nlocked = [2]", r"arm.sections\[1\].locked: joints of a section"),
         (LIMIT, f"{LIMIT}\nmass = 0.1", r"arm.sections\[0\]: mass is missing"),
+        ("velocity = 0.5", "velocity = 0.5\ntorque = 9", r"arm.sections\[0\].mass: missing; limits.torque needs"),
+        (LIMIT, f"{LIMIT}{LAMPS.replace('section = 2', 'link = 2').replace('at = 0.75', '')}", "expected section and"),
+        (LIMIT, f"{LIMIT}{LAMPS.replace('section = 2', 'section = 3')}", r"bodies\[2\].section: expected a section f"),
+        (LIMIT, f"{LIMIT}{LAMPS.replace('0.75', '0.7')}", r"bodies\[2\].at: no arc of the section, of 8, ends there"),
         ("velocity = 0.5", "velocity = 0.5\ntorque = [1, 2, 3]", "expected one value per section or revol"),
         (LIMIT, "joint_limit_deg = [14.0, 2.0]", r"sections\[1\].joint_limit_deg: expected one"),
         (LIMIT, "joint_limit_deg = 80.0", r"arm.sections\[1\].links: links turn by up to 113°; expected 11"),
@@ -126,12 +149,17 @@ def test_what_is_not_supported_is_refused_by_its_key(old: str, new: str, words: 
 
 
 def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
-    """Arrays of drives agree with the bends, a changed one is refused, and no robot models are written."""
-    solution = ccm_opt.solve(read(), explain=False)
+    """Arrays of drives agree with the bends, bodies are clear, a changed array is refused; no models are written."""
+    solution = ccm_opt.solve(read(TEXT + LAMPS), explain=False)
+    assert all(check.passed for check in solution.checks)
+    assert least_gap_of_lamps(solution.problem.arm, solution.trajectory.positions) > 0.0
     folder = write_solution(solution, tmp_path)
     arrays = dict(np.load(folder / "solution.npz"))
     assert arrays["drive_names"].tolist() == ["section1_a", "section1_b", "section2_a", "section2_b"]
-    sums = arrays["bend_angles"][:, 1:].reshape(len(arrays["time"]), -1)
+    assert solution.problem.arm.sections is not None
+    still = [0, *solution.problem.arm.sections.straight]
+    assert len(still) == 4
+    sums = np.delete(arrays["bend_angles"], still, axis=1).reshape(len(arrays["time"]), -1)
     count = (len(sums[0]) - 16) // 2
     np.testing.assert_allclose(arrays["drive_values"][:, 0], sums[:, : 2 * count : 2].sum(axis=1), atol=1e-12)
     assert arrays["tendon_lengths"].shape == (len(arrays["time"]), 3)
@@ -148,6 +176,20 @@ def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
     np.savez(folder / "solution.npz", **arrays)
     with pytest.raises(ccm_opt.ProblemError, match="tendon_lengths"):
         load_motion(folder, solution.problem.arm)
+
+
+def least_gap_of_lamps(arm: Arm, positions: FloatArray) -> float:
+    """Least distance of points in the bodies of ``LAMPS`` from the wall, over poses, less their radii [m]."""
+    assert arm.sections is not None
+    low, high = 1e-3 * np.array([[180.0, -300.0, -300.0], [200.0, 300.0, -30.0]])
+    gaps = []
+    for q in positions[:: max(len(positions) // 60, 1)]:
+        for body, until in zip(arm.bodies, (0.075, 0.15, 0.27), strict=True):
+            frame = tip_of_arcs(arm, arm.sections.drives(q), until)
+            axis = np.linspace(body.bodies[0].start, body.bodies[0].end, 20) @ frame[:3, :3].T + frame[:3, 3]
+            beyond = np.maximum(np.maximum(low - axis, axis - high), 0.0)
+            gaps.append(np.min(np.linalg.norm(beyond, axis=1)) - body.bodies[0].radius)
+    return float(min(gaps))
 
 
 def tendon_points(sections: ArcSections, bends: FloatArray, side: FloatArray, last: int, each: int) -> FloatArray:
@@ -206,7 +248,7 @@ def test_describe_tells_sections_with_the_figures_of_the_file(
     tool = "arm.tool={tip=[30,0,0],direction=[1,0,0],mass=0.1,bodies=[{sphere={center=[0,0,0],radius=5}}]}"
     of_drives = ("limits.torque=[2,3]", "arm.friction=0.1", "arm.rotor_inertia=[0.01,0.02]", tool)
     file = tmp_path / "tendons.toml"
-    file.write_text(TEXT)
+    file.write_text(TEXT.replace("drive =", "mass = 0.2\ndrive ="))
     done = CommandLine(capsys)("describe", file, *(part for change in of_drives for part in ("--set", change)))
     assert done.code == 0, done.err
     rows = {" ".join(row.split()) for row in done.out.splitlines() if row.startswith("section ")}

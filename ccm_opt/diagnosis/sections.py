@@ -58,6 +58,8 @@ def sections_of(arm: Arm) -> tuple[Section, ...]:
 
 def link_words(arm: Arm, link: int) -> str:
     """Return the name of a link (index from 0) in messages, with its section if links differ."""
+    if arm.sections is not None:
+        return arm.sections.name_at(link)
     words = f"link {link + 1}"
     return words if arm.proportions is None else f"{words} of {section_at(arm, link).name}"
 

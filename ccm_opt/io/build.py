@@ -310,7 +310,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         "feed": feed,
         "rotor_inertia": _of_drives(table.rotor_inertia, table.links, driven),
         "friction": _of_drives(table.friction, table.links, driven),
-        "bodies": build_bodies(getattr(table, "bodies", ())),
+        "bodies": build_bodies(getattr(table, "bodies", ()), driven),
         "tool": None if (tool := getattr(table, "tool", None)) is None else build_tool(tool),
     }
     if isinstance(table, ArmTable):
@@ -329,11 +329,9 @@ def _masses(table: ArmTable | SpaceArmTable, driven: ArcSections | None) -> Floa
     weighed = [each.mass for each in rows if each.mass is not None]
     if table.masses or not rows or len(weighed) not in {0, len(rows)}:  # some without are reported elsewhere
         return _each(table.masses or alike, table.links)
-    counts = [each.links for each in rows]
     if driven is None:
-        return np.repeat(weighed, counts) if weighed else _each(alike, table.links)
-    of_arcs = np.repeat(np.array(weighed) / counts if weighed else np.full(len(rows), alike), counts)
-    return np.asarray(0.5 * (np.append(0.0, of_arcs) + np.append(of_arcs, 0.0)))
+        return np.repeat(weighed, [each.links for each in rows]) if weighed else _each(alike, table.links)
+    return driven.link_masses(np.array(weighed) if weighed else np.full(len(rows), DEFAULT_LINK_MASS))
 
 
 def _of_drives(value: float | Sequence[float], links: int, driven: ArcSections | None) -> FloatArray:
@@ -416,7 +414,7 @@ def _coupled_joints(table: ArmTable | SpaceArmTable, lengths: FloatArray, limits
 
 def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:
     """Return the division of an arm into sections that bend evenly, or None."""
-    if not table.bends_evenly or table.sections is None:
+    if not table.bends_evenly or table.sections is None or not isinstance(table, SpaceArmTable):
         return None
     rows = table.sections
     counts = np.array([each.links for each in rows])
@@ -426,6 +424,7 @@ def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:
         counts * np.array([float(np.max(each.joint_limit_deg)) for each in rows]),
         np.array([(each.radius[0], each.radius[-1]) for each in rows]),
         tuple(None if each.tendons is None else _tendons(each.tendons) for each in rows),
+        table.straight_joints,
     )
 
 

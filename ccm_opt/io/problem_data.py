@@ -215,8 +215,12 @@ def _tool(tool: Tool) -> PlaneToolTable | SpaceToolTable:
 
 def _link_body(body: RigidBody, arm: Arm) -> PlaneLinkBodyTable | SpaceLinkBodyTable:
     """Return a rigid body on a link as a table ``[[arm.bodies]]`` of a problem file, its bodies as capsules."""
+    link = body.link % arm.links
+    if arm.sections is not None:
+        section, at = arm.sections.place_of(link)
+        return SpaceLinkBodyTable.from_object(body, link=None, section=section + 1, at=at, **_rigid(body, 3))
     table = PlaneLinkBodyTable if arm.dimension == 2 else SpaceLinkBodyTable
-    return table.from_object(body, link=body.link % arm.links + 1, **_rigid(body, arm.dimension))
+    return table.from_object(body, link=link + 1, **_rigid(body, arm.dimension))
 
 
 def _rigid(body: RigidBody, dimension: int) -> dict[str, object]:

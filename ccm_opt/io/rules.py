@@ -19,6 +19,7 @@ from ccm_opt.io.schema_tables import (
     SectionTable,
     Table,
     VerificationTable,
+    arc_ending_at,
 )
 from ccm_opt.io.tool_tables import (
     PlaneLinkBodyTable,
@@ -172,7 +173,7 @@ _NEEDS_PATH = 'for sections with drive = "section" only together with goal.path;
 _NOT_ALONG_PATH = "not supported along goal.path; leave it out"
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
 _UNSUPPORTED = (
-    *(("arm", key) for key in ("base_limit_deg", "feed", "bodies")),
+    *(("arm", key) for key in ("base_limit_deg", "feed", "link_mass")),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
     ("tolerance", "joint_error_deg"),
 )
@@ -212,9 +213,17 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
     for path, words in given:
         if lookup(data, path):  # zeros, which other arms have by default, change nothing
             issues.add(path, words)
+    _need_masses(data, rows, issues)
     for key, only in (("method", "nlp"), ("retiming", "toppra")):
         if lookup(data, ("planner", key)) not in {None, only}:
             issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
+
+
+def _need_masses(data: Mapping[str, object], rows: Sequence[Mapping[str, object]], issues: Issues) -> None:
+    """Report masses of sections that bend evenly which are missing where torques are limited."""
+    weighed = lookup(data, ("arm", "masses")) or any(row.get("mass") is not None for row in rows)
+    if lookup(data, ("limits", "torque")) is not None and not weighed:
+        issues.add(("arm", "sections", 0, "mass"), "missing; limits.torque needs the mass of each section")
 
 
 _NOT_COUPLED = (("arm", "feed"), ("tolerance", "joint_error_deg"))
@@ -451,6 +460,25 @@ def check_contact(arm: ChainTable, table: VerificationTable, issues: Issues) -> 
         issues.add(path, f"expected at most a thousandth of the arm's length; got {given}")
 
 
+def _check_places(table: SpaceArmTable, issues: Issues) -> None:
+    """Report bodies on links of sections that bend evenly, on sections of others, or at places where no arc ends."""
+    rows = table.sections or ()
+    for k, body in enumerate(table.bodies):
+        where: KeyPath = ("arm", "bodies", k)
+        if body.section is None:
+            if table.bends_evenly:
+                issues.add((*where, "link"), 'expected section and at for sections with drive = "section"')
+        elif not table.bends_evenly:
+            issues.add((*where, "section"), 'only for sections with drive = "section"; give the link')
+        elif body.section > len(rows):
+            issues.add((*where, "section"), f"expected a section from 1 to {len(rows)}, got {body.section}")
+        elif arc_ending_at(body.at, arcs := rows[body.section - 1].links) is None:
+            ends = [end for end in (math.floor(body.at * arcs), math.ceil(body.at * arcs)) if end]
+            near = " or ".join(f"{end / arcs:.6g}" for end in ends)
+            words = f"no arc of the section, of {arcs}, ends there; expected {near}, or another number of links"
+            issues.add((*where, "at"), words)
+
+
 def check_bodies(arm: Arm, table: PlaneArmTable | SpaceArmTable, tables: Mapping[str, Any], issues: Issues) -> None:
     """Report bodies that collide with their own arm at rest, and keys that are not allowed together with bodies.
 
@@ -466,6 +494,11 @@ def check_bodies(arm: Arm, table: PlaneArmTable | SpaceArmTable, tables: Mapping
             {} if tables[name] is None else {key: getattr(tables[name], key) for key in type(tables[name]).model_fields}
         )
         keys |= {(name, key): value for key, value in values.items()}
+    before = len(issues.found)
+    if isinstance(table, SpaceArmTable):
+        _check_places(table, issues)
+    if len(issues.found) > before:
+        return
     for key, defect in tool_defects(arm, keys):
         last = key[-1]
         if key[-2:-1] != ("bodies",) or not isinstance(last, int) or len(key) == 3:

@@ -47,6 +47,7 @@ from ccm_opt.io.schema_tables import (
     Table,
     ToleranceTable,
     VerificationTable,
+    arcs_before_bodies,
     exactly,
     lengths,
     to_metres,
@@ -628,6 +629,13 @@ class SpaceArmTable(ChainTable):
             "has its own drive."
         ),
     )
+
+    @property
+    def straight_joints(self) -> tuple[int, ...]:
+        """Indices of the joints of sections that bend evenly at which bodies sit, and which therefore do not bend."""
+        places = [(each.section - 1, each.at) for each in self.bodies if each.section is not None]
+        before = arcs_before_bodies(places, [each.links for each in self.sections or ()])
+        return tuple(arcs + 1 + k for k, arcs in enumerate(before))
 
     @property
     def moved(self) -> BoolArray | None:

@@ -8,7 +8,7 @@ description of a type says which values are valid and is used by the documentati
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, TypeGuard
 
@@ -457,8 +457,8 @@ class SectionTable(Table):
     mass: Positive | None = Field(
         default=None,
         description=(
-            'Mass of each of its links [kg]; with `drive = "section"` of the whole section. Default: that of '
-            "`arm.link_mass` or `arm.masses`."
+            'Mass of each of its links [kg]; with `drive = "section"` of the whole section, to be given where torques '
+            "are limited. Default: that of `arm.link_mass` or `arm.masses`; 0.1 of a section that bends evenly."
         ),
     )
     locked: list[Annotated[int, Field(ge=1)]] = Field(
@@ -507,10 +507,32 @@ SECTION_KEYS = ("links", "link_length", "radius", "joint_limit_deg")
 """Keys of the whole arm that are computed from its sections, where sections are given."""
 
 
-def _divided(section: Any) -> Any:
+def _places_of_bodies(bodies: Any) -> list[tuple[int, float]]:
+    """Return where the data of bodies have them along sections: section, from 0, and fraction; for valid data only."""
+    rows = [each for each in bodies if isinstance(each, Mapping)] if isinstance(bodies, list) else []
+    given = [(row.get("section"), row.get("at", 1.0)) for row in rows]
+    return [(k - 1, float(at)) for k, at in given if type(k) is int and is_number(at) and 0.0 < at <= 1.0]
+
+
+def arcs_before_bodies(places: Sequence[tuple[int, float]], counts: Sequence[int]) -> list[int]:
+    """Return the numbers of arcs from the base to where bodies divide links of sections that bend evenly, ascending.
+
+    Args:
+        places: section of each body, from 0, and fraction of its length.
+        counts: number of arcs of each section.
+    """
+    own = [(k, arc_ending_at(at, counts[k])) for k, at in places if 0 <= k < len(counts)]
+    return sorted({sum(counts[:k]) + arc + 1 for k, arc in own if arc is not None} - {sum(counts)})
+
+
+def _divided(section: Any, places: Sequence[float] = ()) -> Any:
     """Return the data of a section that bends evenly with the values of its links in place of those of the whole.
 
     Other sections, and invalid values, which are reported elsewhere, are returned unchanged.
+
+    Args:
+        section: the data.
+        places: fractions of its length at which bodies sit, where arcs end if that takes no more than twice as many.
     """
     if not isinstance(section, Mapping) or section.get("drive") != "section":
         return section
@@ -519,7 +541,9 @@ def _divided(section: Any) -> Any:
     thin = min((each for each in (radius if isinstance(radius, list) else [radius]) if is_number(each)), default=0.0)
     count, each, bend = row.get("links"), row.get("joint_limit_deg"), row.get("bend_limit_deg")
     if count is None and is_number(row.get("length")) and is_number(bend) and thin > 0.0:
-        count = row["links"] = fitting_arcs(row["length"], math.radians(bend), thin)
+        least = fitting_arcs(row["length"], math.radians(bend), thin)
+        fitting = (n for n in range(least, max(2 * least, MOST_ARCS_AT_BODIES) + 1) if _end_arcs(places, n))
+        count = row["links"] = next(fitting, least)
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         return row
     if row.get("link_length") is None and is_number(row.get("length")):
@@ -529,8 +553,25 @@ def _divided(section: Any) -> Any:
     return row
 
 
-def _whole_of(sections: list[Any]) -> dict[str, Any]:
-    """Return the values of the whole arm's keys that follow from its sections.
+MOST_ARCS_AT_BODIES = 20
+"""Number of arcs up to which a section is divided so that arcs end where its bodies sit. Heuristic: planning takes
+longer with more."""
+_AT_END = 1e-6
+"""Largest distance of a body from the end of an arc, in arcs, that counts as none."""
+
+
+def _end_arcs(places: Sequence[float], count: int) -> bool:
+    """Return whether arcs of a section of so many end at places along it, given as fractions of its length."""
+    return all(abs(place * count - round(place * count)) <= _AT_END for place in places)
+
+
+def arc_ending_at(place: float, count: int) -> int | None:
+    """Return the index of the arc of a section of so many that ends at a fraction of its length; None if none does."""
+    return round(place * count) - 1 if _end_arcs((place,), count) and place > 0.0 else None
+
+
+def _whole_of(sections: list[Any], places: Sequence[tuple[int, float]]) -> dict[str, Any]:
+    """Return the values of the whole arm's keys that follow from its sections, and from the places of bodies on them.
 
     These are the total number of links, the mean link length, and the maximum of radii and joint limits, locked joints
     and the first left out; for invalid sections, whose defects are reported elsewhere, valid placeholders.
@@ -546,7 +587,9 @@ def _whole_of(sections: list[Any]) -> dict[str, Any]:
     if len(counts) != len(sections) or len(lengths) != len(sections):
         return {"links": 2, "link_length": 1.0, "radius": 0.0, "joint_limit_deg": 1.0}  # the sections are at fault
     # The first and the last link of sections that bend evenly are halves of links.
-    links = sum(counts) + any(row.get("drive") == "section" for row in rows)
+    links = sum(counts)
+    if any(row.get("drive") == "section" for row in rows):
+        links += 1 + len(arcs_before_bodies(places, counts))
     mean = float(np.dot(counts, lengths)) / links if links else 1.0
     widest = max(numbers("radius"), default=0.0)
     bending = [row for k, row in enumerate(rows) if _unlocked(row, int(k == 0)) > 0]
@@ -640,13 +683,19 @@ class ChainTable(Table):
         sections = data.get("sections") if isinstance(data, Mapping) else None
         if not isinstance(sections, list) or not sections:
             return data
-        divided = [_divided(each) for each in sections]
-        return {**data, "sections": divided, **_whole_of(divided)}
+        places = _places_of_bodies(data.get("bodies"))
+        divided = [_divided(each, [at for own, at in places if own == k]) for k, each in enumerate(sections)]
+        return {**data, "sections": divided, **_whole_of(divided, places)}
 
     @property
     def bends_evenly(self) -> bool:
         """Whether the sections of the arm bend evenly."""
         return self.sections is not None and any(each.drive == "section" for each in self.sections)
+
+    @property
+    def straight_joints(self) -> tuple[int, ...]:
+        """Indices of the joints of sections that bend evenly at which bodies sit, and which therefore do not bend."""
+        return ()
 
     @property
     def base_limits(self) -> FloatArray:
@@ -658,7 +707,11 @@ class ChainTable(Table):
     def bend_limit(self, joint: int, bend: int = 0) -> tuple[str, float]:
         """Return the key that limits a bend (index from 0) of a joint (index from 0), and the limit [rad]."""
         still = [np.zeros((1, 2))] if self.bends_evenly else []  # the first of sections that bend evenly
-        limits = None if self.sections is None else np.concatenate([*still, *(each.limits for each in self.sections)])
+        limits = None
+        if self.sections is not None:
+            limits = np.concatenate([*still, *(each.limits for each in self.sections)])
+            for straight in self.straight_joints:
+                limits = np.insert(limits, straight, 0.0, axis=0)
         if joint == 0 and (limits is None or np.any(limits[0])):
             return "base_limit_deg", float(self.base_limits[bend])
         return "joint_limit_deg", self.joint_limit_deg if limits is None else float(limits[joint, bend])

@@ -8,8 +8,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.schema_tables import Box, NonNegative, Point, PositiveLength, Rules, Table, exactly
+from ccm_opt.io.schema_tables import Box, NonNegative, Point, PositiveLength, Rules, Table, arc_ending_at, exactly
 from ccm_opt.io.shape_tables import BarTable, CircleTable, Corners, Direction, SpacePoint, SphereTable, unit_length
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.link_bodies import SolidMoments
 from ccm_opt.robot.tool import INERTIA_ROUNDING, RigidBody, Tool, ToolBody, in_link, second_moments
 
@@ -197,9 +198,28 @@ class PlaneLinkBodyTable(PlaneRigidTable):
 
 
 class SpaceLinkBodyTable(SpaceRigidTable):
-    """Table of a rigid body on a link of an arm in space, in the frame of that link: x along it, from its end."""
+    """Table of a rigid body on an arm in space: on a link, in its frame (x along it, from its end), or on a section.
 
-    link: int = _LINK
+    On a section that bends evenly, the frame is that of the arc at a place along it: x along its tangent.
+    """
+
+    rules = Rules(exactly_one=("link", "section"), needs={**_RigidTable.rules.needs, "at": ("section",)})
+
+    link: int | None = Field(
+        default=None, ge=1, description="Number of the link that carries it, from 1. Default: none."
+    )
+    section: int | None = Field(
+        default=None,
+        ge=1,
+        description='In place of `link`, with `drive = "section"`: the section, from 1. Default: none.',
+    )
+    at: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=1.0,
+        description=(
+            "Where it sits along the section: a fraction of its length, at which an arc ends; sections are divided "
+            "into up to twice as many arcs as they need, or 20, for it."
+        ),
+    )
 
 
 def box_capsules(low: FloatArray, high: FloatArray) -> Iterator[ToolBody]:
@@ -240,6 +260,19 @@ def build_tool(table: PlaneToolTable | SpaceToolTable) -> Tool:
     return Tool(**_rigid(table), tip=np.array(table.tip), direction=np.array(table.direction))
 
 
-def build_bodies(tables: Sequence[PlaneLinkBodyTable | SpaceLinkBodyTable]) -> tuple[RigidBody, ...]:
-    """Return the rigid bodies on links that tables describe."""
-    return tuple(RigidBody(**_rigid(table), link=table.link - 1) for table in tables)
+def build_bodies(
+    tables: Sequence[PlaneLinkBodyTable | SpaceLinkBodyTable], sections: ArcSections | None
+) -> tuple[RigidBody, ...]:
+    """Return the rigid bodies on links, or on sections that bend evenly, which tables describe."""
+    return tuple(RigidBody(**_rigid(table), link=_carrier(table, sections)) for table in tables)
+
+
+def _carrier(table: PlaneLinkBodyTable | SpaceLinkBodyTable, sections: ArcSections | None) -> int:
+    """Return the index of the link that carries a body; of those of sections, which others report, perhaps another."""
+    if isinstance(table, PlaneLinkBodyTable) or table.section is None:
+        return (table.link or 1) - 1
+    if sections is None or table.section > len(sections.counts):
+        return 0
+    section = table.section - 1
+    arc = arc_ending_at(table.at, int(sections.counts[section]))
+    return 0 if arc is None else sections.link_ending_at(section, arc)

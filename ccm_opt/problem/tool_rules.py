@@ -26,13 +26,7 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
     bodies: list[tuple[Key, RigidBody]] = [(("arm", "bodies", k), body) for k, body in enumerate(arm.bodies)]
     bodies += [] if arm.tool is None else [(("arm", "tool"), arm.tool)]
     key = bodies[0][0][:2]
-    layouts = (
-        (arm.dimension == 2 and bool(arm.base_axes), "for an arm in the plane with a feed axis"),
-        (
-            arm.sections is not None and bool(arm.bodies),
-            "together with sections that bend evenly; give the tool what the end of the arm carries",
-        ),
-    )
+    layouts = ((arm.dimension == 2 and bool(arm.base_axes), "for an arm in the plane with a feed axis"),)
     yield from ((key, f"not supported {words}") for applies, words in layouts if applies)
     for not_with in _NOT_WITH_BODIES:
         if values.get(not_with):
@@ -52,7 +46,10 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
 
 def _body_defects(body: RigidBody, at: Key, arm: Arm) -> Iterator[tuple[Key, str]]:
     """Yield the key and a message for a body on a link that there is not, in the mount, or with impossible mass."""
-    if not -arm.links <= body.link < arm.links:
+    arcs = arm.arcs
+    if arcs is not None and not (arcs[body.link % arm.links] > 0.0 and arcs[body.link % arm.links + 1] == 0.0):
+        yield at, "expected a section, and a place along it where an arc ends"
+    elif not -arm.links <= body.link < arm.links:
         yield (*at, "link"), f"expected a link from 1 to {arm.links}, got {body.link + 1}"
     elif body.bodies and arm.free_shares[body.link] == 1.0:
         yield (*at, "bodies"), "its link belongs to the mount, which may touch obstacles, and bodies may not"

@@ -6,7 +6,8 @@ successive arcs, and the first and the last link of one, so that the first joint
 of a section bend alike, by an n-th of the section's two bends. So the bends of the joints are C d, with the bends d of
 the sections (the drives) and a constant matrix C; the ends of all arcs, with their directions, are those of the true
 section, whatever its bends, and between them the arc is within h (1 − cos x) / (2 x) of its tangents, for its length h
-and half of its turn x. The tangents are tan(x) / x times as long as half the arc.
+and half of its turn x. The tangents are tan(x) / x times as long as half the arc. Where a body is fixed to the end of
+an arc, the link is divided there: the joint between its two parts does not bend.
 """
 
 from dataclasses import dataclass
@@ -60,7 +61,8 @@ class ArcSections(DriveCoupling):
         limits: bound on the absolute value of each of the two bends of a whole section, shape (s,) [rad].
         radii: radius of the body about the arcs at both ends of each section, between which it tapers, (s, 2) [m].
         tendons: tendons of each section, if known; empty for none.
-        tool_links: number of links behind the last that stand for a tool.
+        straight: indices of the joints that do not bend, beside the first: those at bodies, and those of links that
+            stand for bodies.
     """
 
     counts: IntArray
@@ -68,18 +70,34 @@ class ArcSections(DriveCoupling):
     limits: FloatArray
     radii: FloatArray
     tendons: tuple[Tendons | None, ...] = ()
-    tool_links: int = 0
+    straight: tuple[int, ...] = ()
 
     @property
     def links(self) -> int:
-        """Number of links: one more than there are arcs, and those of a tool."""
-        return int(np.sum(self.counts)) + 1 + self.tool_links
+        """Number of links: one more than there are arcs, and one for each further joint that does not bend."""
+        return int(np.sum(self.counts)) + 1 + len(self.straight)
 
     @cached_property
     def section_of_joint(self) -> IntArray:
         """Index of the section to which each joint belongs, shape (links,); −1 for those that do not bend."""
-        own = np.repeat(np.arange(len(self.counts)), self.counts)
-        return np.concatenate(([-1], own, np.full(self.tool_links, -1)))
+        found = np.full(self.links, -1)
+        found[self._bent] = np.repeat(np.arange(len(self.counts)), self.counts)
+        return found
+
+    @cached_property
+    def _bent(self) -> IntArray:
+        """Indices of the joints that bend, shape (arcs,)."""
+        return np.setdiff1d(np.arange(1, self.links), self.straight)
+
+    def link_ending_at(self, section: int, arc: int) -> int:
+        """Return the index of the link that lies along an arc of a section, from 0, in which it ends."""
+        return int(self._bent[int(np.sum(self.counts[:section])) + arc])
+
+    def place_of(self, link: int) -> tuple[int, float]:
+        """Return the section, from 0, in whose bending arcs a link ends, and the fraction of its length there."""
+        section = int(self.section_of_joint[link])
+        arc = int(np.sum(self.section_of_joint[: link + 1] == section))
+        return section, arc / int(self.counts[section])
 
     @cached_property
     def arcs(self) -> FloatArray:
@@ -103,7 +121,20 @@ class ArcSections(DriveCoupling):
 
     def _each(self, values: FloatArray) -> FloatArray:
         """Return for each joint the value of its section, given for all, (s,), or 0 if it does not bend, (links,)."""
-        return np.concatenate(([0.0], np.repeat(values, self.counts), np.zeros(self.tool_links)))
+        found = np.zeros(self.links)
+        found[self._bent] = np.repeat(values, self.counts)
+        return found
+
+    def name_at(self, joint: int) -> str:
+        """Return the name in messages of the section to which a joint, or the link behind it, belongs."""
+        bending = np.flatnonzero(self.section_of_joint[joint:] >= 0)
+        section = self.section_of_joint[joint + bending[0]] if len(bending) else len(self.counts) - 1
+        return f"section {section + 1}"
+
+    def link_masses(self, masses: FloatArray) -> FloatArray:
+        """Return the mass of each link, half of that of the arcs at both ends, for masses of sections, (s,) [kg]."""
+        half = np.append(self._each(0.5 * masses / self.counts), 0.0)
+        return np.asarray(half[:-1] + half[1:])
 
     @property
     def drive_names(self) -> tuple[str, ...]:
@@ -148,7 +179,7 @@ class ArcSections(DriveCoupling):
 
     def of_drives(self, values: FloatArray) -> FloatArray:
         """Return the values of the drives, shape (2 s,), which all revolutes of their section have, (3 links,)."""
-        first = 1 + np.cumsum(self.counts) - self.counts
+        first = self._bent[np.cumsum(self.counts) - self.counts]
         return np.asarray(values.reshape(-1, 3)[first, :2].ravel())
 
     def curvatures(self, drives: FloatArray) -> FloatArray:
@@ -244,16 +275,16 @@ class ArcSections(DriveCoupling):
 
     @cached_property
     def link_radii(self) -> FloatArray:
-        """Radius of a capsule about each link that contains the body about its true arcs, −∞ for a tool, (links,) [m].
+        """Radius of a capsule about each link that contains the body about its true arcs, −∞ for none, (links,) [m].
 
         It is the radius of the body, plus the greatest distance of the arcs from the link within the limits.
         """
         tapers = zip(self.radii.tolist(), self.counts.tolist(), strict=True)
         ends = [np.linspace(first, last, count + 1) for (first, last), count in tapers]
         widest = np.concatenate([np.maximum(each[:-1], each[1:]) for each in ends])
-        arcs = len(widest) + 2
-        beside = np.concatenate(([0.0], widest, [0.0])) + arc_deviation(2.0 * self.arcs, self.turn_limits)[:arcs]
-        return np.append(np.maximum(beside[:-1], beside[1:]), np.full(self.tool_links, -np.inf))
+        beside = np.full(self.links + 1, -np.inf)
+        beside[self._bent] = widest + arc_deviation(2.0 * self.arcs, self.turn_limits)[self._bent]
+        return np.asarray(np.maximum(beside[:-1], beside[1:]))
 
 
 def fitting_arcs(length: float, limit: float, radius: float) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.tool import BARE, ToolLinks
 
 NextPairs: TypeAlias = npt.NDArray[np.int32]
@@ -49,6 +50,7 @@ class LinkLayout:
         self_collision: whether links that could collide must not touch.
         proportions: lengths, radii and limits that differ between links; None if all links are equal.
         tool_links: what is particular to an arm whose last links stand for its tool; None for all others.
+        sections: its division into sections that bend evenly, after which its links are named; None if there are none.
     """
 
     links: int
@@ -58,6 +60,7 @@ class LinkLayout:
     self_collision: bool
     proportions: Proportions | None
     tool_links: ToolLinks | None
+    sections: ArcSections | None
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -105,12 +108,16 @@ class LinkLayout:
         return link + 1 if self.tool_links is None else int(self.tool_links.carriers[link]) + 1
 
     def link_name(self, link: int) -> str:
-        """Return the name in messages of a link given by its index: its number, or the body for which it stands."""
-        return (self.tool_links is not None and self.tool_links.names[link]) or f"link {self.link_number(link)}"
+        """Return the name in messages of a link, by its index: its number, its section, or the body it stands for."""
+        if self.tool_links is not None and self.tool_links.names[link]:
+            return self.tool_links.names[link]
+        return f"link {self.link_number(link)}" if self.sections is None else self.sections.name_at(link)
 
     def joint_name(self, joint: int) -> str:
-        """Return the name in messages of a joint, by its index: its number, or the body that has a corner there."""
-        return (self.tool_links is not None and self.tool_links.names[joint]) or f"joint {self.link_number(joint)}"
+        """Return the name in messages of a joint: its number, its section, or the body with a corner there."""
+        if self.tool_links is not None and self.tool_links.names[joint]:
+            return self.tool_links.names[joint]
+        return f"joint {self.link_number(joint)}" if self.sections is None else self.sections.name_at(joint)
 
     @cached_property
     def joint_places(self) -> FloatArray:

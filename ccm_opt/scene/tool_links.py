@@ -14,6 +14,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import wrap
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.couplings import CoupledJoints
 from ccm_opt.robot.link_layout import Proportions
@@ -132,7 +133,7 @@ class BodyChain:
         on: list[list[tuple[str, BodyLine]]] = [[] for _ in range(arm.links)]
         for body in arm.rigid_bodies:
             link = body.link % arm.links
-            name = TOOL if isinstance(body, Tool) else f"the body on link {link + 1}"
+            name = TOOL if isinstance(body, Tool) else f"the body {_where(arm, link)}"
             on[link].append((name, BodyLine.along(body, arm.link_length, d, weighed=weighed)))
         ahead = np.eye(d)[0]
         rows: list[tuple[int, str, FloatArray, FloatArray, float, float]] = []
@@ -259,7 +260,7 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
         rotor_inertia=_of_revolutes(arm.rotor_inertia, own),
         friction=_of_revolutes(arm.friction, own),
         proportions=Proportions(lengths / mean, radii / (widest or 1.0), _among(shares, own, k, 0.0)),
-        sections=None if arm.sections is None else replace(arm.sections, tool_links=len(own) - arm.links),
+        sections=None if arm.sections is None else _arcs_among(arm.sections, own),
         coupled=None if arm.coupled is None else _coupled_among(arm.coupled, own),
         bodies=(),
         tool=None,
@@ -274,6 +275,21 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
             np.eye(arm.dimension)[0] if tool is None else tool.direction,
         ),
     )
+
+
+def _where(arm: Arm, link: int) -> str:
+    """Return in words where the end of a link is."""
+    if arm.sections is None:
+        return f"on link {link + 1}"
+    section, at = arm.sections.place_of(link)
+    return f"at {at:.4g} of section {section + 1}"
+
+
+def _arcs_among(sections: ArcSections, own: BoolArray) -> ArcSections:
+    """Return sections that bend evenly none of whose arcs are about the joints of tool links."""
+    bends = np.zeros(len(own), dtype=bool)
+    bends[own] = sections.section_of_joint >= 0
+    return replace(sections, straight=tuple(np.flatnonzero(~bends)[1:].tolist()))
 
 
 def _coupled_among(coupled: CoupledJoints, own: BoolArray) -> CoupledJoints:
@@ -353,14 +369,19 @@ def colliding_at_rest(arm: Arm) -> tuple[int, int, str] | None:
     gaps, own = chain.rest_gaps, chain.own
     for row in np.flatnonzero(~own):
         link = int(chain.carriers[row])
-        joined = gaps[link, row] <= 0.0
+        # Where a body divides a link, both parts are its own.
+        divided = arm.sections is not None and link + 1 in arm.sections.straight
+        ahead = float(arm.lengths[link + 1]) if divided else 0.0
+        joined = gaps[link, row] <= 0.0 or (divided and gaps[link + 1, row] <= 0.0)
         for other in np.flatnonzero(~chain.clear_at_rest[row] & (chain.carriers != link)):
             near = int(chain.carriers[other])
+            if own[other] and divided and near == link + 1:
+                continue
             if own[other] and joined and _are_neighbours(arm, link, near, float(chain.radii[row])):
                 x = np.array([chain.starts[row, 0], chain.ends[row, 0]])
-                if (x.min() >= -arm.lengths[link] - _TOGETHER) if near < link else (x.max() <= _TOGETHER):
+                if (x.min() >= -arm.lengths[link] - _TOGETHER) if near < link else (x.max() <= ahead + _TOGETHER):
                     continue
-            return (*capsules[row - arm.links], chain.names[other] or f"link {near + 1}")
+            return (*capsules[row - arm.links], chain.names[other] or arm.link_name(near))
     return None
 
 

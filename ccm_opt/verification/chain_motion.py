@@ -13,7 +13,7 @@ from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_motion import BaseMotion, base_bounds, lengths_of
 from ccm_opt.verification.consistency import point_rounding
-from ccm_opt.verification.drives import as_revolutes
+from ccm_opt.verification.drives import as_revolutes, section_joints
 
 
 def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
@@ -145,7 +145,7 @@ def arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
     frames = np.empty_like(turns)
     now = base_rotations(arm, positions)
     for link in range(arm.links):
-        if fixed is not None and arm.tool_links is not None and not arm.tool_links.own[link]:
+        if fixed is not None:
             now = np.matmul(now, fixed[link])
         now = np.matmul(now, turns[:, link], out=frames[:, link])
     return frames
@@ -236,13 +236,13 @@ def tangent_lengths(arm: Arm, turns: FloatArray) -> FloatArray:
 
 
 def arc_lengths(arm: Arm) -> FloatArray:
-    """Return the length of the arc about each joint, 0 of that at the base and of those of a tool, (links,) [m]."""
-    sections = arm.sections
-    if sections is None:
-        return np.zeros(arm.links)
-    each = [np.full(count, length / count) for count, length in zip(sections.counts, sections.lengths, strict=True)]
-    bent = np.concatenate(([0.0], *each))
-    return np.append(bent, np.zeros(arm.links - len(bent)))
+    """Return the length of the arc about each joint, 0 at the base, at bodies and of their parts, (links,) [m]."""
+    found = np.zeros(arm.links)
+    if arm.sections is None:
+        return found
+    for joints, length in zip(section_joints(arm.sections), arm.sections.lengths, strict=True):
+        found[joints] = length / len(joints)
+    return found
 
 
 @dataclass(frozen=True)

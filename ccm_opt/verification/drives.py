@@ -12,6 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates, DriveLimits
 from ccm_opt.robot.frames import joint_names
@@ -72,10 +73,26 @@ def of_drives(arm: Arm, torques: FloatArray) -> FloatArray:
         return np.asarray(bends @ arm.coupled.ratios)
     if arm.sections is None:
         return torques
-    bends = torques.reshape(len(torques), arm.links, 3)[:, 1:, :2]
-    ends = np.cumsum(arm.sections.counts)
-    each = [np.mean(bends[:, end - count : end], axis=1) for end, count in zip(ends, arm.sections.counts, strict=True)]
-    return np.concatenate(each, axis=1)
+    bends = torques.reshape(len(torques), arm.links, 3)[:, :, :2]
+    return np.concatenate([np.mean(bends[:, joints], axis=1) for joints in section_joints(arm.sections)], axis=1)
+
+
+def section_joints(sections: ArcSections) -> list[IntArray]:
+    """Return the indices of the joints of each section that bends evenly, each shape (arcs of the section,).
+
+    The first joint of the arm bends nothing, and neither do those at which bodies are fixed.
+    """
+    still = {0, *sections.straight}
+    bending = [joint for joint in range(int(np.sum(sections.counts)) + len(still)) if joint not in still]
+    return np.split(np.array(bending), np.cumsum(sections.counts)[:-1])
+
+
+def section_of(arm: Arm, joint: int) -> str:
+    """Return the name of the section that bends evenly to which a joint and the link behind it belong; else nothing."""
+    if arm.sections is None:
+        return ""
+    ends = [joints[-1] for joints in section_joints(arm.sections)]
+    return f"section {min(int(np.searchsorted(ends, joint)), len(ends) - 1) + 1}"
 
 
 def torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
@@ -85,11 +102,8 @@ def torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
         return np.array([np.min(of_bends[ratios != 0.0]) for ratios in arm.coupled.ratios.T])
     if arm.sections is None:
         return limits
-    bends = limits.reshape(arm.links, 3)[1:, :2]
-    ends = np.cumsum(arm.sections.counts)
-    return np.concatenate(
-        [np.min(bends[end - count : end], axis=0) for end, count in zip(ends, arm.sections.counts, strict=True)]
-    )
+    bends = limits.reshape(arm.links, 3)[:, :2]
+    return np.concatenate([np.min(bends[joints], axis=0) for joints in section_joints(arm.sections)])
 
 
 def describe_drives(arm: Arm, names: Sequence[str]) -> tuple[str, ...]:

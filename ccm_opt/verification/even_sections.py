@@ -9,6 +9,7 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import arc_turns
+from ccm_opt.verification.drives import section_joints
 from ccm_opt.verification.limits import largest_magnitude, less_rounding
 from ccm_opt.verification.verification_settings import VerificationSettings
 
@@ -31,24 +32,24 @@ def check_even_sections(arm: Arm, trajectory: JointTrajectory) -> list[Check]:
         return []
     bends = trajectory.positions[:, : 2 * arm.links].reshape(-1, arm.links, 2)
     turns = np.max(arc_turns(arm, trajectory.positions), axis=0)
-    worst, where = float(np.max(np.abs(bends[:, 0]))), "joint 1, which does not bend"
+    joints = section_joints(sections)
+    still = np.setdiff1d(np.arange(arm.links), np.concatenate(joints))
+    worst, where = float(np.max(np.abs(bends[:, still]))), "joints that do not bend"
     beyond, thin = -np.inf, ""
-    first = 1
-    for k, (count, length) in enumerate(zip(sections.counts.tolist(), sections.lengths.tolist(), strict=True)):
-        own = bends[:, first : first + count]
-        uneven = float(np.max(np.ptp(own, axis=1)))
+    for k, own in enumerate(joints):
+        count, length = len(own), float(sections.lengths[k])
+        uneven = float(np.max(np.ptp(bends[:, own], axis=1)))
         if uneven > worst:
             worst, where = uneven, f"section {k + 1}"
-        beside = _beside_tangents(length / count, turns[first : first + count])
+        beside = _beside_tangents(length / count, turns[own])
         taper = np.linspace(sections.radii[k, 0], sections.radii[k, 1], count + 1)
         # The arc about a joint lies along the ends of the two links that meet there.
         body = np.maximum(taper[:-1], taper[1:]) + beside
         for link in (0, -1):
-            missing = body - arm.radii[first + link : first + link + count]
+            missing = body - arm.radii[own + link]
             if np.max(missing) > beyond:
                 beyond = float(np.max(missing))
-                thin = f"section {k + 1}, link {first + link + int(np.argmax(missing)) + 1}"
-        first += count
+                thin = f"section {k + 1}, link {own[int(np.argmax(missing))] + link + 1}"
     slack = _EVEN * arm.length
     return [
         Check("even bends of sections", worst, _EVEN, "rad", where, passed=bool(worst <= _EVEN)),
@@ -97,7 +98,7 @@ def check_tendons(arm: Arm, trajectory: JointTrajectory, settings: VerificationS
         return []
     columns = [trajectory.positions, trajectory.velocities]
     bent, rates = (each[:, 2 : 2 * arm.links].reshape(len(each), -1, 2).cumsum(axis=1) for each in columns)
-    ends = np.cumsum(arm.sections.counts) - 1
+    ends = [joints[-1] - 1 for joints in section_joints(arm.sections)]
     time = trajectory.time
     checks = []
     moved: dict[str, list[tuple[float, float, str]]] = {"travel": [], "speed": []}

@@ -27,6 +27,7 @@ from ccm_opt.verification.drives import (
     largest_bends,
     of_drives,
     sample_words,
+    section_of,
     torque_limits,
 )
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
@@ -78,7 +79,8 @@ def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSet
     straight = (limit == 0.0) & (bends <= settings.bend_tolerance)
     excess = np.where(straight, -np.inf, bends - limit)
     k, j = np.unravel_index(np.argmax(excess), excess.shape)
-    where = f"{describe_bend_joint(arm.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s"
+    joint = section_of(arm, int(j) // arm.bends_a_joint) or describe_bend_joint(arm.coordinates, int(j))
+    where = f"{joint} at t = {trajectory.time[k]:.4f} s"
     worst = float(bends[k, j])
     bound = float(limit[j])
     return Check("joint limit", worst, bound, "rad", where, passed=worst <= bound + settings.bend_tolerance)

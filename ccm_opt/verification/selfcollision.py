@@ -9,6 +9,7 @@ from ccm_opt.robot.tool import ToolLinks
 from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import UNIT, distance_rounding
+from ccm_opt.verification.drives import section_of
 from ccm_opt.verification.gap_proof import (
     BLOCK,
     Measured,
@@ -108,7 +109,8 @@ def link_number(arm: Arm, link: int) -> int:
 
 def link_word(arm: Arm, link: int) -> str:
     """Return the name of a link in messages, which for a part of a body is that of the body."""
-    return (arm.tool_links is not None and arm.tool_links.names[link]) or f"link {link_number(arm, link)}"
+    name = "" if arm.tool_links is None else arm.tool_links.names[link]
+    return name or section_of(arm, link) or f"link {link_number(arm, link)}"
 
 
 def distant_pairs(arm: Arm) -> tuple[IntArray, IntArray]:

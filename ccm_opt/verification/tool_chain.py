@@ -11,10 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.robot.tool import TOOL, RigidBody, Tool, ToolLinks
 from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.drives import section_joints, section_of
 
 _BALL = 1e-4
 """Length of the axis that a body without length gets, in link lengths. Heuristic."""
@@ -117,6 +119,16 @@ class _Parts:
         self.radius.append(radius)
 
 
+def _where(arm: Arm, link: int) -> str:
+    """Return in words where a link ends: of sections that bend evenly, at which fraction of which section."""
+    if arm.sections is None:
+        return f"on link {link + 1}"
+    for number, joints in enumerate(section_joints(arm.sections), start=1):
+        if link in joints:
+            return f"at {(int(np.searchsorted(joints, link)) + 1) / len(joints):.4g} of section {number}"
+    raise ValueError("a body on a section is at the end of an arc")
+
+
 def arm_with_bodies(arm: Arm) -> Arm:
     """Return the arm with its bodies as further parts of the chain."""
     parts = _Parts(arm)
@@ -124,7 +136,7 @@ def arm_with_bodies(arm: Arm) -> Arm:
         parts.add_link(link)
         for body in arm.bodies:
             if body.link % arm.links == link:
-                parts.add_body(link, f"the body on link {link + 1}", body)
+                parts.add_body(link, f"the body {_where(arm, link)}", body)
     if arm.tool is not None:
         parts.add_body(arm.links - 1, TOOL, arm.tool)
     count = len(parts.carrier)
@@ -162,10 +174,18 @@ def arm_with_bodies(arm: Arm) -> Arm:
         rotor_inertia=0.0,
         friction=0.0,
         proportions=Proportions(lengths / mean, radii / (widest or 1.0), limits.ravel()),
+        sections=None if arm.sections is None else _with_parts(arm.sections, own),
         bodies=(),
         tool=None,
         tool_links=links,
     )
+
+
+def _with_parts(sections: ArcSections, own: BoolArray) -> ArcSections:
+    """Return sections that bend evenly with further joints that do not bend, those of the parts of bodies."""
+    links = np.flatnonzero(own)
+    bending = {int(links[joint]) for joints in section_joints(sections) for joint in joints}
+    return replace(sections, straight=tuple(joint for joint in range(1, len(own)) if joint not in bending))
 
 
 def _relative_turns(steps: FloatArray, own: BoolArray) -> FloatArray:
@@ -228,11 +248,12 @@ def uncompared_bodies(arm: Arm) -> list[str]:
     links = arm_with_bodies(arm).tool_links if arm.rigid_bodies and arm.self_collision else None
     if links is None:
         return []
-    found: dict[tuple[str, int], None] = {}
+    found: dict[tuple[str, str], None] = {}
     for part in np.flatnonzero(~links.own & ~links.bare):
         apart = ~(links.distant[part] | links.distant[:, part]) & (links.carriers != links.carriers[part])
-        found |= dict.fromkeys((links.names[part], int(link) + 1) for link in links.carriers[apart & links.own])
+        near = links.carriers[apart & links.own].tolist()
+        found |= dict.fromkeys((links.names[part], section_of(arm, link) or f"link {link + 1}") for link in near)
     return [
-        f"clearance between {name} and link {number}, which are near each other on the straight arm, was not checked"
+        f"clearance between {name} and {number}, which are near each other on the straight arm, was not checked"
         for name, number in found
     ]

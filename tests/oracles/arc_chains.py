@@ -20,11 +20,14 @@ def joint_values(arm: Arm, drives: Any) -> Any:
         [np.full(n, length / n) for n, length in zip(arm.sections.counts, arm.sections.lengths, strict=True)]
     )
     shares = np.repeat(drives.reshape(-1, 2) / arm.sections.counts[:, None], arm.sections.counts, axis=0)
-    found = [np.zeros(6, dtype=drives.dtype)]
+    still = np.zeros(6, dtype=drives.dtype)
+    found = [still]
     for (a, b), h in zip(shares, lengths, strict=True):
         pose = expm(np.array([[0.0, -a, b, h], [a, 0.0, 0.0, 0.0], [-b, 0.0, 0.0, 0.0], [0.0] * 4], dtype=drives.dtype))
         hinges = [np.arctan(pose[1, 0] / pose[0, 0]), -np.arcsin(pose[2, 0]), np.arctan(pose[2, 1] / pose[2, 2])]
         found.append(np.concatenate((pose[:3, 3], hinges)))
+    for joint in arm.sections.straight:
+        found.insert(joint, still)
     return np.concatenate(found)
 
 
@@ -45,9 +48,9 @@ def chain_states(arm: Arm, drives: FloatArray, rates: FloatArray, gains: FloatAr
 def _bodies(arm: Arm) -> list[tuple[float, float, FloatArray]]:
     """Mass, place of the centre along the link, and moments of inertia of each body."""
     assert arm.sections is not None
-    half = np.concatenate(
-        ([0.0], np.repeat(0.5 * arm.sections.lengths / arm.sections.counts, arm.sections.counts), [0.0])
-    )
+    half = [0.0, *np.repeat(0.5 * arm.sections.lengths / arm.sections.counts, arm.sections.counts), 0.0]
+    for joint in arm.sections.straight:
+        half.insert(joint, 0.0)
     return [
         (float(arm.masses[k]), float(0.5 * (half[k + 1] - half[k])),
          np.array([arm.inertia_axial[k], arm.inertia_transverse[k], arm.inertia_transverse[k]]))
@@ -66,10 +69,9 @@ def mujoco_torques(arm: Arm, gravity: FloatArray, states: tuple[FloatArray, ...]
         moments = " ".join(map(repr, inertia.tolist()))
         text += f'<body name="b{k}">{joints}<inertial mass="{mass!r}" pos="{centre!r} 0 0" diaginertia="{moments}"/>'
         end += "</body>"
-    for number, body in enumerate(arm.rigid_bodies):
-        place, moments = " ".join(map(repr, body.centre_in_space.tolist())), " ".join(map(repr, body.moments.tolist()))
-        rigid = f'<inertial mass="{body.mass!r}" pos="{place}" fullinertia="{moments}"/>'
-        text += f'<body name="carried{number}">{rigid}</body>'
+        for body in (each for each in arm.rigid_bodies if each.link % arm.links == k):
+            place, about = (" ".join(map(repr, each.tolist())) for each in (body.centre_in_space, body.moments))
+            text += f'<body><inertial mass="{body.mass!r}" pos="{place}" fullinertia="{about}"/></body>'
     if arm.payload:
         point = f'<inertial mass="{arm.payload!r}" pos="0 0 0" diaginertia="1e-12 1e-12 1e-12"/>'
         text += f'<body name="payload">{point}</body>'
@@ -101,8 +103,8 @@ def pinocchio_torques(arm: Arm, gravity: FloatArray, states: tuple[FloatArray, .
         for number, kind in enumerate(kinds):
             parent = model.addJoint(parent, kind(), here, f"j{k}_{number}")
         model.appendBodyToJoint(parent, pin.Inertia(mass, np.array([centre, 0.0, 0.0]), np.diag(inertia)), here)
-    for body in arm.rigid_bodies:
-        assert body.inertia is not None
-        model.appendBodyToJoint(parent, pin.Inertia(body.mass, body.centre_in_space, body.inertia), here)
+        for body in (each for each in arm.rigid_bodies if each.link % arm.links == k):
+            assert body.inertia is not None
+            model.appendBodyToJoint(parent, pin.Inertia(body.mass, body.centre_in_space, body.inertia), here)
     model.appendBodyToJoint(parent, pin.Inertia(arm.payload, np.zeros(3), np.zeros((3, 3))), here)
     return np.asarray(states[3].T @ pin.rnea(model, model.createData(), *states[:3]))
