@@ -62,6 +62,7 @@ nitpick_ignore_regex = [
     ("py:class", r"ccm_opt\.robot\.configuration\.(Curve|SpaceSegment)"),
     ("py:class", r"Solution"),
     # Python's own.
+    ("py:class", r"dataclasses\.InitVar"),
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]
 
