@@ -13,7 +13,7 @@ from tests.doc_blocks import PAGES, ROOT, Block, exchanges, matches, runnable_bl
 from tests.doc_shell.shell import Server, Shell
 
 WITH_BLOCKS = [page for page in PAGES if any(block.mark != "not run" for block in runnable_blocks(page))]
-NOT_RUN = 19
+NOT_RUN = 20
 """Blocks that cannot be run in a test; each says why in the comment above it."""
 EXIT_CODES_SHOWN = {0, 2, 3, 4}
 """Of commands in console blocks, which may show what a failure looks like."""

@@ -190,7 +190,7 @@ def test_a_plan_whose_pictures_fail_is_written_without(
 def refuse_steps_above(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the stability check refuse every larger step, as it does for arms that are stiffer than they look."""
 
-    def check(_: object, __: object, options: SimulationOptions, **___: object) -> None:
+    def check(_: object, __: object, ___: object, options: SimulationOptions, **____: object) -> None:
         if options.step > step:
             raise SimulationError(Diagnosis("too stiff", "simulation", ("a smaller simulation.step",)))
 
