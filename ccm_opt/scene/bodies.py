@@ -393,7 +393,7 @@ class CylinderBody(_Solid):
         """Return the cylinder moved by a rigid motion."""
         return replace(self, start=placement.points(self.start), end=placement.points(self.end))
 
-    @property
+    @cached_property
     def triangles(self) -> FloatArray:
         """Triangles of the circumscribed prism, shape (4 sides − 4, 3, 3) [m]."""
         sides = self.settings.cylinder_sides

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
+from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_motion import BaseMotion, base_bounds, lengths_of
 from ccm_opt.verification.consistency import point_rounding
@@ -21,7 +22,10 @@ def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
 
     The map is linear, so rates and differences of coordinates are converted alike.
     """
-    return as_revolutes(arm.coordinates, values[:, arm.coordinates.bends]).reshape(len(values), arm.links, 3)[..., :2]
+    bends = values[:, arm.coordinates.bends]
+    if arm.dimension == 3:
+        return bends.reshape(len(values), arm.links, 2)
+    return as_revolutes(arm.coordinates, bends).reshape(len(values), arm.links, 3)[..., :2]
 
 
 def base_displacement(arm: Arm, positions: FloatArray) -> FloatArray:
@@ -133,21 +137,12 @@ def arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
 
     A turn by θ about a unit vector k takes v to cos θ v + sin θ k × v + (1 − cos θ) (k · v) k.
     """
-    angle, y, z = _arc_axes(arm, positions)
-    cos, sin = np.cos(angle), np.sin(angle)
-    fixed = None if arm.tool_links is None else arm.tool_links.turns
-    turns = np.empty((*angle.shape, 3, 3))
-    turns[..., 0, 0] = cos
-    turns[..., 0, 1], turns[..., 1, 0] = -sin * z, sin * z
-    turns[..., 0, 2], turns[..., 2, 0] = sin * y, -sin * y
-    turns[..., 1, 1], turns[..., 2, 2] = cos + (1.0 - cos) * y**2, cos + (1.0 - cos) * z**2
-    turns[..., 1, 2] = turns[..., 2, 1] = (1.0 - cos) * y * z
-    frames = np.empty_like(turns)
-    now = base_rotations(arm, positions)
-    for link in range(arm.links):
-        if fixed is not None:
-            now = np.matmul(now, fixed[link])
-        now = np.matmul(now, turns[:, link], out=frames[:, link])
+    count = len(positions)
+    frames = np.empty((count, arm.links, 3, 3))
+    NativeCall(
+        "arc_frames", count=count, links=arm.links, base=base_rotations(arm, positions),
+        bends=bend_pairs(arm, positions), fixed=None if arm.tool_links is None else arm.tool_links.turns, frames=frames,
+    )()  # fmt: skip
     return frames
 
 

@@ -33,7 +33,9 @@ def arm_for_c(model: ArmModel) -> dict[str, Any]:
     coupled = model.coupling.shape[1]
     whole = coupled + model.of_base
     reduced = np.zeros(12 * links + whole * (whole + 3))
-    return fields | {"coupled": coupled, "coupling": model.coupling, "armature": model.armature, "reduced": reduced}
+    first = np.argmax(model.coupling != 0.0, axis=0) // 3
+    moved = {"coupled": coupled, "coupling": model.coupling, "first": first, "armature": model.armature}
+    return fields | moved | {"reduced": reduced}
 
 
 def columns_of(kind: DynamicsKind, model: ArmModel) -> int:

@@ -25,6 +25,7 @@ typedef struct {
     double *work;         /* (links, WORK) */
     int64_t coupled;        /* number of drives that move the revolutes together; 0 where each has its own */
     const double *coupling; /* derivatives of the revolutes by their values, (3 links, coupled) */
+    const int64_t *first;   /* index of the first link that each moves, (coupled,) */
     const double *armature; /* inertia that is added to theirs, (coupled,); may be missing */
     double *reduced;        /* working memory, (4, 3 links) and (n, n + 4) for n coordinates and axes */
     int64_t axes;           /* number of axes between the ground and the base; 0 for none but a feed axis */
@@ -272,6 +273,42 @@ static void solve(int64_t size, int64_t wide, double *mass, double *b)
     }
 }
 
+/* Efforts of drives for a unit of the acceleration of one, at rest and without gravity: of those that first move the same
+   link or one beyond it, which is a column of M from the diagonal on. It goes into the lower triangle of M. */
+static WIDE void mass_column(const Arm *arm, const double *trig, int64_t drive, int64_t wide, double *mass)
+{
+    static const double rest[9] = {0};
+    int64_t links = arm->links, m = arm->coupled;
+    const int64_t *first = arm->first;
+    double *gain = arm->reduced + 3 * links, *tau = gain + 3 * links;
+    double *loads = arm->work + 12 * links, *fixed = loads + 6 * links;
+    double state[2][9], force[2][6];
+    memcpy(state[first[drive] & 1], rest, sizeof rest);
+    for (int64_t k = first[drive]; k < links; k++) {
+        for (int64_t i = 3 * k; i < 3 * k + 3; i++) gain[i] = arm->coupling[m * i + drive];
+        const double *in[] = {state[k & 1], row(trig, TRIG, k), rest, row(gain, 3, k), row(arm->bodies, BODY, k)};
+        double *out[] = {state[(k + 1) & 1], row(loads, 6, k)};
+        rnea_outward(in, out, 0, 0, 0);
+        if (arm->attached)
+            rnea_attached((const double *[]){state[(k + 1) & 1], row(arm->attached, 10, k)},
+                          (double *[]){row(fixed, 6, k)}, 0, 0, 0);
+    }
+    rnea_tip((const double *[]){state[links & 1], arm->world}, (double *[]){force[links & 1]}, 0, 0, 0);
+    for (int64_t k = links - 1; k >= first[drive]; k--) {
+        if (arm->attached) add(row(fixed, 6, k), 6, force[(k + 1) & 1]);
+        const double *in[] = {force[(k + 1) & 1], row(trig, TRIG, k), row(loads, 6, k), rest, row(gain, 3, k),
+                              row(arm->bodies, BODY, k), row(arm->drives, 6, k)};
+        double *out[] = {force[k & 1], row(tau, 3, k)};
+        rnea_inward(in, out, 0, 0, 0);
+    }
+    for (int64_t j = 0; j < m; j++) {
+        if (first[j] < first[drive]) continue;
+        double sum = arm->armature && j == drive ? arm->armature[j] : 0.0;
+        for (int64_t i = 3 * first[j]; i < 3 * links; i++) sum += arm->coupling[m * i + j] * tau[i];
+        mass[j > drive ? wide * j + drive : wide * drive + j] = sum;
+    }
+}
+
 /* Accelerations of drives of coupled revolutes and of the base, from their efforts: M x = u - h, where each column of M is
    what a unit of an acceleration takes. */
 static void forward_of_drives(const Arm *arm, const double *q, const double *qd, const double *tau, double *qdd)
@@ -281,15 +318,17 @@ static void forward_of_drives(const Arm *arm, const double *q, const double *qd,
     double *rest = qdd; /* zero until the result stands there */
     for (int64_t k = 0; k < wide; k++) unit[k] = rest[k] = 0.0;
     inverse(arm, q, qd, unit, right);
-    inverse(arm, q, rest, unit, still);
-    for (int64_t j = 0; j < size; j++) {
+    for (int64_t j = 0; j < size; j++) right[j] = tau[j] - right[j];
+    if (size > m) inverse(arm, q, rest, unit, still);
+    for (int64_t j = m; j < size; j++) { /* of the base, which moves all links, with gravity and without */
         double *column = mass + wide * j;
-        right[j] = tau[j] - right[j];
         unit[j] = 1.0;
         inverse(arm, q, rest, unit, column);
         unit[j] = 0.0;
         for (int64_t i = 0; i < wide; i++) column[i] -= still[i];
     }
+    const double *trig = trigonometry(arm, arm->reduced);
+    for (int64_t j = 0; j < m; j++) mass_column(arm, trig, j, wide, mass);
     solve(size, wide, mass, right);
     memcpy(qdd, right, size * sizeof(double));
 }
