@@ -15,6 +15,7 @@ from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names
 from ccm_opt.scene.workspace import Workspace
+from ccm_opt.verification.consistency import check_keyframes
 from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (
     GRAVITY,
@@ -129,6 +130,19 @@ def test_chords_between_samples_stay_near_the_path(seed: int, spare: float) -> N
     for k in (worst, worst + 1, len(trajectory.time) // 2):
         middle = trajectory.bend_angles[k : k + 2].mean(axis=0)
         assert distance_to_way(arm, path, middle) <= 0.5 * spare * 1.01 + 1e-8
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=4, deadline=None)
+def test_samples_are_near_keyframes_that_are_denser_than_steps(seed: int) -> None:
+    """The chords of a motion through ever denser keyframes are as near to each as the verifier asks."""
+    rng = np.random.default_rng(seed)
+    steps = 0.3 * rng.uniform(0.6, 0.95) ** np.arange(rng.integers(20, 60)) + 3e-4
+    turn = np.cumsum(rng.uniform(5.0, 40.0) * steps)
+    ahead = np.column_stack((np.cos(turn), np.sin(turn), 0.3 * np.cos(2.0 * turn)))
+    path = replace(make_path(np.cumsum(steps[:, None] * ahead, axis=0)), spare=1e-2)
+    trajectory = run(path, even_limits(3, 5.0, 60.0), link_lengths=np.full(3, 0.1))
+    assert check_keyframes(slim_arm(3, 0.1), trajectory, path.keyframes).passed
 
 
 def test_where_a_path_spares_no_gap_steps_are_cut_so_far_and_no_further(caplog: pytest.LogCaptureFixture) -> None:

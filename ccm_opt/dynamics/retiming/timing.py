@@ -47,6 +47,8 @@ _CUTTINGS = 8
 
 Measured: the first round leaves few steps that are too long for chords.
 """
+_AT_KEYFRAMES = 5e-7
+"""Distance between a chord and a keyframe that is always allowed [rad]. Derived: half of the verifier's tolerance."""
 _STANDING = 1e-9
 """Path length in joint space below which a path counts as standing still [rad]. Heuristic: above rounding."""
 
@@ -181,9 +183,9 @@ def near_the_path(
     shortest = np.min(np.diff(time)) / settings.most_pieces
     for _ in range(_CUTTINGS):
         # The deviation falls with the square of the step, so the number of pieces is the square root of the excess.
-        share = np.sqrt(
-            max_deviation(spline, profile.at(time)[0], chords.link_lengths, coordinates) / chords.max_deviation
-        )
+        s = profile.at(time)[0]
+        excess = max_deviation(spline, s, chords.link_lengths, coordinates) / chords.max_deviation
+        share = np.sqrt(np.maximum(excess, excess_at_keyframes(spline, s, chords.link_lengths, coordinates)))
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
             break
@@ -212,6 +214,43 @@ def max_deviation(spline: BSpline, s: FloatArray, link_lengths: FloatArray, coor
     # is the end of the path alone.
     inside = np.maximum.reduceat(weight, at)[:-1]
     return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))
+
+
+def excess_at_keyframes(
+    spline: BSpline, s: FloatArray, link_lengths: FloatArray, coordinates: Coordinates
+) -> FloatArray:
+    """Return how far chords longer than the steps between keyframes pass keyframes by, over what is allowed.
+
+    A path passes each of its keyframes, which are as dense as its knots, at a sixth of their second difference h² q'',
+    with the step h between knots. As much is allowed a chord that passes a knot, and for rounding a little more. Chords
+    as short as the steps between knots are near enough.
+
+    Args:
+        spline: spline of the arm's coordinates as a function of the path parameter.
+        s: path parameters of the samples, not decreasing, shape (T,).
+        link_lengths: length of each link, shape (links,) [m].
+        coordinates: layout of the columns of the spline.
+
+    Returns:
+        Ratios, 0 for chords that are near enough, shape (T − 1,).
+    """
+    knots = np.unique(spline.t)
+    steps = np.minimum(np.diff(knots)[1:], np.diff(knots)[:-1])
+    chord = np.clip(np.searchsorted(s, knots[1:-1], side="right") - 1, 0, len(s) - 2)
+    widths = np.diff(s)
+    coarse = widths[chord] > steps
+    found = np.zeros(len(widths))
+    if not np.any(coarse):
+        return found
+    # On the base axes, one link length is weighted like one radian.
+    weights = np.where(np.arange(len(coordinates)) < coordinates.joints, 1.0, 1.0 / float(np.mean(link_lengths)))
+    at, inside = chord[coarse], knots[1:-1][coarse]
+    bent = [np.linalg.norm(spline(places, 2) * weights, axis=1) for places in (s[at], inside, s[at + 1])]
+    most = np.zeros(len(widths))
+    np.maximum.at(most, at, np.max(bent, axis=0))
+    ratios = 0.125 * widths[at] ** 2 * most[at] / (steps[coarse] ** 2 * bent[1] / 6.0 + _AT_KEYFRAMES)
+    np.maximum.at(found, at, ratios)
+    return found
 
 
 def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
