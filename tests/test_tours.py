@@ -139,17 +139,16 @@ def test_the_order_of_the_file_makes_no_difference(bends: list[int], end: TourEn
 
 
 def test_a_joined_motion_that_takes_longer_than_its_parts_is_not_taken() -> None:
-    """Where the motion joined over the start takes long, its parts are gone one after the other."""
+    """Where the motion joined over the start takes long, one that is planned by itself is taken."""
 
     def time(leg: Leg) -> float:
         return sum(1e3 if part.candidate == "joined" else 2.0 for part in leg.path.parts or (leg.path,))
 
     planner = TourPlanner(free_order("start", [10, -10]), Lines(), time, lambda _: None, Stages(), share=1.0)
     planner._grow(Deadline.after(60.0))
-    path, duration = planner._made(1, 2)
-    through = planner._chain(1, 2)
-    assert len(through) == 2
-    assert duration == 2.0 * len(through) == time(Leg(planner.problem, path))
+    legs, tour = planner._ordered(Deadline.after(60.0))
+    assert all("joined" not in leg.path.candidate for leg in legs)
+    assert tour.duration == sum(map(time, legs)) == 2.0 * 3
 
 
 def test_a_report_says_what_is_solved_in_part(small_problem: Problem) -> None:

@@ -1,23 +1,27 @@
 """Planning of a motion to several goals in the order that takes least time.
 
 A tree of certified motions grows from the start: the goal next to any goal of the tree is planned for from there or, if
-that fails, from the start. Where the arm comes to rest, it stays for this goal. Between two goals the arm then moves
-along the tree, shortened by certified straight motions (``planning.joining``), and backwards as forwards, since limits
-are symmetric.
+that fails, from the start. Where the arm comes to rest, it stays for this goal. Neighbours are also joined by straight
+motions where these have a certificate. Between two goals the arm moves along known motions, shortened by certified
+straight ones (``planning.joining``), and backwards as forwards, since limits are symmetric.
 
-Which goals follow each other is found lazily. As long as the motion between two goals is unknown, a lower bound on its
-duration stands for it: that of moving each coordinate by itself. The best order for these costs is determined
-(``tour_order``), its motions are made and timed, and so on until the best order has known motions only. Then no order
-of these motions is shorter. A few goals are also planned leg by leg in this order, and in the given one, as goals in
-given order are; the fastest motion is taken.
+Between two goals without a known motion, the fastest way over goals with known ones counts, on which the arm rests
+there. The best order for these durations is determined (``tour_order``), its ways are shortened to motions of their
+own, slow ones are planned for by themselves, and so on until nothing changes. Then no order of the motions found is
+faster. The bound that is told is that of all orders in which, between goals without a known motion, each coordinate
+moves by itself. A few goals are also planned leg by leg in this order, and in the given one, as goals in given order
+are; the fastest motion is taken.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from scipy.sparse.csgraph import shortest_path
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.core.progress import Stages
@@ -33,11 +37,12 @@ _OTHER_STARTS = 2
 """Number of goals of the tree from which a goal is planned for again that was not reached at first. Heuristic."""
 _SAMPLES = 12
 """Number of configurations of a chain for each keyframe of a path. Heuristic."""
-_SLOW = 1.1
-"""Duration of a motion above which it is planned for by itself, as a multiple of its lower bound. Heuristic."""
-_LONG = 3.0
-"""Duration of a joined motion above which the motions that it joins are timed one by one too, as a multiple of its
-lower bound. Heuristic."""
+_NEIGHBOURS = 8
+"""Number of nearest goals to which a straight motion is tried. Heuristic: one that fails takes a hundredth of a second,
+and of thirty views in a blade row few beyond the tenth are reached straight."""
+_WORTH = 0.01
+"""Time that a motion has to lose against its lower bound to be planned for by itself, as a fraction of the duration of
+the tour. Heuristic."""
 _PLANNING_SHARE = 0.75
 """Fraction of the time limit until which motions are planned for by themselves. Heuristic."""
 _TRY_SHARE = 0.2
@@ -78,6 +83,12 @@ class TourPlanner:
         refuse: function that raises ``UnreachableGoal`` if a problem with one goal is proved to have no plan.
         stages: clock that names and times the stages.
         share: fraction of the limits of velocity and acceleration that motions use at most.
+        rests: the start and the goals that were reached, nodes of the tree.
+        failures: errors of the goals that were not, by index.
+        paths: known paths between nodes, the lower one first.
+        durations: their durations [s].
+        joined: pairs of nodes between which the fastest way was shortened.
+        planned: pairs of nodes between which a motion was planned by itself.
     """
 
     problem: Problem
@@ -89,6 +100,9 @@ class TourPlanner:
     rests: list[_Rest] = field(default_factory=list)
     failures: dict[int, NoPlanFound] = field(default_factory=dict)
     paths: dict[tuple[int, int], JointPath] = field(default_factory=dict)
+    durations: dict[tuple[int, int], float] = field(default_factory=dict)
+    joined: set[tuple[int, int]] = field(default_factory=set)
+    planned: set[tuple[int, int]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -204,55 +218,88 @@ class TourPlanner:
             reason += words
         raise type(failure)(replace(found, reason=reason, evidence={**found.evidence, "goal": number + 1})) from failure
 
-    # ------------------------------------------------------------ legs
-    def _chain(self, first: int, second: int) -> list[JointPath]:
-        """Return the paths of the tree that lead from one node to another, each in the direction of travel."""
-        ways = []
-        for node in (first, second):
-            way = [node]
-            while way[-1] != 0:
-                way.append(self.rests[way[-1]].parent)
-            ways.append(way)
-        shared = set(ways[0]) & set(ways[1])
-        back = [self._path(node).reversed() for node in ways[0] if node not in shared]
-        return back + [self._path(node) for node in reversed(ways[1]) if node not in shared]
+    # ------------------------------------------------------------ known motions
+    def _keep(self, first: int, second: int, path: JointPath) -> bool:
+        """Keep the path between two nodes, the lower one first, if it is the fastest known, and return whether it is.
 
-    def _path(self, node: int) -> JointPath:
-        path = self.rests[node].path
-        assert path is not None  # noqa: S101 - all nodes but the start have one
-        return path
+        It is not kept if it cannot be timed.
+        """
+        problem = self._leg_problem(self.rests[first], self.rests[second].stop)
+        try:
+            duration = self.time(Leg(problem, path))
+        except NoPlanFound:
+            duration = _UNTIMED
+        fastest = duration < self.durations.get((first, second), np.inf)
+        if fastest:
+            self.paths[first, second], self.durations[first, second] = path, duration
+        return fastest
 
-    def _made(self, first: int, second: int) -> tuple[JointPath, float]:
-        """Return the path between two nodes, the first one with the lower index, and its duration [s]."""
-        through = self._chain(first, second)
-        rows = np.vstack([part.spline(np.linspace(0.0, 1.0, _SAMPLES * len(part.keyframes) + 1)) for part in through])
-        rows[[0, -1]] = self.rests[first].q, self.rests[second].q
-        begin = self.rests[first]
-        problem = self._leg_problem(begin, self.rests[second].stop)
+    def _join_neighbours(self) -> None:
+        """Keep the motions of the tree, and straight ones between neighbours that have a certificate."""
+        for k, rest in enumerate(self.rests[1:], start=1):
+            assert rest.path is not None  # noqa: S101 - all nodes but the start have one
+            self._keep(rest.parent, k, rest.path)
+        near = np.argsort(self._bounds, axis=1, kind="stable")[:, 1 : _NEIGHBOURS + 1]
+        pairs = {(min(k, other), max(k, other)) for k, row in enumerate(near.tolist()) for other in row}
+        for first, second in sorted(pairs - self.paths.keys()):
+            straight = self._joiner.path(np.stack((self.rests[first].q, self.rests[second].q)))
+            if straight is not None:
+                self._keep(first, second, straight)
+
+    def _fastest(self) -> tuple[FloatArray, IntArray]:
+        """Return the durations of the fastest ways over known motions between all nodes, and the nodes before the last.
+
+        Returns:
+            Durations [s], and for each pair of nodes the last node but one on the way, both of shape (nodes, nodes).
+        """
+        count = len(self.rests)
+        known = np.zeros((count, count))
+        for pair, duration in self.durations.items():
+            known[pair] = max(duration, TINY)  # zero means that there is no motion
+        between, before = shortest_path(known, directed=False, return_predecessors=True)
+        return between, before.astype(np.intp)
+
+    def _way(self, before: IntArray, first: int, second: int) -> list[JointPath]:
+        """Return the known paths of the fastest way between two nodes, each in the direction of travel."""
+        nodes = [second]
+        while nodes[-1] != first:
+            nodes.append(int(before[first, nodes[-1]]))
+        return [
+            self.paths[one, other] if one < other else self.paths[other, one].reversed()
+            for one, other in pairwise(nodes[::-1])
+        ]
+
+    def _shortened(self, way: list[JointPath], first: int, second: int, duration: float) -> bool:
+        """Shorten the fastest way between two nodes, the lower one first, and return whether that gains time.
+
+        Args:
+            way: known paths of the way.
+            first: the node at which it begins.
+            second: the node at which it ends.
+            duration: its duration [s].
+        """
+        self.joined.add((first, second))
         # The way from the start to a goal is kept as it was planned, with its clearance.
-        joined = None if first == 0 and len(through) == 1 else self._joiner.path(rows)
-        best, least = end_to_end(through), _UNTIMED
-        for path in [*([] if joined is None else [joined]), best]:
-            try:
-                duration = self.time(Leg(problem, path))
-            except NoPlanFound:
-                continue
-            if duration < least:
-                best, least = path, duration
-            if least <= _LONG * self._bounds([first, second])[0, 1]:
-                break
-        return best, least
+        if first == 0 and len(way) == 1:
+            return False
+        if len(way) > 1:
+            self.paths[first, second], self.durations[first, second] = end_to_end(way), duration
+        rows = np.vstack([part.spline(np.linspace(0.0, 1.0, _SAMPLES * len(part.keyframes) + 1)) for part in way])
+        rows[[0, -1]] = self.rests[first].q, self.rests[second].q
+        joined = self._joiner.path(rows)
+        return joined is not None and self._keep(first, second, joined)
 
-    def _planned(self, first: int, second: int, deadline: Deadline) -> tuple[JointPath, float] | None:
-        """Return a path between two nodes that is planned by itself, and its duration [s]; None if there is none."""
+    def _planned(self, first: int, second: int, deadline: Deadline) -> bool:
+        """Plan for the motion between two nodes, the lower one first, by itself, and return whether that gains time."""
+        self.planned.add((first, second))
         end = JointPose.from_configuration(self.rests[second].q, self.problem.arm.coordinates)
         problem = self._leg_problem(self.rests[first], Stop(end, Tolerances()))
         limit = max(_TRY_SHARE * deadline.left, LEAST_TIME)
         try:
             path = self.planner.plan(replace(problem, planner=replace(problem.planner, time_limit=limit)))
-            return path, self.time(Leg(problem, path))
         except NoPlanFound:
-            return None
+            return False
+        return self._keep(first, second, path)
 
     # ------------------------------------------------------------ the order
     def _ordered(self, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
@@ -261,62 +308,34 @@ class TourPlanner:
         # The place at which the tour ends comes last.
         last = next((k for k, rest in enumerate(self.rests) if rest.number == len(self.problem.stops)), count - 1)
         nodes = [*(k for k in range(count) if k != last), last] if end == "last" else list(range(count))
+        places = np.ix_(nodes, nodes)
         solver = OrderSolver(count, end)
-        least = self._bounds(nodes)
-        costs = least.copy()
-        known = np.eye(count, dtype=bool)
-        planned = known.copy()
-
-        def make(order: Sequence[int]) -> None:
-            for one, other in map(sorted, tour_legs(order, end)):
-                if known[one, other]:
-                    continue
-                first, second = sorted((nodes[one], nodes[other]))
-                self.paths[first, second], duration = self._made(first, second)
-                costs[one, other] = costs[other, one] = duration
-                known[one, other] = known[other, one] = True
-
-        def improve(order: Sequence[int]) -> bool:
-            """Plan for the motions of an order that take much longer than they might, and return whether any gained."""
-            pairs = [sorted(pair) for pair in tour_legs(order, end)]
-            gained = False
-            for one, other in sorted(pairs, key=lambda pair: least[*pair] - costs[*pair]):
-                slow = costs[one, other] > _SLOW * least[one, other] and not planned[one, other]
-                if not slow or deadline.left < (1.0 - _PLANNING_SHARE) * self.problem.planner.time_limit:
-                    continue
-                planned[one, other] = True
-                first, second = sorted((nodes[one], nodes[other]))
-                found = self._planned(first, second, deadline)
-                if found is not None and found[1] < costs[one, other]:
-                    self.paths[first, second], costs[one, other] = found
-                    costs[other, one] = costs[one, other]
-                    gained = True
-            return gained
-
+        self._join_neighbours()
+        while True:
+            between, before = self._fastest()
+            found = solver.solve(between[places], deadline)
+            legs = [(nodes[one], nodes[other]) for one, other in tour_legs(found.places, end)]
+            duration = float(sum(between[leg] for leg in legs))
+            if deadline.passed() or not self._improved(legs, between, before, deadline):
+                break
         number_of = {self.rests[node].number: k for k, node in enumerate(nodes)}
         as_given = tuple(number_of[number] for number in sorted(number_of) if number >= 0)
-        make(as_given)
-        improve(as_given)
-        while True:
-            found = solver.solve(costs, deadline)
-            before = int(known.sum())
-            make(found.places)
-            if deadline.passed() or (known.sum() == before and not improve(found.places)):
-                break
-        best = min(found.places, as_given, key=lambda order: tour_cost(costs, order, end))
-        duration = tour_cost(costs, best, end)
+        known = np.eye(count, dtype=bool)
+        for pair in self.paths:
+            known[pair] = known[pair[::-1]] = True
+        bound = solver.solve(np.where(known, between, self._bounds)[places], deadline).bound
         tour = Tour(
             self.problem,
-            tuple(self.rests[nodes[k]].number + 1 for k in best),
+            tuple(self.rests[nodes[k]].number + 1 for k in found.places),
             tuple(
                 UnvisitedGoal(number + 1, failure.status, failure.diagnosis.reason)
                 for number, failure in sorted(self.failures.items())
             ),
             duration=duration,
-            bound=min(found.bound, duration),
-            as_given=tour_cost(costs, as_given, end),
+            bound=min(bound, duration),
+            as_given=tour_cost(between[places], as_given, end),
         )
-        return tuple(self._leg(nodes[one], nodes[other]) for one, other in tour_legs(best, end)), tour
+        return tuple(self._leg(before, *leg) for leg in legs), tour
 
     # ------------------------------------------------------------ leg by leg
     def _compared(self, legs: tuple[Leg, ...], tour: Tour, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
@@ -341,14 +360,42 @@ class TourPlanner:
                 legs, tour = found, replace(tour, order=order, duration=duration, bound=0.0)
         return legs, tour
 
-    def _leg(self, one: int, other: int) -> Leg:
-        path = self.paths[min(one, other), max(one, other)]
-        problem = self._leg_problem(self.rests[one], self.rests[other].stop)
-        return Leg(problem, path if one < other else path.reversed())
+    def _improved(
+        self, legs: Sequence[tuple[int, int]], between: FloatArray, before: IntArray, deadline: Deadline
+    ) -> bool:
+        """Shorten the ways of legs, or else plan for those by themselves that may gain most; return whether any gained.
 
-    def _bounds(self, nodes: Sequence[int]) -> FloatArray:
-        """Return lower bounds on the durations of motions between nodes from rest to rest, shape (nodes, nodes) [s]."""
-        q = np.stack([self.rests[node].q for node in nodes])
+        Args:
+            legs: pairs of nodes of the legs.
+            between: durations of the fastest ways between all nodes, shape (nodes, nodes) [s].
+            before: the nodes before the last on these ways, shape (nodes, nodes).
+            deadline: time at which all planning has to end.
+        """
+        pairs = sorted(dict.fromkeys((min(leg), max(leg)) for leg in legs))
+        gained = [
+            self._shortened(self._way(before, *pair), *pair, float(between[pair]))
+            for pair in pairs
+            if pair not in self.joined
+        ]
+        if any(gained):
+            return True
+        lost = {pair: float(between[pair] - self._bounds[pair]) for pair in pairs}
+        worth = _WORTH * float(sum(between[leg] for leg in legs))
+        for pair in sorted(pairs, key=lambda pair: -lost[pair]):
+            late = deadline.left < (1.0 - _PLANNING_SHARE) * self.problem.planner.time_limit
+            if pair not in self.planned and lost[pair] > worth and not late:
+                gained.append(self._planned(*pair, deadline))
+        return any(gained)
+
+    def _leg(self, before: IntArray, one: int, other: int) -> Leg:
+        """Return the leg from one node to another on the fastest known way."""
+        problem = self._leg_problem(self.rests[one], self.rests[other].stop)
+        return Leg(problem, end_to_end(self._way(before, one, other)))
+
+    @cached_property
+    def _bounds(self) -> FloatArray:
+        """Lower bounds on the durations of motions between nodes from rest to rest, shape (nodes, nodes) [s]."""
+        q = np.stack([rest.q for rest in self.rests])
         away = np.abs(q[:, None] - q[None])
         speed, acceleration = self._speed, self._acceleration
         # Of each coordinate by itself, with the greatest rates: to and from its speed limit, or less if it is near.

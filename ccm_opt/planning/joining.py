@@ -76,6 +76,8 @@ class PathJoiner:
     def path(self, chain: FloatArray) -> JointPath | None:
         """Return a certified path with the ends of a chain, along the chain or shorter, or None.
 
+        Between two configurations alone no motion is known: theirs is straight, and has to keep the gap of its ends.
+
         Args:
             chain: configurations along certified motions, shape (K ≥ 2, c) [rad, m].
         """
@@ -131,6 +133,8 @@ def _shortest(
     certificates: Iterable[IntervalCertificate], pace: FloatArray, problem: Problem, chain: FloatArray
 ) -> JointPath | None:
     """Return the path along a chain, (K, c), by the first certificate that admits one, or None."""
+    if len(chain) == 2:
+        certificates = itertools.islice(certificates, 1)
     paths = (_Shortening(certificate, pace, _tube(problem)).path(chain) for certificate in certificates)
     return next((path for path in paths if path is not None), None)
 
@@ -283,6 +287,8 @@ class _Shortening:
         whole = self.straight(chain[0], chain[-1])
         if len(self.failures(whole)) == 0:
             return whole
+        if len(chain) == 2:
+            return None
         even = self.evenly(chain, _ROWS)
         for _ in range(_HALVINGS):
             if len(self.failures(even)) == 0:

@@ -22,7 +22,8 @@ def tour_sentences(tour: Tour) -> Iterator[str]:
     bound = ", with the motions found no order is shorter" if tour.bound else ""
     if tour.excess > _NO_EXCESS:
         bound = f", with the motions found at most {100.0 * tour.excess:.2g} % longer than any order"
-    yield f"{tour.duration:.4g} s of motion between goals{bound}; in the given order {tour.as_given:.4g} s"
+    as_given = f"with these motions in the given order {tour.as_given:.4g} s"
+    yield f"{tour.duration:.4g} s of motion between goals{bound}; {as_given}"
 
 
 def _view_sentences(tour: Tour) -> Iterator[str]:

@@ -32,7 +32,7 @@ class Tour:
         duration: sum of the durations of the motions from goal to goal, without pauses [s].
         bound: lower bound on this sum for every order of the motions that were found between the goals [s]; 0 if none
             is known, as for goals that were planned for one after the other.
-        as_given: this sum for the order of the problem [s].
+        as_given: this sum for the order of the problem, over the motions found [s].
         views: goals found for what the problem has to see, of which ``order`` has the numbers; empty if the goals are
             the problem's own.
         fewest: lower bound on the number of views among those considered; 0 without views.
