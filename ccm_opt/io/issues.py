@@ -299,7 +299,7 @@ def _key_locations() -> dict[str, tuple[str, ...]]:
         place, model = pending.pop(0)
         for name, info in model.model_fields.items():
             key = info.alias or name
-            found[key] = (*found.get(key, ()), f"{place}.{key}".strip("."))
+            found[key] = (*found.get(key, ()), f"{place}.{key}" if place else f"'{key}' at the top of the file")
         pending += [(f"{place}.{key}", nested) for key, nested in table_models(model).items()]
     return found
 

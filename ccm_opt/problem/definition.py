@@ -96,7 +96,10 @@ def _tour_defects(problem: "Problem") -> Iterator[str]:
     goals = [stop.goal for stop in problem.goals]
     yield from _broken(
         (all(goal.path is None for goal in goals), 'goal.path is not supported with planner.order = "free"'),
-        (not any(goal.via for goal in goals), 'goal.via is not supported with planner.order = "free"'),
+        (
+            not any(goal.via for goal in goals),
+            'goal.via is not supported with planner.order = "free"; give each place as a goal, in a table [[goal]]',
+        ),
         (planner.follow_within is None, 'planner.follow_within is not supported with planner.order = "free"'),
         (planner.tries == 1, 'planner.tries must be 1 with planner.order = "free"'),
         (planner.method == "nlp", f'planner.order = "free" needs planner.method = "nlp", got "{planner.method}"'),
