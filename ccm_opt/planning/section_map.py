@@ -93,7 +93,7 @@ class SectionMap(CurveMap):
         return np.hstack((bent, self.drawn_axes(rng, count)))
 
     # ------------------------------------------------------------ bends, and travels of tendons in units of them
-    @property
+    @cached_property
     def bend_limits(self) -> FloatArray:
         """Upper bound on every joint bend and, last, on the travel of every tendon that has a limit, shape (b,) [rad].
 
@@ -105,6 +105,8 @@ class SectionMap(CurveMap):
     def bends(self, q: FloatArray) -> FloatArray:
         """Return the joint bends and travels, shape (..., b) [rad], of configurations, shape (..., c)."""
         own = q[..., : 2 * self.arm.links]
+        if not len(self.coupled.travel_rows):
+            return own
         return np.concatenate((own, self._travel_bend * own @ self.coupled.travel_rows.T), axis=-1)
 
     def bend_slopes(self, pose: Pose) -> FloatArray:
@@ -112,7 +114,7 @@ class SectionMap(CurveMap):
         own = pose.slopes[: 2 * self.arm.links]
         return np.concatenate((own, self._travel_bend * self.coupled.travel_rows @ own))
 
-    @property
+    @cached_property
     def _travel_bend(self) -> float:
         return float(np.max(self.arm.bend_limits))
 

@@ -165,7 +165,7 @@ class LinkLayout:
         """Total length L = links · l [m]."""
         return self.links * self.link_length
 
-    @property
+    @cached_property
     def mount_end(self) -> tuple[int, float]:
         """Index of the link in which the mount ends, and the fraction of that link that belongs to the mount.
 
@@ -175,7 +175,7 @@ class LinkLayout:
         link = min(self.whole_mount_links, self.links - 1)
         return link, float(self.free_shares[link])
 
-    @property
+    @cached_property
     def whole_mount_links(self) -> int:
         """Number of links that belong to the mount as a whole."""
         # The small number stops rounding from placing the end of a mount of whole links on the previous link.
@@ -188,13 +188,13 @@ class LinkLayout:
         # Rounding may not place the end of a mount of whole links on the next link.
         return int(np.ceil(self.mount_length / self.link_length - 1e-9))
 
-    @property
+    @cached_property
     def free_shares(self) -> FloatArray:
         """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
         within = self.mount_length / self.link_length - self.place_shares[:-1]
         shares = np.clip(within / self.length_shares, 0.0, 1.0)
         # What rounding leaves of a link whose end is that of the mount is not there.
-        return np.where(shares > 1.0 - 1e-9, 1.0, shares)
+        return fixed(np.where(shares > 1.0 - 1e-9, 1.0, shares))
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
         """Return the index of the first link that extends beyond the mount, and the link axes without the mount.

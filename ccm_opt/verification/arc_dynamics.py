@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.attached_masses import PointMasses
-from ccm_opt.verification.base_motion import BaseMotion, cross
+from ccm_opt.verification.base_motion import BaseMotion, cross, vectors
 from ccm_opt.verification.chain_motion import LinkFrames, arc_frames, arc_lengths, base_rotations, bend_pairs
 
 _SERIES = tuple(Polynomial([(-1) ** i / factorial(2 * i + k) for i in range(13)]) for k in (1, 2, 3))
@@ -57,9 +57,9 @@ class ArcMotion:
         (s, ds, dds), (f, df, ddf), _ = self._by_time
         arcs = arc_lengths(self.arm)[:, None]
         return (
-            arcs * np.stack((s, f * a, -f * b), axis=-1),
-            arcs * np.stack((ds, df * a + f * da, -df * b - f * db), axis=-1),
-            arcs * np.stack((dds, ddf * a + 2.0 * df * da + f * dda, -ddf * b - 2.0 * df * db - f * ddb), axis=-1),
+            arcs * vectors(s, f * a, -f * b),
+            arcs * vectors(ds, df * a + f * da, -df * b - f * db),
+            arcs * vectors(dds, ddf * a + 2.0 * df * da + f * dda, -ddf * b - 2.0 * df * db - f * ddb),
         )
 
     def growth(self) -> FloatArray:
@@ -67,22 +67,20 @@ class ArcMotion:
         (a, b), (da, db), (dda, ddb) = self.bends
         _, (f, df, _), (g, dg, _) = self._by_time
         across, gain = b * da - a * db, b * dda - a * ddb
-        return np.stack(
-            (
-                df * across + f * gain,
-                ddb + (dg * a + g * da) * across + g * a * gain,
-                dda - (dg * b + g * db) * across - g * b * gain,
-            ),
-            axis=-1,
+        return vectors(
+            df * across + f * gain,
+            ddb + (dg * a + g * da) * across + g * a * gain,
+            dda - (dg * b + g * db) * across - g * b * gain,
         )
 
-    def reaches(self) -> FloatArray:
-        """Return the derivatives of the places of the ends by the bends a and b, shape (2, T, links, 3) [m/rad]."""
+    def reaches(self) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of the places of the ends by the bends a and b, each (T, links, 3) [m/rad]."""
         a, b = self.bends[0]
         (_, ds, _), (f, df, _), _ = self._functions
-        by_a = np.stack((2.0 * a * ds, f + 2.0 * a * a * df, -2.0 * a * b * df), axis=-1)
-        by_b = np.stack((2.0 * b * ds, 2.0 * a * b * df, -f - 2.0 * b * b * df), axis=-1)
-        return np.asarray(arc_lengths(self.arm)[:, None] * np.stack((by_a, by_b)))
+        by_a = vectors(2.0 * a * ds, f + 2.0 * a * a * df, -2.0 * a * b * df)
+        by_b = vectors(2.0 * b * ds, 2.0 * a * b * df, -f - 2.0 * b * b * df)
+        arcs = arc_lengths(self.arm)[:, None]
+        return arcs * by_a, arcs * by_b
 
 
 def arc_efforts(
@@ -98,9 +96,10 @@ def arc_efforts(
     frames = LinkFrames.from_configurations(arm, positions)
     after = arc_frames(arm, positions)
     before = np.concatenate((base_rotations(arm, positions)[:, None], after[:, :-1]), axis=1)
+    axes_before = [vectors(*np.moveaxis(before[..., k], -1, 0)) for k in range(3)]
 
-    def in_world(vectors: FloatArray) -> FloatArray:
-        return np.asarray(np.matmul(before, vectors[..., None])[..., 0])
+    def in_world(local: FloatArray) -> FloatArray:
+        return np.asarray(sum(axis * local[..., k, None] for k, axis in enumerate(axes_before)))
 
     on = arm.coordinates.base
     base = BaseMotion.from_configurations(arm, positions)

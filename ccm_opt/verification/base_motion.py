@@ -186,7 +186,12 @@ def cross(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the cross products of vectors (..., 3), in a third of the time of ``numpy.cross``."""
     x, y, z = (first[..., k] for k in range(3))
     u, v, w = (second[..., k] for k in range(3))
-    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=-1)
+    return vectors(y * w - z * v, z * u - x * w, x * v - y * u)
+
+
+def vectors(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """Return vectors (..., 3) of given components, which are kept apart in memory, where they are computed faster."""
+    return np.moveaxis(np.stack((x, y, z)), 0, -1)
 
 
 def _at_point(

@@ -12,7 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.base_motion import BaseMotion, base_bounds, lengths_of
+from ccm_opt.verification.base_motion import BaseMotion, base_bounds, lengths_of, vectors
 from ccm_opt.verification.consistency import point_rounding
 from ccm_opt.verification.drives import as_revolutes, section_joints
 
@@ -100,9 +100,13 @@ class LinkFrames:
         angle, y, z = _arc_axes(arm, positions)
         mean = np.sinc(angle / np.pi)
         aside = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
-        first = np.stack((aside * y, (1.0 - mean) * y * z, mean + (1.0 - mean) * z**2), axis=-1)
-        second = np.stack((-aside * z, mean + (1.0 - mean) * y**2, (1.0 - mean) * y * z), axis=-1)
-        first, second = (np.matmul(before, axes[..., None])[..., 0] for axes in (first, second))
+        first = (aside * y, (1.0 - mean) * y * z, mean + (1.0 - mean) * z**2)
+        second = (-aside * z, mean + (1.0 - mean) * y**2, (1.0 - mean) * y * z)
+        frames = [vectors(*np.moveaxis(before[..., k], -1, 0)) for k in range(3)]
+        first, second = (
+            x[..., None] * frames[0] + y[..., None] * frames[1] + z[..., None] * frames[2]
+            for x, y, z in (first, second)
+        )
         return cls(first, second, after[..., 0], after[..., 2])
 
     @classmethod
@@ -430,6 +434,20 @@ class ChainMotion:
         Each bound is the distance of a joint, or the tip, at the middle sample from its position at the farthest
         sample, plus its largest deviation from the chord between two consecutive samples.
         """
+        # Boxes are opened while intervals stay, so that the same ones come again and again.
+        ends = list(zip(intervals.low.tolist(), intervals.high.tolist(), strict=True))
+        new = [k for k, each in enumerate(ends) if each not in self._known_travels]
+        if new:
+            found = self._new_travels_over_samples(intervals.take(np.array(new)))
+            self._known_travels.update(zip((ends[k] for k in new), found, strict=True))
+        return np.stack([self._known_travels[each] for each in ends])
+
+    @cached_property
+    def _known_travels(self) -> dict[tuple[float, float], FloatArray]:
+        """Bounds of ``_travels_over_samples`` by the ends of their intervals, as far as they were asked for."""
+        return {}
+
+    def _new_travels_over_samples(self, intervals: TimeIntervals) -> FloatArray:
         low = intervals.low.astype(np.intp)
         count = intervals.high.astype(np.intp) - low + 1
         starts = np.cumsum(count) - count
