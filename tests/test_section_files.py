@@ -12,7 +12,7 @@ from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.folder import model_texts, write_solution
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
-from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.io.reading_back import load_any_problem, load_motion, recorded_nearest
 from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitting_arcs
 from ccm_opt.robot.arm import Arm
 
@@ -149,11 +149,14 @@ def test_what_is_not_supported_is_refused_by_its_key(old: str, new: str, words: 
 
 
 def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
-    """Arrays of drives agree with the bends, bodies are clear, a changed array is refused; no models are written."""
+    """Arrays of drives agree with the bends, bodies are clear, the nearest section is named; no models are written."""
     solution = ccm_opt.solve(read(TEXT + LAMPS), explain=False)
     assert all(check.passed for check in solution.checks)
     assert least_gap_of_lamps(solution.problem.arm, solution.trajectory.positions) > 0.0
     folder = write_solution(solution, tmp_path)
+    assert solution.room is not None
+    assert solution.room.nearest.pair.startswith("section ")
+    assert recorded_nearest(folder) == solution.room.nearest
     arrays = dict(np.load(folder / "solution.npz"))
     assert arrays["drive_names"].tolist() == ["section1_a", "section1_b", "section2_a", "section2_b"]
     assert solution.problem.arm.sections is not None

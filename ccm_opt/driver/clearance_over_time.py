@@ -227,7 +227,8 @@ class _Room:
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
         """Return bodies, clearance and time of the nearest pair at one recorded sample."""
-        number = self.problem.arm.link_number
+        arm = self.problem.arm
+        number = arm.link_number
         first, second = int(gaps.link[sample]), int(gaps.second_link[sample])
         return NearPlace(
             float(gaps.gap[sample]),
@@ -236,6 +237,8 @@ class _Room:
             number(first - 1) if first else 0,
             str(gaps.obstacle[sample]),
             number(second - 1) if second else 0,
+            arm.section_name(first - 1) if first else "",
+            arm.section_name(second - 1) if second else "",
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:

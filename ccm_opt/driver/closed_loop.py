@@ -51,16 +51,18 @@ class Touch:
 
     Attributes:
         link: number of the link, from 1.
+        name: name of the link, of its section, or of the body on it, for example "link 3".
         obstacle: name of the obstacle; for contact with another link "link" and its number, for example "link 9".
         time: time of the contact [s].
     """
 
     link: int
+    name: str
     obstacle: str
     time: float
 
     def __str__(self) -> str:
-        return f"link {self.link} touches {self.obstacle} at {self.time:.4g} s"
+        return f"{self.name} touches {self.obstacle} at {self.time:.4g} s"
 
 
 @dataclass(frozen=True)
@@ -302,8 +304,9 @@ def seen(
     if len(touching):
         first = int(touching[0])
         near = walls if walls.gap[first] < deep else itself
+        link, arm = int(near.link[first]) - 1, problem.arm
         touch = Touch(
-            problem.arm.link_number(int(near.link[first]) - 1), gaps.other(near, first), float(trajectory.time[first])
+            arm.link_number(link), arm.link_name(link), gaps.other(near, first), float(trajectory.time[first])
         )
     own = _least(itself) if problem.arm.self_collision else None
     return Seen(touch, _least(walls), own)

@@ -137,11 +137,13 @@ def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
 
 def place_data(place: NearPlace) -> Mapping[str, object]:
     """Return the record of where a link comes nearest to an obstacle or another link; lengths [m], times [s]."""
-    other: dict[str, object] = {}
+    other: dict[str, object] = {"section": place.section} if place.section else {}
     if place.second_link:
-        other = {"second_link": place.second_link}
+        other["second_link"] = place.second_link
+        if place.second_section:
+            other["second_section"] = place.second_section
     elif place.link:
-        other = {"obstacle": place.obstacle}
+        other["obstacle"] = place.obstacle
     near = {"link": place.link, **other} if place.link else {}
     return {"gap": place.gap, "wanted": place.wanted, "time": place.time, **near}
 

@@ -107,17 +107,21 @@ class LinkLayout:
         """Return the number in messages, from 1, of a link given by its index, or of the link that carries it."""
         return link + 1 if self.tool_links is None else int(self.tool_links.carriers[link]) + 1
 
+    def section_name(self, link: int) -> str:
+        """Return the name of the section that bends evenly to which a link, given by its index, belongs; else ""."""
+        return "" if self.sections is None else self.sections.name_at(link)
+
     def link_name(self, link: int) -> str:
         """Return the name in messages of a link, by its index: its number, its section, or the body it stands for."""
         if self.tool_links is not None and self.tool_links.names[link]:
             return self.tool_links.names[link]
-        return f"link {self.link_number(link)}" if self.sections is None else self.sections.name_at(link)
+        return self.section_name(link) or f"link {self.link_number(link)}"
 
     def joint_name(self, joint: int) -> str:
         """Return the name in messages of a joint: its number, its section, or the body with a corner there."""
         if self.tool_links is not None and self.tool_links.names[joint]:
             return self.tool_links.names[joint]
-        return f"joint {self.link_number(joint)}" if self.sections is None else self.sections.name_at(joint)
+        return self.section_name(joint) or f"joint {self.link_number(joint)}"
 
     @cached_property
     def joint_places(self) -> FloatArray:

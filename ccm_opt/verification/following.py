@@ -15,6 +15,7 @@ from ccm_opt.robot.arc_sections import arc_deviation
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.chain_motion import ChainMotion, base_displacement
+from ccm_opt.verification.selfcollision import link_word
 
 _PLACES = 8
 """Number of parts into which a link is divided to measure its distance from the tip path. Heuristic."""
@@ -58,7 +59,7 @@ def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTraj
     for first, last in pairwise((0, *trajectory.stops, len(motion.time) - 1)):
         away, sample, link = _farthest(motion, slice(first, last + 1), _SPACING * within)
         if away >= worst:
-            worst, where = away, f"link {link + 1} at t = {motion.time[first + sample]:.4f} s"
+            worst, where = away, f"{link_word(motion.arm, link)} at t = {motion.time[first + sample]:.4f} s"
     return [Check("following the tip", worst, within, "m", where, passed=worst <= within)]
 
 

@@ -133,8 +133,9 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
     near = verdict.nearest
     arm = motion.arm
     pair = f"{link_word(arm, near.link)} to {link_word(arm, near.other)} at t = {near.time:.4f} s"
-    numbers = (link_number(arm, near.link), link_number(arm, near.other))
-    place = NearPlace(near.gap, 0.0, near.time, numbers[0], second_link=numbers[1])
+    number, other = (link_number(arm, link) for link in (near.link, near.other))
+    sections = (section_of(arm, near.link), section_of(arm, near.other))
+    place = NearPlace(near.gap, 0.0, near.time, number, "", other, *sections)
     joined = ": " if motion.arm.dimension == 2 else "; "
     where = joined.join(part for part in (pair, verdict.remark, crossing) if part)
     passed = verdict.proved and not crossing

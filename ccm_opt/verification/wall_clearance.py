@@ -16,6 +16,7 @@ from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.body_sides import depth_enclosed, separations
 from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import distance_rounding
+from ccm_opt.verification.drives import section_of
 from ccm_opt.verification.gap_proof import (
     BLOCK,
     Measured,
@@ -216,7 +217,12 @@ def check_walls(
         f"{where}: {remark}" if remark else where,
         passed=verdict.proved,
         place=NearPlace(
-            near.gap - workspace.clearance, 0.0, near.time, link_number(motion.arm, near.link), obstacle=wall
+            near.gap - workspace.clearance,
+            0.0,
+            near.time,
+            link_number(motion.arm, near.link),
+            obstacle=wall,
+            section=section_of(motion.arm, near.link),
         ),
     )
 

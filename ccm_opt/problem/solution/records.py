@@ -190,6 +190,8 @@ class NearPlace:
         link: number of the link, from 1; 0 if nothing is within the search distance.
         obstacle: name of the obstacle; empty if the other body is a link.
         second_link: number of the other link, from 1; 0 if the other body is an obstacle.
+        section: name of the section of the link, for arms of sections that bend evenly; empty for others.
+        second_section: that of the other link.
     """
 
     gap: float
@@ -198,14 +200,17 @@ class NearPlace:
     link: int
     obstacle: str = ""
     second_link: int = 0
+    section: str = ""
+    second_section: str = ""
 
     @property
     def pair(self) -> str:
-        """Both bodies in words, for example "link 3 to 'post'"."""
+        """Both bodies in words, for example "link 3 to 'post'", or "section 2 to section 4"."""
         if not self.link:
             return "no obstacle within range"
-        other = f"link {self.second_link}" if self.second_link else f"'{self.obstacle}'"
-        return f"link {self.link} to {other}"
+        second = self.second_section or f"link {self.second_link}"
+        other = second if self.second_link else f"'{self.obstacle}'"
+        return f"{self.section or f'link {self.link}'} to {other}"
 
 
 @dataclass(frozen=True)
