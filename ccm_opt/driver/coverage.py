@@ -63,6 +63,8 @@ class CoverageViews:
         reasons: why a piece has no view, an index of an obstacle that hides it or a negative number, shape (m,).
         lookup: finds poses; None for arms for which there are no maps of the reach.
         poses: poses found so far.
+        pose_of: the pose of each view that has one, by index of the view.
+        stops: views as goals, by index of the view.
         failures: errors of views to which no motion was found.
     """
 
@@ -74,6 +76,8 @@ class CoverageViews:
     reasons: IntArray
     lookup: TipLooker | None
     poses: list[Pose] = field(default_factory=list)
+    pose_of: dict[int, Pose] = field(default_factory=dict)
+    stops: dict[int, Stop] = field(default_factory=dict)
     failures: list[NoPlanFound] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -82,6 +86,7 @@ class CoverageViews:
             # What known poses see are views too.
             self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
             tips, axes = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("tip", "tip_direction"))
+            self.pose_of = dict(enumerate(self.poses, start=len(self.posed)))
             self.views = self.views.with_further(self.sampler.at(tips, axes))
             self.posed = np.append(self.posed, np.ones(len(tips), dtype=np.intp))
         sampled = len(self.pieces.sizes) == _MOST_PIECES
@@ -178,10 +183,20 @@ class CoverageViews:
         if pose is None:
             return -1
         self.poses.append(pose)
+        self.pose_of[k] = pose
         return 1
 
     def stop(self, k: int) -> Stop:
-        """Return a view as a goal, with the largest tolerances within which it sees its pieces."""
+        """Return a view as a goal, always the same, with the largest tolerances within which it sees its pieces."""
+        if k not in self.stops:
+            self.stops[k] = self._stop(k)
+        return self.stops[k]
+
+    def known_poses(self, chosen: IntArray) -> dict[int, FloatArray]:
+        """Return the configurations (c,) that are known of some views, shape (k,), by index among these."""
+        return {at: self.pose_of[k].q for at, k in enumerate(chosen.tolist()) if k in self.pose_of}
+
+    def _stop(self, k: int) -> Stop:
         tip, axis, mine = self.views.tips[k], self.views.axes[k], np.flatnonzero(self.views.sees[k])
         sights = self.pieces.centres[mine] - tip
         away = np.linalg.norm(sights, axis=1)

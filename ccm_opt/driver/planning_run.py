@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from ccm_opt.planning.positioning import PositioningPlanner
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Coverage, Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Tour
+
+if TYPE_CHECKING:
+    from ccm_opt.driver.tours import TourPlanner
 
 
 def default_planner(
@@ -91,18 +95,14 @@ class PlanningRun:
         if problem.coverage is not None and problem.planner.order == "free":
             return self._planned_views(problem, planner, problem.coverage)
         if problem.planner.order == "free":
-            legs, tour = self._tour(problem, planner)
+            legs, tour = self._tour_planner(problem, planner).plan()
             return self._verified_tour(legs, replace(tour, posed=self.problem))
         legs = plan_legs(problem, planner, self.recorded, retrace=self.terms is None)
         requested = replace(self.problem, joint_error=problem.joint_error)
         return timed_and_verified(requested, legs, self.stages, self.retimer, self.terms, self.settings)
 
-    def _tour(self, problem: Problem, planner: Planner) -> tuple[tuple[Leg, ...], Tour]:
-        """Return the legs of a motion to goals in any order, and their order.
-
-        Raises:
-            NoPlanFound: no goal is reached.
-        """
+    def _tour_planner(self, problem: Problem, planner: Planner) -> "TourPlanner":
+        """Return the planner of a motion to goals in any order."""
         from ccm_opt.driver.tours import TourPlanner  # noqa: PLC0415 - most problems have one goal
 
         return TourPlanner(
@@ -112,7 +112,7 @@ class PlanningRun:
             lambda single: refuse_impossible(problem_with_tool_links(single, weighed=True)),
             self.stages,
             share=problem.planner.effort_share if self.retimer is None else 1.0,
-        ).plan()
+        )
 
     def _verified_tour(self, legs: tuple[Leg, ...], tour: Tour) -> VerifiedPlan:
         """Return the timed and verified plan of a tour; see ``planned``."""
@@ -128,12 +128,13 @@ class PlanningRun:
         deadline = Deadline.after(problem.planner.time_limit)
         with self.stages("views"):
             views = CoverageViews.of(problem, coverage)
+        tours = self._tour_planner(replace(problem, coverage=None), planner)
         while True:
             with self.stages("views"):
                 chosen, fewest = views.fewest(deadline)
                 asked = views.expanded(chosen, deadline)
             try:
-                legs, tour = self._tour(asked, planner)
+                legs, tour = tours.plan_also(asked, views.known_poses(chosen))
             except NoPlanFound as failure:
                 views.leave_out(chosen, [failure])
                 if deadline.passed():

@@ -15,7 +15,6 @@ are; the fastest motion is taken.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -58,7 +57,7 @@ class _Rest:
     """A pose in which the arm rests, as a node of the tree of motions.
 
     Attributes:
-        number: index of the goal in the problem; −1 for the start.
+        number: index of the goal in the problem; −1 for the start and for goals of other problems.
         stop: the goal.
         q: the configuration, shape (c,) [rad, m].
         parent: index of the node from which it is reached; −1 for the start.
@@ -89,6 +88,7 @@ class TourPlanner:
         durations: their durations [s].
         joined: pairs of nodes between which the fastest way was shortened.
         planned: pairs of nodes between which a motion was planned by itself.
+        poses: known configurations at goals, by index of the goal, each of shape (c,).
     """
 
     problem: Problem
@@ -103,6 +103,7 @@ class TourPlanner:
     durations: dict[tuple[int, int], float] = field(default_factory=dict)
     joined: set[tuple[int, int]] = field(default_factory=set)
     planned: set[tuple[int, int]] = field(default_factory=set)
+    poses: dict[int, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -118,11 +119,32 @@ class TourPlanner:
             NoPlanFound: no goal is reached, or not the one at which the motion has to end.
         """
         deadline = Deadline.after(self.problem.planner.time_limit)
+        legs, tour = self._toured(deadline)
+        return self._compared(legs, tour, deadline) if len(tour.order) <= _FEW else (legs, tour)
+
+    def _toured(self, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
+        """Return the tour over motions of the tree and what joins them; see ``plan``."""
         self._grow(deadline)
         self._refuse_incomplete()
         with self.stages("order"):
-            legs, tour = self._ordered(deadline)
-        return self._compared(legs, tour, deadline) if len(tour.order) <= _FEW else (legs, tour)
+            return self._ordered(deadline)
+
+    def plan_also(self, problem: Problem, poses: dict[int, FloatArray]) -> tuple[tuple[Leg, ...], Tour]:
+        """Return the tour of other goals of the same arm, over all motions that are known so far.
+
+        Goals that are reached already, told by their identity, are not planned for again.
+
+        Args:
+            problem: problem that differs in its goals and time limit only.
+            poses: known configurations at the goals, by index of the goal, each of shape (c,).
+
+        Raises:
+            NoPlanFound: no goal is reached, or not the one at which the motion has to end.
+        """
+        number_of = {id(stop.goal): k for k, stop in enumerate(problem.numbered_goals)}
+        self.problem, self.poses, self.failures = problem, poses, {}
+        self.rests[1:] = [replace(rest, number=number_of.get(id(rest.stop.goal), -1)) for rest in self.rests[1:]]
+        return self._toured(Deadline.after(problem.planner.time_limit))
 
     # ------------------------------------------------------------ the tree
     def _grow(self, deadline: Deadline) -> None:
@@ -130,7 +152,8 @@ class TourPlanner:
         goals = self.problem.numbered_goals
         tips = {k: stop.goal.tip(self.problem.arm) for k, stop in enumerate(goals)}
         at = [self.problem.arm.joint_positions_at(self.rests[0].q)[-1]]
-        left = set(tips)
+        at += [rest.stop.goal.tip(self.problem.arm) for rest in self.rests[1:]]
+        left = set(tips) - {rest.number for rest in self.rests}
         while left:
             # The nearest goal and where it is reached from; equal distances are decided by place, not by number.
             away = {k: [float(np.linalg.norm(tips[k] - tip)) for tip in at] for k in left}
@@ -179,7 +202,7 @@ class TourPlanner:
             asked = self._leg_problem(begin, stop)
             asked = replace(asked, planner=replace(asked.planner, time_limit=limit, optimiser=optimiser))
             try:
-                path = self.planner.plan(asked)
+                path = self._path_to_pose(asked, number) or self.planner.plan(asked)
             except NoPlanFound as failure:
                 # The reason from the start is told, from which the goal is planned for last.
                 self.failures[number] = failure
@@ -187,6 +210,18 @@ class TourPlanner:
             self.failures.pop(number, None)
             return _Rest(number, stop, np.asarray(path.spline(1.0)), parent, path)
         return None
+
+    def _path_to_pose(self, asked: Problem, number: int) -> JointPath | None:
+        """Return a path to the known pose at a goal; None if there is none, or no path is found in half the time."""
+        q = self.poses.get(number)
+        if q is None:
+            return None
+        pose = JointPose.from_configuration(q, asked.arm.coordinates)
+        options = replace(asked.planner, time_limit=0.5 * asked.planner.time_limit)
+        try:
+            return self.planner.plan(replace(asked, goal=pose, tolerances=Tolerances(), planner=options))
+        except NoPlanFound:
+            return None
 
     def _leg_problem(self, begin: _Rest, stop: Stop) -> Problem:
         """Return the problem of moving from a pose at rest to a goal."""
@@ -207,7 +242,7 @@ class TourPlanner:
         goals = self.problem.numbered_goals
         last = len(goals) - 1
         must_end = self.problem.planner.end == "last" and last in self.failures
-        if len(self.rests) > 1 and not must_end:
+        if any(rest.number >= 0 for rest in self.rests) and not must_end:
             return
         number = last if must_end else min(self.failures)
         failure = self.failures[number]
@@ -304,12 +339,11 @@ class TourPlanner:
     # ------------------------------------------------------------ the order
     def _ordered(self, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
         end = self.problem.planner.end
-        count = len(self.rests)
         # The place at which the tour ends comes last.
-        last = next((k for k, rest in enumerate(self.rests) if rest.number == len(self.problem.stops)), count - 1)
-        nodes = [*(k for k in range(count) if k != last), last] if end == "last" else list(range(count))
+        nodes = [0, *(k for k, rest in enumerate(self.rests) if rest.number >= 0)]
+        nodes.sort(key=lambda k: end == "last" and self.rests[k].number == len(self.problem.stops))
         places = np.ix_(nodes, nodes)
-        solver = OrderSolver(count, end)
+        solver = OrderSolver(len(nodes), end)
         self._join_neighbours()
         while True:
             between, before = self._fastest()
@@ -320,7 +354,7 @@ class TourPlanner:
                 break
         number_of = {self.rests[node].number: k for k, node in enumerate(nodes)}
         as_given = tuple(number_of[number] for number in sorted(number_of) if number >= 0)
-        known = np.eye(count, dtype=bool)
+        known = np.eye(len(self.rests), dtype=bool)
         for pair in self.paths:
             known[pair] = known[pair[::-1]] = True
         bound = solver.solve(np.where(known, between, self._bounds)[places], deadline).bound
@@ -379,7 +413,8 @@ class TourPlanner:
         ]
         if any(gained):
             return True
-        lost = {pair: float(between[pair] - self._bounds[pair]) for pair in pairs}
+        least = self._bounds
+        lost = {pair: float(between[pair] - least[pair]) for pair in pairs}
         worth = _WORTH * float(sum(between[leg] for leg in legs))
         for pair in sorted(pairs, key=lambda pair: -lost[pair]):
             late = deadline.left < (1.0 - _PLANNING_SHARE) * self.problem.planner.time_limit
@@ -392,7 +427,7 @@ class TourPlanner:
         problem = self._leg_problem(self.rests[one], self.rests[other].stop)
         return Leg(problem, end_to_end(self._way(before, one, other)))
 
-    @cached_property
+    @property
     def _bounds(self) -> FloatArray:
         """Lower bounds on the durations of motions between nodes from rest to rest, shape (nodes, nodes) [s]."""
         q = np.stack([rest.q for rest in self.rests])
