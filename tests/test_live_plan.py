@@ -30,6 +30,7 @@ def is_certified(live: LivePlan) -> bool:
     return all(check.passed for check in ccm_opt.check(plan.problem, plan.trajectory, plan.joints))
 
 
+@pytest.mark.drawn(40, of="dear tests")
 @settings(max_examples=1, deadline=None)  # each plans seven motions
 @given(seed=st.integers(0, 10**6))
 def test_every_drag_is_answered(swan: ccm_opt.Problem, seed: int) -> None:
@@ -77,6 +78,7 @@ def test_where_there_is_no_plan_the_last_one_stays(swan: ccm_opt.Problem) -> Non
     assert live.reason == ""
 
 
+@pytest.mark.drawn(40, of="dear tests")
 def test_a_plan_made_anew_is_kept_only_where_it_is_shorter() -> None:
     """It is never longer than the one that followed the drags; with room, errors and simulation it is a whole one."""
     live = LivePlan(clutter(3, count=20).problem())

@@ -265,6 +265,7 @@ def test_an_open_page_does_not_hold_the_viewer(tmp_path: Path) -> None:
             assert process.wait(4.0) == 0
 
 
+@pytest.mark.drawn(40, of="dear tests")
 def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:
     """A folder's own motion plays, whatever a plan made now would be; what is no plan is bad input."""
     run = CliRunner().invoke
