@@ -15,8 +15,9 @@ from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, PlanDrawing
 from ccm_opt.viz.plan import draw_goals
+from ccm_opt.viz.raster import FlatTriangles
 from ccm_opt.viz.scene_views import seen_from, viewing_side
-from ccm_opt.viz.shading import Faces, ShadedView, Tube, covered_pixels
+from ccm_opt.viz.shading import Faces, ShadedView, Tube
 
 from .space_folders import solved
 
@@ -43,12 +44,31 @@ def test_triangles_with_a_common_side_share_no_pixel(corners: FloatArray) -> Non
     ring = corners[np.argsort(np.arctan2(*(corners - middle).T))]
     (ux, uy), (vx, vy) = (np.roll(ring, -1, axis=0) - ring).T, (np.roll(ring, -2, axis=0) - np.roll(ring, -1, axis=0)).T
     halves = ring[[[0, 1, 2], [0, 2, 3]]]
-    _, pixel = covered_pixels(halves, np.ones(2, dtype=np.bool_), (20, 20))
+    nothing = np.full((20, 20), -np.inf, dtype=np.float32)
+    drawn = [
+        FlatTriangles(some, np.zeros((len(some), 3)), np.ones((len(some), 3)), np.zeros(len(some), dtype=np.intp), 1)
+        for some in (halves[:1], halves[1:], halves)
+    ]
+    one, other, both = (triangles.nearest(nothing) for triangles in drawn)
+    covered = both.owner == 0
+    assert np.array_equal(covered, (one.owner == 0) | (other.owner == 0))
     if np.all(ux * vy - uy * vx > 1e-6):
-        assert len(np.unique(pixel)) == len(pixel)
-    centres = np.stack(np.divmod(pixel, 20)[::-1], axis=1) + 0.5
+        assert both.fragments[0] == np.count_nonzero(covered)
+    centres = np.argwhere(covered)[:, ::-1] + 0.5
     assert np.all(centres >= corners.min(axis=0) - 1e-9)
     assert np.all(centres <= corners.max(axis=0) + 1e-9)
+
+
+def test_an_arm_is_drawn_over_what_is_part_of_every_picture() -> None:
+    """A path that is part of every picture stays beside the arm, also in the part of a film's frame that changes."""
+    path = Tube(np.array([[-0.4, 0.2, 0.3], [0.4, 0.2, -0.3]]), 0.02, style.TIP_PATH)
+    view = ShadedView(Faces.of_bodies([]), FRONT, WINDOW, 80, [path, ARM], [path])
+    rows, columns, part = view.part([ARM])
+    without = view.picture(())[rows, columns]
+    beside = np.all(ShadedView(Faces.of_bodies([]), FRONT, WINDOW, 80, []).part([ARM])[2] == 1.0, axis=2)
+    assert np.allclose(part[beside], without[beside], atol=1e-6)
+    assert np.count_nonzero(without[beside] < 0.99) > 50
+    assert bluish(part) > 0.9 * bluish(picture())
 
 
 def test_an_arm_in_a_closed_box_is_seen_through_its_front() -> None:

@@ -25,8 +25,10 @@ from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_tip_path, radius_runs
 from ccm_opt.viz.plan import draw_goals, tip_path_tube
+from ccm_opt.viz.raster import Shades
 from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side, work_box
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
+from ccm_opt.viz.shading import ShadedView
 from ccm_opt.viz.views import action_window, draw_base
 
 _TOLD_FACTOR = 1.05
@@ -137,16 +139,15 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
         axes.set_axis_off()
         scene = scene or SceneViews(problem)
         if in_space:
-            show = _shaded_arm(axes, scene, side, window, plan, settings.longest_side)
+            view = _shaded_scene(axes, scene, side, window, plan, settings.longest_side)
         else:
             scene.begin_view(axes, side, window)
             arm, show = _flat_arm(axes, points, drawn_radii(problem.arm))
             draw_tip_path(axes, points[:, -1])
             draw_base(axes, points[0, 0], 5.0)
         draw_goals(axes, plan, side, poses=False)
-    if in_space:
-        # Goals stay on top of the picture, which changes.
-        arm = [*axes.lines, *axes.texts, *axes.patches]
+        if in_space:
+            arm, show = [], _shaded_arm(view, plan, _marks(figure))
     # In real time unless that takes more frames than the settings allow.
     rate = settings.frames_a_second
     wanted = int(np.ceil(rate * time[-1])) + 1
@@ -156,10 +157,10 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
     return Film(figure, axes, arm, show, time, settings, shown, seconds)
 
 
-def _shaded_arm(
+def _shaded_scene(
     axes: Axes, scene: SceneViews, side: Side, window: FloatArray, plan: PlanDrawing, pixels: int
-) -> Callable[[int, Any], None]:
-    """Draw the background of a film in space, and return the function that draws the arm into a frame.
+) -> ShadedView:
+    """Draw the background of a film in space, and return the view into which the arm is drawn.
 
     Args:
         axes: axes at the top of the figure, without margins.
@@ -171,14 +172,40 @@ def _shaded_arm(
     """
     radii = drawn_radii(plan.problem.arm)
     still = [tip_path_tube(plan, window), pose_tube(Pose(plan.points[0], radii, "start"))]
-    view = scene.shaded(side, window, pixels, [*still, pose_tube(Pose(plan.points[-1], radii, "end"))])
-    show_picture(axes, view, view.picture(still))
+    view = scene.shaded(side, window, pixels, [*still, pose_tube(Pose(plan.points[-1], radii, "end"))], still)
+    show_picture(axes, view, view.picture(()))
+    return view
+
+
+def _marks(figure: Figure) -> Shades:
+    """Return what is drawn on top of the picture in a figure: colours and opacities, shape (h, w, 4), 0 to 1."""
+    canvas = FigureCanvasAgg(figure)
+    hidden = [figure.patch, *(image for axes in figure.axes for image in axes.images)]
+    for artist in hidden:
+        artist.set_visible(False)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    for artist in hidden:
+        artist.set_visible(True)
+    return np.asarray(canvas.buffer_rgba(), dtype=np.float32) / 255.0  # type: ignore[no-untyped-call]
+
+
+def _shaded_arm(view: ShadedView, plan: PlanDrawing, marks: Shades) -> Callable[[int, Any], None]:
+    """Return the function that draws the arm into a frame, below the marks.
+
+    Args:
+        view: the scene.
+        plan: the plan.
+        marks: what lies on top of the scene and the arm, shape (h, w, 4).
+    """
+    radii = drawn_radii(plan.problem.arm)
+    high = view.shape[0] // view.oversampling
 
     def show(sample: int, frame: IntArray) -> None:
         rows, columns, picture = view.part([pose_tube(Pose(plan.points[sample], radii, "end"))])
-        high = view.shape[0] // view.oversampling
-        place = frame[high - rows.stop : high - rows.start, columns]
-        place[..., :3] = np.round(255.0 * np.clip(picture[::-1], 0.0, 1.0))
+        place = (slice(high - rows.stop, high - rows.start), columns)
+        colour, opacity = marks[place][..., :3], marks[place][..., 3:]
+        shown = np.clip(picture[::-1], 0.0, 1.0)
+        frame[place][..., :3] = np.round(255.0 * (shown + opacity * (colour - shown)))
 
     return show
 

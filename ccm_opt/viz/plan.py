@@ -25,12 +25,17 @@ from ccm_opt.viz.views import ARROW_SHARE, Sheet, action_window, draw_base, poin
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in views of space, in link lengths, since the views differ in scale."""
-_LABEL_SIZE = 7.5
-"""Font size of labels in the drawing [points]."""
+_LABEL_SIZE = 7.0
+"""Font size of the numbers of goals [points]."""
+_DISC_SIZE = 14.0
+"""Diameter of the discs with the numbers of goals [points]."""
+_SMALLER = 0.7
+"""Size of marks and numbers where there are many goals, as a fraction of the usual one."""
 _POSES_ON_THE_WAY = 7
 """Number of poses drawn between start and goal."""
 _MOST_STOPS = 7
-"""Number of goals from which on the arm is not drawn at the goals before the last. Heuristic."""
+"""Number of goals from which on the arm is not drawn at the goals before the last, marks are smaller, fields of
+view are left out, and goals are numbered in the large view only. Heuristic."""
 _PATH_SHARE = 0.0025
 """Radius of the tip path in space, as a fraction of the longest side of the visible box. Heuristic."""
 _PATH_IN_RADII = 0.1
@@ -41,43 +46,60 @@ _LEAST_DISC = 0.012
 """Minimum position tolerance of a goal that is drawn, as a fraction of the picture's width."""
 _LEAST_SEEN = 0.1
 """Projected length of a unit direction up to which the number of a goal is placed as if there were no arrow."""
-_DISC_DISTANCES = np.array([11.0, 22.0, 33.0, 44.0])
+_DISC_DISTANCES = np.array([13.0, 22.0, 33.0, 44.0, 60.0])
 """Distances of the disc with the number of a goal from the goal, tried in turn [points]."""
 _DISC_TURNS = np.deg2rad([0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0])
 """Turns of the disc about the goal from its usual direction, tried in turn [rad]."""
 _DISC_APART = 16.0
 """Distance from which on the discs of two goals do not cover each other [points]."""
+_DISC_FROM_RING = 13.0
+"""Distance from which on a disc does not cover the ring of a goal [points]."""
 _LEAST_WEDGE = 0.05
 """Minimum heading tolerance of a goal that is drawn [rad]."""
 
 
-def number_goals(axes: Axes, places: FloatArray, headings: Sequence[float | None], size: float) -> None:
+def number_goals(axes: Axes, places: FloatArray, headings: Sequence[float | None], scale: float = 1.0) -> None:
     """Draw the numbers of goals in discs behind the goals' arrows, or above goals without an arrow.
 
-    A disc that would cover another one is turned about its goal, or drawn farther away with a line to the goal.
+    A disc that would cover another one or the ring of another goal is turned about its goal, or drawn farther away with
+    a line to the goal.
 
     Args:
         axes: axes to draw in, with their limits set.
         places: positions of the goals in the picture, shape (n, 2) [m].
         headings: angle of each goal's arrow in the picture [rad]; None without an arrow.
-        size: font size [points].
+        scale: size of the discs, as a fraction of the usual one.
     """
-    centres = np.zeros((0, 2))
-    of_goals = points_a_metre(axes) * places
+    unit = points_a_metre(axes) / scale
+    of_goals = unit * places
+    centres: list[FloatArray] = []
     for number, (place, at, heading) in enumerate(zip(places, of_goals, headings, strict=True), start=1):
         away = (0.5 * np.pi if heading is None else heading + np.pi) + _DISC_TURNS
         offsets = np.outer(_DISC_DISTANCES, np.exp(1j * away)).ravel()
         tried = at + np.column_stack((offsets.real, offsets.imag))
-        apart = np.min(np.linalg.norm(tried[:, None] - centres, axis=2), axis=1, initial=_DISC_APART)
-        best = int(np.argmax(apart))
-        centres = np.vstack((centres, tried[best]))
-        far = best >= len(_DISC_TURNS)
-        axes.annotate(
-            str(number), xy=tuple(place), xytext=tuple(tried[best] - at), textcoords="offset points", ha="center",
-            va="center", fontsize=size, color="white", weight="bold", zorder=11,
-            bbox={"boxstyle": "circle,pad=0.18", "facecolor": style.GOAL_MARK, "edgecolor": "white", "linewidth": 0.6},
-            arrowprops={"arrowstyle": "-", "color": style.GOAL_MARK, "linewidth": 0.6} if far else None,
+        others = np.delete(of_goals, number - 1, axis=0)
+        free = np.minimum(
+            _least_distance(tried, np.reshape(centres, (-1, 2))) / _DISC_APART,
+            _least_distance(tried, others) / _DISC_FROM_RING,
+        )
+        best = int(np.argmax(np.minimum(free, 1.0)))
+        centres.append(tried[best])
+        x, y = tried[best] / unit
+        if best >= len(_DISC_TURNS):
+            axes.plot([place[0], x], [place[1], y], color=style.GOAL_MARK, linewidth=0.6, zorder=10.5)
+        axes.plot(
+            x, y, marker="o", markersize=_DISC_SIZE * scale, linestyle="none", zorder=11,
+            markerfacecolor=style.GOAL_MARK, markeredgecolor="white", markeredgewidth=0.6,
         )  # fmt: skip
+        axes.text(
+            x, y, str(number), fontsize=_LABEL_SIZE * scale, color="white", weight="bold", ha="center",
+            va="center_baseline", zorder=11,
+        )  # fmt: skip
+
+
+def _least_distance(places: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the distance of each place, shape (m, 2), to the nearest of others, shape (n, 2); inf without others."""
+    return np.asarray(np.min(np.linalg.norm(places[:, None] - others, axis=2), axis=1, initial=np.inf))
 
 
 def plan_picture(plan: PlanDrawing, kind: FigureFormat = "png", scene: SceneViews | None = None) -> bytes:
@@ -124,7 +146,8 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
             draw_base(axes, points[0, 0])
         if surface is not None:
             draw_surface(axes, surface, side)
-        draw_goals(axes, plan, side, poses=not in_space)
+        numbers = len(problem.goals) < _MOST_STOPS or axes is sheet.all_views[0][0]
+        draw_goals(axes, plan, side, poses=not in_space, numbers=numbers)
         draw_sights(axes, plan, side)
         _mark_least_gap(axes, side, plan)
     gap = ""
@@ -169,7 +192,7 @@ def _mark_least_gap(axes: Axes, side: Side, plan: PlanDrawing) -> None:
     )  # fmt: skip
 
 
-def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool = True) -> None:
+def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool = True, numbers: bool = True) -> None:
     """Draw all goals of a plan, numbered if there are several, and optionally the arm at intermediate goals.
 
     Args:
@@ -177,8 +200,10 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
         plan: plan with the goals.
         side: projection to the picture plane; ``PLANE`` for a planar arm.
         poses: whether to draw the arm at intermediate goals.
+        numbers: whether to number the goals.
     """
     problem = plan.problem
+    scale = 1.0 if len(problem.goals) < _MOST_STOPS else _SMALLER
     reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
     stops = problem.goals
     samples = [*plan.trajectory.stops, len(plan.points) - 1]
@@ -188,18 +213,18 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
         label = ("goals" if len(stops) > 1 else "goal") if last else ""
         if poses and not last:
             draw_body(axes, side(plan.points[k]), 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        draw_goal(axes, stop.goal, stop.tolerances, stop.goal.tip(problem.arm), label, side, reach)
+        draw_goal(axes, stop.goal, stop.tolerances, stop.goal.tip(problem.arm), label, side, reach, scale)
         pointing = stop.goal.direction
         across, up = (0.0, 0.0) if pointing is None else side(pointing)
         # A direction seen end-on has no arrow for the number to stand behind.
         headings.append(float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None)
-    if len(stops) > 1:
+    if numbers and len(stops) > 1:
         places = np.array([side(stop.goal.tip(problem.arm)) for stop in stops])
-        number_goals(axes, places, headings, _LABEL_SIZE - 0.5)
+        number_goals(axes, places, headings, scale)
 
 
 def draw_sights(axes: Axes, plan: PlanDrawing, side: Side = PLANE) -> None:
-    """Draw the field of view and the line of sight at each goal of looking at a place.
+    """Draw the line of sight at each goal of looking at a place, and the field of view unless there are many goals.
 
     Args:
         axes: axes with their limits set.
@@ -207,8 +232,9 @@ def draw_sights(axes: Axes, plan: PlanDrawing, side: Side = PLANE) -> None:
         side: projection to the picture plane; ``PLANE`` for a planar arm.
     """
     for _, line, edge in goal_sights(plan.problem, plan.trajectory):
-        outline = shapely.get_coordinates(shapely.MultiPoint(side(np.vstack((line[:1], edge)))).convex_hull)
-        axes.add_patch(Polygon(outline, facecolor=style.GOAL_TINT, edgecolor="none", alpha=0.7, zorder=1.6))
+        if len(plan.problem.goals) < _MOST_STOPS:
+            outline = shapely.get_coordinates(shapely.MultiPoint(side(np.vstack((line[:1], edge)))).convex_hull)
+            axes.add_patch(Polygon(outline, facecolor=style.GOAL_TINT, edgecolor="none", alpha=0.7, zorder=1.6))
         axes.plot(*side(line).T, color=style.GOAL_MARK, linewidth=0.9, linestyle="--", zorder=8.4)
 
 
@@ -255,6 +281,7 @@ def draw_goal(
     label: str,
     side: Side = PLANE,
     reach: float = 0.0,
+    scale: float = 1.0,
 ) -> None:
     """Draw a goal as a ring, with an arrow along the required tip direction.
 
@@ -269,11 +296,12 @@ def draw_goal(
         label: label of the goal in the legend, which then also has an entry for via points; empty for no entries.
         side: projection to the picture plane; ``PLANE`` for a planar arm.
         reach: length of the arrow [m]; 0 for a fraction of the axes' width, which differs between views.
+        scale: size of the ring, as a fraction of the usual one.
     """
     place = side(tip)
     axes.plot(
-        *place, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
-        zorder=9, linestyle="none", label=label,
+        *place, marker="o", markersize=9.0 * scale, markerfacecolor="none", markeredgewidth=1.6 * scale,
+        color=style.GOAL_MARK, zorder=9, linestyle="none", label=label,
     )  # fmt: skip
     width = float(np.ptp(axes.get_xlim()))
     if tolerances.position > _LEAST_DISC * width and goal.look_at is None:

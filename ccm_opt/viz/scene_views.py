@@ -14,6 +14,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.surfaces import all_within, box_about
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, Side, draw_body, draw_workspace
+from ccm_opt.viz.raster import Shades
 from ccm_opt.viz.shading import Faces, ShadedView, Tube
 
 _MOST_TRIANGLES = 30000
@@ -133,13 +134,15 @@ class SceneViews:
         box = axes.get_window_extent()
         scale = min(box.width / np.ptp(rectangle[:, 0]), box.height / np.ptp(rectangle[:, 1]))
         tubes = [*(pose_tube(pose) for pose in poses), *paths]
-        view = self.shaded(side, window, max(round(scale * float(np.max(np.ptp(rectangle, axis=0)))), 16), tubes)
-        show_picture(axes, view, view.picture(tubes))
+        view = self.shaded(side, window, max(round(scale * float(np.max(np.ptp(rectangle, axis=0)))), 16), tubes, tubes)
+        show_picture(axes, view, view.picture(()))
         for pose in poses:
             if pose.label:
                 axes.plot([], [], color=LOOKS[pose.look].face, linewidth=_LEGEND_WIDTH, label=pose.label)
 
-    def shaded(self, side: Side, window: FloatArray, pixels: int, shown: Sequence[Tube]) -> ShadedView:
+    def shaded(
+        self, side: Side, window: FloatArray, pixels: int, shown: Sequence[Tube], still: Sequence[Tube]
+    ) -> ShadedView:
         """Return the shaded view of the obstacles in space from one side, open where they would hide given arms.
 
         Args:
@@ -147,8 +150,9 @@ class SceneViews:
             window: lower and upper corner of the visible box, shape (2, 3) [m].
             pixels: number of pixels of the picture's longer side.
             shown: arms and paths that are not to be hidden.
+            still: those of them that are part of every picture.
         """
-        return ShadedView(self.faces, side, view_window(side, window), pixels, shown)
+        return ShadedView(self.faces, side, view_window(side, window), pixels, shown, still)
 
     def draw_cut(self, axes: Axes, side: Side, across: int, level: float) -> None:
         """Draw the outlines in which an axis-parallel plane intersects the obstacles.
@@ -182,7 +186,7 @@ class SceneViews:
         axes.add_collection(LineCollection(lines, colors=style.BOUNDARY, linewidths=0.6, alpha=0.5, zorder=0.5))
 
 
-def show_picture(axes: Axes, view: ShadedView, picture: FloatArray) -> AxesImage:
+def show_picture(axes: Axes, view: ShadedView, picture: Shades) -> AxesImage:
     """Show the picture of a shaded view, shape (height, width, 3), y up, beneath everything else, and return it."""
     extent = (*view.window[:, 0], *view.window[:, 1])
     return axes.imshow(np.clip(picture, 0.0, 1.0), extent=extent, origin="lower", zorder=0.6, aspect="equal")

@@ -1,10 +1,9 @@
 """Shaded pictures of scenes in space: lit, outlined, without hidden parts, and with glass where walls hide the arm.
 
-Triangles are rasterised row by row into fragments, one for each pixel that a triangle covers. What hides the arm is
-glass: flat faces as a whole, curved ones in front of a surface through the arm (as in Burns and Finkelstein, "Adaptive
-cutaways for comprehensible rendering of polygonal scenes", 2008). Hollows are darkened, where a smoothed depth image
-lies in front of the depth image (Luft, Colditz, and Deussen, "Image enhancement by unsharp masking the depth buffer",
-2006).
+What hides the arm is glass: flat faces as a whole, curved ones in front of a surface through the arm (as in Burns and
+Finkelstein, "Adaptive cutaways for comprehensible rendering of polygonal scenes", 2008). Hollows are darkened, where a
+smoothed depth image lies in front of the depth image (Luft, Colditz, and Deussen, "Image enhancement by unsharp masking
+the depth buffer", 2006).
 """
 
 from collections.abc import Sequence
@@ -13,18 +12,13 @@ from functools import cached_property
 
 import numpy as np
 from matplotlib.colors import to_rgb
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.scene.bodies import capsule_surface, rotation_to_axis
+from ccm_opt.scene.bodies import capsule_surface
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import Side
-
-Shades = NDArray[np.float32]
-"""Quantities of pixels, for which half the usual precision is enough."""
-Numbers = NDArray[np.int32]
-"""Numbers of pixels, triangles and faces."""
+from ccm_opt.viz.raster import FlatTriangles, Glass, Layer, Shades
 
 _TUBE_SIDES = 12
 """Number of sides with which the links of an arm are drawn. Heuristic."""
@@ -32,8 +26,6 @@ _LIGHT = np.array([-0.35, 0.5, 0.79]) / np.linalg.norm([-0.35, 0.5, 0.79])
 """Direction to the light: across the picture, up in it, towards the viewer. Heuristic."""
 _AMBIENT = 0.58
 """Brightness of a surface that faces away from the light. Heuristic."""
-_LEAST_AREA = 1e-6
-"""Twice the area of the smallest triangle that is drawn [pixel²]."""
 _CREASE = float(np.cos(0.7))
 """Cosine of the angle between neighbouring faces below which their common edge is a crease. Heuristic."""
 _FLAT = 1e-4
@@ -85,8 +77,7 @@ class Tube:
         # The capsule of radius 1 about a point, whose second half is moved to the other end of the link.
         normals, triangles = capsule_surface(0.0, 1.0, _TUBE_SIDES)
         farther = np.arange(len(normals)) >= len(normals) // 2
-        turns = np.stack([np.zeros((3, 3)), *(rotation_to_axis(axes[k]).T for k in drawn)])[1:]
-        turned = normals @ turns
+        turned = normals @ _frames_along(axes[drawn])
         ends = np.where(farther[:, None], self.points[drawn + 1][:, None], self.points[drawn][:, None])
         vertices = ends + radii[drawn, None, None] * turned
         return Faces(
@@ -95,6 +86,15 @@ class Tube:
             np.repeat(drawn, len(triangles)),
             np.zeros(len(lengths), dtype=np.bool_),
         )
+
+
+def _frames_along(axes: FloatArray) -> FloatArray:
+    """Return frames whose x axes have given directions, shape (k, 3): their axes in rows, shape (k, 3, 3)."""
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    along = np.where(length > 0.0, axes / np.where(length > 0.0, length, 1.0), (1.0, 0.0, 0.0))
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack((along, across, np.cross(along, across)), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,109 +163,6 @@ def _faces(vertices: FloatArray, triangles: IntArray) -> Faces:
 
 
 @dataclass(frozen=True, eq=False)
-class _FlatTriangles:
-    """Triangles in a picture.
-
-    Attributes:
-        flat: corners in the picture, shape (m, 3, 2) [pixel].
-        height: position of the corners towards the viewer, shape (m, 3) [m].
-        light: brightness of the surface at the corners, from 0 to 1, shape (m, 3).
-        face: number of each triangle's face or link, shape (m,).
-        shape: height and width of the picture [pixel].
-    """
-
-    flat: FloatArray
-    height: FloatArray
-    light: FloatArray
-    face: IntArray
-    shape: tuple[int, int]
-
-    @cached_property
-    def gradients(self) -> FloatArray:
-        """Change of the barycentric coordinates across and up the picture, but the first, shape (m, 2, 2) [1/pixel]."""
-        (ux, uy), (vx, vy) = np.moveaxis(self.flat[:, 1:] - self.flat[:, :1], 0, -1)
-        area = ux * vy - uy * vx
-        area = np.where(np.abs(area) > _LEAST_AREA, area, np.inf)
-        return np.moveaxis(np.array([[vy, -vx], [-uy, ux]]) / area, -1, 0)
-
-    def fragments(self) -> "_Fragments":
-        """Return all fragments of the triangles."""
-        drawn = np.any(self.gradients != 0.0, axis=(1, 2))
-        triangle, pixel = covered_pixels(self.flat, drawn, self.shape)
-        return _Fragments(pixel, self.interpolated(self.height, triangle, pixel), triangle, self)
-
-    def interpolated(self, values: FloatArray, triangle: Numbers, pixel: Numbers) -> Shades:
-        """Return a quantity given at the corners, shape (m, 3), at f pixels of given triangles, shape (f,)."""
-        slope = np.einsum("mk,mkd->md", values[:, 1:] - values[:, :1], self.gradients)
-        start = values[:, 0] - np.einsum("md,md->m", slope, self.flat[:, 0] - 0.5)
-        across, up, start = (part.astype(np.float32) for part in (*slope.T, start))
-        row, column = (part.astype(np.float32) for part in np.divmod(pixel, np.int32(self.shape[1])))
-        return np.asarray(start[triangle] + column * across[triangle] + row * up[triangle], dtype=np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fragments:
-    """Parts of surfaces behind single pixels.
-
-    Attributes:
-        pixel: index of the pixel in the flattened picture, shape (f,).
-        depth: position towards the viewer, shape (f,) [m].
-        triangle: index of the triangle, shape (f,).
-        source: all m triangles.
-    """
-
-    pixel: Numbers
-    depth: Shades
-    triangle: Numbers
-    source: _FlatTriangles
-
-    def __getitem__(self, kept: BoolArray) -> "_Fragments":
-        return _Fragments(self.pixel[kept], self.depth[kept], self.triangle[kept], self.source)
-
-    @property
-    def owner(self) -> IntArray:
-        """Number of each fragment's face or link, shape (f,)."""
-        return self.source.face[self.triangle]
-
-    def nearest(self) -> "_Layer":
-        """Return the nearest of the fragments behind every pixel."""
-        shape = self.source.shape
-        depth = np.full(shape[0] * shape[1], -np.inf, dtype=np.float32)
-        np.maximum.at(depth, self.pixel, self.depth)
-        seen = self[self.depth == depth[self.pixel]]
-        light = np.ones(len(depth), dtype=np.float32)
-        light[seen.pixel] = self.source.interpolated(self.source.light, seen.triangle, seen.pixel)
-        owner = np.full(len(depth), -1, dtype=np.int32)
-        owner[seen.pixel] = seen.owner
-        return _Layer(depth.reshape(shape), light.reshape(shape), owner.reshape(shape))
-
-
-@dataclass(frozen=True, eq=False)
-class _Layer:
-    """The nearest surface behind every pixel of a picture.
-
-    Attributes:
-        depth: position towards the viewer, -inf where there is nothing, shape (h, w) [m].
-        light: brightness of the surface, 1 where there is nothing, shape (h, w).
-        owner: number of the face or link, -1 where there is nothing, shape (h, w).
-    """
-
-    depth: Shades
-    light: Shades
-    owner: Numbers
-
-    def outlines(self, step: float) -> BoolArray:
-        """Return where neighbouring pixels show different faces, or differ in depth by more than a step [m], (h, w)."""
-        found = np.zeros(self.owner.shape, dtype=np.bool_)
-        depth = np.where(np.isfinite(self.depth), self.depth, -1e9)
-        for axis in (0, 1):
-            here = (slice(1, None), slice(None))[:: 1 - 2 * axis]
-            there = (slice(None, -1), slice(None))[:: 1 - 2 * axis]
-            found[here] |= (self.owner[here] != self.owner[there]) | (np.abs(depth[here] - depth[there]) > step)
-        return found
-
-
-@dataclass(frozen=True, eq=False)
 class ShadedView:
     """A scene seen from one side, with glass where it hides given arms; arms in any pose can be drawn into it.
 
@@ -275,6 +172,7 @@ class ShadedView:
         window: lower left and upper right corner of the picture, shape (2, 2) [m].
         pixels: number of pixels of the picture's longer side.
         shown: arms and paths that the scene must not hide.
+        still: those of them that are part of every picture.
         oversampling: rasterised pixels per pixel of the picture in each direction, against jagged edges.
     """
 
@@ -283,6 +181,7 @@ class ShadedView:
     window: FloatArray
     pixels: int
     shown: Sequence[Tube]
+    still: Sequence[Tube] = ()
     oversampling: int = 2
 
     @property
@@ -302,62 +201,72 @@ class ShadedView:
         return slice(0, self.shape[0]), slice(0, self.shape[1])
 
     @cached_property
-    def _shown_links(self) -> _Layer:
+    def _shown_links(self) -> Layer:
         """Nearest links of what must not be hidden."""
-        return self._nearest_links(self.shown, self._whole)
+        return self._nearest_links(self.shown, self._whole, self._nothing)
 
     @cached_property
-    def _walls(self) -> tuple[_Fragments, _Fragments]:
-        """Fragments of the obstacles that are solid, and those that are glass."""
-        walls = self._rasterise(self.faces.triangles, self.faces.normals, self.faces.face, self._whole)
-        arm = self._shown_links
-        covered = arm.owner >= 0
-        if not covered.any():
-            return walls, walls[np.zeros(len(walls.pixel), dtype=np.bool_)]
-        cut = _cutting_surface(arm.depth).ravel()
-        before = walls.depth > cut[walls.pixel]
-        hiding = walls.owner[before & covered.ravel()[walls.pixel]]
-        glassy = np.bincount(hiding, minlength=len(self.faces.flat)) > _HIDDEN * np.count_nonzero(covered)
-        glass = glassy[walls.owner] & (before | self.faces.flat[walls.owner])
-        return walls[~glass], walls[glass]
+    def _nothing(self) -> Shades:
+        """The depth of nothing, shape (h, w)."""
+        return np.full(self.shape, -np.inf, dtype=np.float32)
 
     @cached_property
-    def _solid(self) -> tuple[Shades, FloatArray]:
-        """Depth of the nearest solid surface, shape (h, w) [m], and its picture, shape (h, w, 3)."""
-        layer = self._walls[0].nearest()
-        light = layer.light * (1.0 - _DARKEST * _hollows(layer.depth, _DEEP * self.reach))
-        light *= np.where(layer.outlines(_STEP * self.reach), 1.0 - _OUTLINE, 1.0)
-        colour = np.where((layer.owner >= 0)[..., None], np.array(to_rgb(style.WALL)) * light[..., None], 1.0)
-        return layer.depth, colour
+    def _walls(self) -> FlatTriangles:
+        """The obstacles in the picture."""
+        faces = self.faces
+        return self._projected(faces.triangles, faces.normals, faces.face, len(faces.flat), self._whole)
 
     @cached_property
-    def _glass(self) -> tuple[FloatArray, FloatArray]:
-        """Transparency of the glass in front of each pixel, shape (h, w, 1), and light added to it, shape (h, w, 3)."""
-        glass, shape = self._walls[1], self.shape
-        glass = glass[glass.depth > self._solid[0].ravel()[glass.pixel]]
+    def _glass(self) -> Glass:
+        """Which faces of the obstacles are glass."""
+        arm, walls = self._shown_links, self._walls
         corners = self.faces.triangles
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         facing = np.abs(normal @ self.side.ahead) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
         opacity = np.log1p(-_GLASS - _GRAZING * (1.0 - facing) ** 3)
-        through = np.exp(np.bincount(glass.pixel, opacity[glass.triangle], shape[0] * shape[1])).reshape(*shape, 1)
-        layer = glass.nearest()
-        edges = layer.outlines(np.inf)[..., None]
-        tint = np.array(to_rgb(style.WALL_EDGE)) * layer.light[..., None]
-        through = np.where(edges, _OUTLINE * through, through)
-        return through, tint * (1.0 - through)
+        covered = arm.owner >= 0
+        if not covered.any():
+            return Glass(np.zeros(walls.owners, dtype=np.uint8), self._nothing, opacity)
+        cut = _cutting_surface(arm.depth)
+        hiding = walls.nearest(np.where(covered, cut, np.float32(np.inf))).fragments
+        glassy = hiding > _HIDDEN * np.count_nonzero(covered)
+        kinds = np.where(glassy, np.where(self.faces.flat, 2, 1), 0)
+        return Glass(kinds.astype(np.uint8), cut, opacity)
 
     @cached_property
-    def _behind_glass(self) -> FloatArray:
+    def _solid(self) -> tuple[Shades, Shades]:
+        """Depth of the nearest solid surface or still arm, shape (h, w) [m], and its picture, shape (h, w, 3)."""
+        layer = self._walls.nearest(self._nothing, self._glass)
+        light = layer.light * (1.0 - _DARKEST * _hollows(layer.depth, _DEEP * self.reach))
+        light[layer.outlines(_STEP * self.reach)] *= 1.0 - _OUTLINE
+        colour = light[..., None] * np.array(to_rgb(style.WALL), dtype=np.float32)
+        colour[layer.owner < 0] = 1.0
+        links = self._nearest_links(self.still, self._whole, layer.depth)
+        colour[links.owner >= 0] = self._link_colours(self.still, links)
+        return np.maximum(layer.depth, links.depth), colour
+
+    @cached_property
+    def _through_glass(self) -> tuple[Shades, Shades]:
+        """Transparency of the glass in front of each pixel, shape (h, w, 1), and light added to it, shape (h, w, 3)."""
+        layer = self._walls.nearest(self._solid[0], self._glass, of_glass=True)
+        through: Shades = np.exp(layer.passed.astype(np.float32))
+        through[layer.outlines(np.inf)] *= _OUTLINE
+        tint: Shades = (layer.light * (np.float32(1.0) - through))[..., None] * np.array(
+            to_rgb(style.WALL_EDGE), np.float32
+        )
+        return through[..., None], tint
+
+    @cached_property
+    def _behind_glass(self) -> Shades:
         """Picture of the scene without arms, shape (h, w, 3)."""
-        through, tint = self._glass
+        through, tint = self._through_glass
         return self._solid[1] * through + tint
 
-    def picture(self, tubes: Sequence[Tube]) -> FloatArray:
+    def picture(self, tubes: Sequence[Tube]) -> Shades:
         """Return the picture of the scene with arms and paths, shape (height, width, 3), y up, values from 0 to 1."""
-        arm = self._shown_links if tubes is self.shown else self._nearest_links(tubes, self._whole)
-        return self._drawn(tubes, self._whole, arm)
+        return self._drawn(tubes, self._whole)
 
-    def part(self, tubes: Sequence[Tube]) -> tuple[slice, slice, FloatArray]:
+    def part(self, tubes: Sequence[Tube]) -> tuple[slice, slice, Shades]:
         """Return the part of the picture that arms change.
 
         Args:
@@ -379,21 +288,34 @@ class ShadedView:
             slice(*np.clip((low[axis], high[axis] + 1), 0, self.shape[1 - axis] // k).tolist()) for axis in (1, 0)
         )
         fine = (slice(k * rows.start, k * rows.stop), slice(k * columns.start, k * columns.stop))
-        return rows, columns, self._drawn(tubes, fine, self._nearest_links(tubes, fine))
+        return rows, columns, self._drawn(tubes, fine)
 
-    def _drawn(self, tubes: Sequence[Tube], part: tuple[slice, slice], arm: "_Layer") -> FloatArray:
+    def _drawn(self, tubes: Sequence[Tube], part: tuple[slice, slice]) -> Shades:
         """Return part of the picture, given by its rasterised rows and columns, with arms and paths."""
         picture = self._behind_glass[part].copy()
-        links = np.array([to_rgb(tube.colour) for tube in tubes for _ in tube.points[1:]]).reshape(-1, 3)
-        front = arm.depth > self._solid[0][part]
-        light = arm.light[front] * np.where(arm.outlines(_STEP * self.reach)[front], 1.0 - _OUTLINE, 1.0)
-        through, tint = (layer[part][front] for layer in self._glass)
-        picture[front] = links[arm.owner[front]] * light[:, None] * through + tint
+        arm = self._nearest_links(tubes, part, self._solid[0][part])
+        front = arm.owner >= 0
+        through, tint = (layer[part][front] for layer in self._through_glass)
+        picture[front] = self._link_colours(tubes, arm) * through + tint
         k = self.oversampling
         return np.asarray(sum(picture[row::k, column::k] for row in range(k) for column in range(k)) / k**2)
 
-    def _nearest_links(self, tubes: Sequence[Tube], part: tuple[slice, slice]) -> _Layer:
-        """Return the nearest links of arms and paths in part of the picture; they are numbered one after another."""
+    def _link_colours(self, tubes: Sequence[Tube], arm: Layer) -> Shades:
+        """Return the colours of arms and paths where these are the nearest, shape (pixels, 3)."""
+        colours = [to_rgb(tube.colour) for tube in tubes for _ in tube.points[1:]]
+        front = arm.owner >= 0
+        light = arm.light[front]
+        light[arm.outlines(_STEP * self.reach)[front]] *= 1.0 - _OUTLINE
+        return np.array(colours, dtype=np.float32).reshape(-1, 3)[arm.owner[front]] * light[:, None]
+
+    def _nearest_links(self, tubes: Sequence[Tube], part: tuple[slice, slice], floor: Shades) -> Layer:
+        """Return the nearest links of arms and paths in part of the picture; they are numbered one after another.
+
+        Args:
+            tubes: the arms and paths.
+            part: rows and columns of the rasterised picture that are wanted.
+            floor: depth up to which nothing is seen, shape (rows, columns) [m].
+        """
         surfaces = [tube.surface for tube in tubes]
         first = np.cumsum([0, *(len(surface.flat) for surface in surfaces)])
         # Every link has a number of its own, so that its ends are outlined.
@@ -403,17 +325,19 @@ class ShadedView:
         normals = np.concatenate([none, *(surface.normals for surface in surfaces)])
         seen = np.any(normals @ self.side.ahead > 0.0, axis=1)
         number = np.concatenate([np.zeros(0, dtype=np.intp), *link])
-        return self._rasterise(triangles[seen], normals[seen], number[seen], part).nearest()
+        links = self._projected(triangles[seen], normals[seen], number[seen], int(first[-1]), part)
+        return links.nearest(floor)
 
-    def _rasterise(
-        self, triangles: FloatArray, normals: FloatArray, face: IntArray, part: tuple[slice, slice]
-    ) -> _Fragments:
-        """Return the fragments of triangles.
+    def _projected(
+        self, triangles: FloatArray, normals: FloatArray, owner: IntArray, owners: int, part: tuple[slice, slice]
+    ) -> FlatTriangles:
+        """Return triangles in the picture.
 
         Args:
             triangles: corners, shape (m, 3, 3) [m].
             normals: normals at the corners, shape (m, 3, 3).
-            face: number of each triangle's face or link, shape (m,).
+            owner: number of each triangle's face or link, shape (m,).
+            owners: number of all faces or links.
             part: rows and columns of the rasterised picture that are wanted.
         """
         frame = np.stack((self.side.across, self.side.up, self.side.ahead))
@@ -426,59 +350,20 @@ class ShadedView:
         scale = self.oversampling * self.pixels / self.reach
         rows, columns = part
         flat = scale * (corners[..., :2] - self.window[0]) - (columns.start, rows.start)
-        shape = (rows.stop - rows.start, columns.stop - columns.start)
-        return _FlatTriangles(flat, corners[..., 2], light, face, shape).fragments()
+        return FlatTriangles(flat, corners[..., 2], light, owner, owners)
 
 
-def covered_pixels(flat: FloatArray, drawn: BoolArray, shape: tuple[int, int]) -> tuple[Numbers, Numbers]:
-    """Return the pixels whose centres triangles cover.
-
-    Args:
-        flat: corners of m triangles in the picture, shape (m, 3, 2) [pixel].
-        drawn: which triangles to draw, shape (m,).
-        shape: height and width of the picture [pixel].
-
-    Returns:
-        For each of f fragments the number of its triangle and the index of its pixel in the flattened picture, each of
-        shape (f,).
-    """
-    high, wide = shape
-    first = np.clip(np.ceil(flat[..., 1].min(axis=1) - 0.5), 0, high).astype(np.intp)
-    last = np.clip(np.ceil(flat[..., 1].max(axis=1) - 0.5), 0, high).astype(np.intp)
-    triangle, row = _runs(first, np.where(drawn, last - first, 0))
-    # The ends of the row within the triangle lie on the sides that cross its height.
-    y = row + 0.5
-    begin, end = np.full(len(row), np.inf), np.full(len(row), -np.inf)
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        start, stop = flat[triangle, a], flat[triangle, b]
-        crossing = (start[:, 1] <= y) != (stop[:, 1] <= y)
-        rise = np.where(crossing, stop[:, 1] - start[:, 1], 1.0)
-        x = start[:, 0] + (y - start[:, 1]) / rise * (stop[:, 0] - start[:, 0])
-        begin = np.where(crossing, np.minimum(begin, x), begin)
-        end = np.where(crossing, np.maximum(end, x), end)
-    left = np.clip(np.ceil(begin - 0.5), 0, wide).astype(np.intp)
-    right = np.clip(np.ceil(end - 0.5), 0, wide).astype(np.intp)
-    which, pixel = _runs(row * wide + left, np.maximum(right - left, 0))
-    return triangle.astype(np.int32)[which], pixel.astype(np.int32)
-
-
-def _runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
-    """Return runs of successive integers one after another: the number of each one's run, and the integer."""
-    number = np.repeat(np.arange(len(first)), count)
-    return number, np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count) + first[number]
-
-
-def _smoothed(picture: Shades, width: float) -> FloatArray:
+def _smoothed(picture: Shades, width: float) -> Shades:
     """Return a picture, shape (h, w), smoothed by a Gaussian of a given standard deviation [pixel], coarsely."""
     coarse = ndimage.gaussian_filter(picture[::_COARSE, ::_COARSE], width / _COARSE)
     rows, columns = (np.arange(length) / _COARSE for length in picture.shape)
-    across = np.stack([np.interp(columns, np.arange(coarse.shape[1]), line) for line in coarse])
+    across = np.stack([np.interp(columns, np.arange(coarse.shape[1]), line) for line in coarse]).astype(np.float32)
     low = np.minimum(rows.astype(np.intp), len(across) - 1)
-    share = np.clip(rows - low, 0.0, 1.0)[:, None]
+    share = np.clip(rows - low, 0.0, 1.0)[:, None].astype(np.float32)
     return np.asarray((1.0 - share) * across[low] + share * across[np.minimum(low + 1, len(across) - 1)])
 
 
-def _cutting_surface(depth: Shades) -> FloatArray:
+def _cutting_surface(depth: Shades) -> Shades:
     """Return the depth [m] beyond which everything is solid: that of the arm, shape (h, w), smoothly continued."""
     shown = np.isfinite(depth)
     _, (row, column) = ndimage.distance_transform_edt(~shown[::_COARSE, ::_COARSE], return_indices=True)
@@ -489,11 +374,11 @@ def _cutting_surface(depth: Shades) -> FloatArray:
     return np.asarray(np.where(shown, np.minimum(depth, smooth), smooth))
 
 
-def _hollows(depth: Shades, deep: float) -> FloatArray:
+def _hollows(depth: Shades, deep: float) -> Shades:
     """Return how far each pixel lies behind its surroundings, as a fraction of a depth [m] up to 1, shape (h, w)."""
     shown = np.isfinite(depth)
     if not shown.any():
-        return np.zeros(depth.shape)
+        return np.zeros_like(depth)
     filled = np.where(shown, depth, depth[shown].min())
     behind = _smoothed(filled, _HOLLOW * max(depth.shape)) - filled
     return np.where(shown, np.clip(behind / deep, 0.0, 1.0), 0.0)

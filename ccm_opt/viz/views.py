@@ -28,6 +28,8 @@ SPACE_DOTS_PER_INCH = 110
 """Resolution of PNG files of scenes in space [1/inch]. Heuristic."""
 _LEAST_WIDTH = 2.6
 """Minimum width of a planar drawing, so that the legend fits [inch]."""
+_MOST_IN_THREE = 8
+"""Maximum number of entries of a planar legend in three columns; more rows would cover the labels of the axis."""
 _BESIDE_ACTION = 0.07
 """Margin around the region of motion, as a fraction of the region's longer side."""
 _LEAST_ASPECT = 0.5
@@ -177,8 +179,9 @@ class Sheet:
         else:
             self.figure.suptitle(title, x=0.03, y=1.0 - 0.12 / self.figure.get_figheight(), ha="left", fontsize=10)
             draw_axes_cross(*self.main)
+        handles, labels = first.get_legend_handles_labels()
         self.figure.legend(
-            *first.get_legend_handles_labels(), loc="lower center", ncols=3 if self.main is None else 6,
+            handles, labels, loc="lower center", ncols=6 if self.main else 3 + (len(labels) > _MOST_IN_THREE),
             frameon=False, handlelength=1.8, columnspacing=1.6, fontsize=style.FONT_SIZE,
         )  # fmt: skip
 
