@@ -313,8 +313,9 @@ def test_tolerances_move_no_link_farther_than_is_granted(seed: int) -> None:
     assert np.all(away[1:] <= pose.displacement_bounds(arm) + 1e-12)
 
 
-def test_a_goal_deep_in_a_body_is_moved_out_of_it() -> None:
+def test_a_goal_deep_in_a_body_is_moved_out_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The nearest place outside of a body is told, however deep the goal lies; without time none is looked for."""
+    monkeypatch.setattr("ccm_opt.diagnosis.moved_goal._LONGEST_LOOK", 600.0)
     block = box("block", [0.05, 0.15, 0.0], [0.35, 0.45, 0.3])
     problem = problem_of(space_arm(8), TipGoal(np.array([0.2, 0.3, 0.1])), block)
     findings = failed(problem)

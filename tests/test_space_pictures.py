@@ -14,6 +14,7 @@ from ccm_opt.problem import Stop, TipGoal, Tolerances
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, PlanDrawing
+from ccm_opt.viz.films import SPACE_FILM, make_film
 from ccm_opt.viz.plan import draw_goals
 from ccm_opt.viz.raster import FlatTriangles
 from ccm_opt.viz.scene_views import seen_from, viewing_side
@@ -127,3 +128,13 @@ def test_places_to_pass_are_named_in_the_legend() -> None:
         axes = Figure().add_subplot()
         draw_goals(axes, PlanDrawing.from_solution(replace(plan, problem=problem)), SIDES[0])
         assert axes.get_legend_handles_labels()[1].count("via point") == named
+
+
+def test_frames_of_any_size_hold_the_picture() -> None:
+    """Frames are as large as video encoders need them, whatever the number of pixels of the picture is."""
+    plan = PlanDrawing.from_solution(solved())
+    for side in range(60, 68):
+        film = make_film(plan, replace(SPACE_FILM, longest_side=side, most_frames=2))
+        for frame in film.frames():
+            assert frame.width >= side
+            assert frame.width % 2 == frame.height % 2 == 0

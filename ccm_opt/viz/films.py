@@ -127,11 +127,11 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
         window, side = work_box(problem, points, work), viewing_side(work)
     else:
         window, side = action_window(problem, points), PLANE
-    # Video encoders need even side lengths.
     spans = np.ptp(view_window(side, window), axis=0)
-    width, height = settings.longest_side * spans / float(np.max(spans))
+    width, height = np.maximum(np.round(settings.longest_side / float(np.max(spans)) * spans), 1.0)
     times = settings.longest_side / FILM.longest_side
-    whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
+    # Video encoders need even side lengths.
+    whole = 2.0 * np.ceil(0.5 * np.array([width, height + times * _STRIP]))
     dots = times * _DOTS_PER_INCH
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
         figure = Figure(figsize=tuple(whole / dots), dpi=dots)
