@@ -212,11 +212,17 @@ def test_a_rib_is_seen_from_the_fewest_views(tmp_path: Path) -> None:
 
 
 @pytest.mark.planning
-def test_what_cannot_be_seen_is_told_with_its_share() -> None:
+@pytest.mark.parametrize(
+    ("text", "changes", "words"),
+    [
+        (PLANE, {"share": 0.95, "within": "[0.5, 0.0, 0.65, 0.6]"}, r"of 'rib', 95 % is wanted\n +\d+ %"),
+        (SPACE, {"share": 0.9, "spacing": 0.3}, r"of 'slab' and 'room', 90 % is wanted\n +\d+ % out of reach"),
+    ],
+)
+def test_what_cannot_be_seen_is_told_with_its_share(text: str, changes: dict[str, object], words: str) -> None:
     """The message says how much can be seen, how much is wanted, and what prevents the rest."""
-    problem = problem_of(PLANE, share=0.95, within="[0.5, 0.0, 0.65, 0.6]")
-    with pytest.raises(NoPlanFound, match=r"together see \d+(\.\d+)? % of 'rib', 95 % is wanted\n +\d+ %") as found:
-        ccm_opt.solve(problem)
+    with pytest.raises(NoPlanFound, match=r"together see \d+(\.\d+)? % " + words) as found:
+        ccm_opt.solve(problem_of(text, **changes))
     assert "goal.share" in found.value.diagnosis.advice[0]
 
 

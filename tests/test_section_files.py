@@ -17,6 +17,7 @@ from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitt
 from ccm_opt.robot.arm import Arm
 
 from .command_runs import CommandLine
+from .conftest import SMALL_PROBLEM
 from .test_arc_sections import tip_of_arcs
 
 TEXT = """
@@ -146,6 +147,17 @@ def test_what_is_not_supported_is_refused_by_its_key(old: str, new: str, words: 
         text = TEXT.replace(old, new, 1) if old != "space = 3" else TEXT + new.removeprefix("space = 3")
     with pytest.raises(ProblemFileError, match=words):
         read(text)
+
+
+def test_sections_in_the_plane_are_refused_by_their_key() -> None:
+    """Nothing is built of an arm that the plane does not support."""
+    section = (
+        '[[arm.sections]]\ndrive = "section"\nlinks = 4\nlink_length = 0.1\nradius = 0.02\njoint_limit_deg = 60.0\n'
+    )
+    text = SMALL_PROBLEM.replace("links = 4\nlink_length = 0.1\nradius = 0.02\n", "")
+    text = text.replace("joint_limit_deg = 60.0\n", section)
+    with pytest.raises(ProblemFileError, match=r'arm\.sections\[0\]\.drive: "section" is supported in space only'):
+        parse_problem(text)
 
 
 def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:

@@ -281,7 +281,7 @@ class CoverageViews:
         shares: Counter[str] = Counter()
         for reason in np.unique(reasons[reasons < len(names)]).tolist():
             share = float(np.sum(sizes[reasons == reason]) / np.sum(sizes))
-            shares[words.get(reason, f"hidden by '{names[reason]}'")] += share  # type: ignore[assignment]
+            shares[words[reason] if reason < 0 else f"hidden by '{names[reason]}'"] += share  # type: ignore[assignment]
         return tuple(f"{100.0 * share:.2g} % {reason}" for reason, share in shares.most_common(4) if share > 0.0)
 
     def _not_enough(self, together: float) -> NoPlanFound:

@@ -399,7 +399,8 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
         _check_coupling(arm, arm.coupling, issues)
     if arm.sections and not any(np.any(each.limits) for each in arm.sections):
         issues.add(("arm", "sections"), "all joints are locked; expected at least one that bends")
-    return len(issues.found) == before
+    # Sections in the plane that bend evenly are refused elsewhere.
+    return len(issues.found) == before and not (isinstance(arm, ArmTable) and arm.bends_evenly)
 
 
 def _check_coupling(arm: SpaceArmTable, rows: Sequence[Sequence[float]], issues: Issues) -> None:
