@@ -71,6 +71,39 @@ def test_describe_prints_the_link_parameter_table(solved: Path) -> None:
     assert "payload 0.02 kg" in out
 
 
+def test_retarget_leaves_the_plan_for_a_new_goal(solved: Path, tmp_path: Path) -> None:
+    """The new folder passes ``check`` and keeps the plan up to that time, told by time or by the joints there."""
+    with np.load(solved / "solution.npz") as arrays:
+        time, angles = arrays["time"], arrays["bend_angles"]
+    sample = len(time) // 2
+    measured = ",".join(str(each) for each in np.rad2deg(angles[sample]).ravel())
+    for when in (("--time", str(time[sample])), ("--joints-deg", measured)):
+        moved = ("retarget", str(solved), "--position", "0.2,0.15", *when, "--no-pictures", "--out", str(tmp_path))
+        assert run(*moved)[0] == 0
+        assert run("check", str(tmp_path / "reach"))[0] == 0
+        with np.load(tmp_path / "reach" / "solution.npz") as arrays:
+            before = np.stack([np.interp(time[:sample], arrays["time"], line) for line in arrays["bend_angles"].T], 1)
+            assert np.allclose(before, angles[:sample], atol=1e-3)
+            assert np.allclose(arrays["joint_positions"][-1, -1], (0.2, 0.15), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "give one of --time and --joints-deg"),
+        (("--time", "0.1", "--feed", "0.1"), "--feed has no effect without --joints-deg"),
+        (("--joints-deg", "1,2"), "--joints-deg: expected 6 numbers"),
+        (("--joints-deg", "0,0,0,0,0,0", "--feed", "0.1"), "the arm has no feed axis"),
+        (("--time", "0.1", "--direction", "0,0"), "--direction must be nonzero"),
+    ],
+)
+def test_retarget_refuses_options_without_meaning(solved: Path, options: tuple[str, ...], words: str) -> None:
+    """What is missing, malformed or without effect is named, and nothing is planned."""
+    code, _, err = run("retarget", str(solved), "--position", "0.2,0.15", *options)
+    assert code == 2
+    assert words in " ".join(err.split())
+
+
 def test_pd_follows_without_being_tuned(solved: Path) -> None:
     """With gains that come from the arm ``--controller pd`` follows the plan, also with a load unknown to it."""
     for load in ((), ("--payload", "0.05")):

@@ -480,6 +480,43 @@ def describe_command(
 
 
 @command(
+    "retarget",
+    (
+        "ccm-opt retarget runs/swan-neck --position 0.35,0.2 --time 0.8",
+        "ccm-opt retarget runs/swan-neck --position 0.35,0.2 --time 0.8 --direction 1,0 --no-pictures",
+    ),
+)
+def retarget_command(
+    folder: Annotated[Path, typer.Argument(help="Output folder of solve.", show_default=False)],
+    *,
+    position: Annotated[
+        str, typer.Option(metavar="X,Y", help="New position of the tip, in the file's unit; in space X,Y,Z.")
+    ],
+    direction: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y", help="New direction of the last link; in space X,Y,Z.", show_default="any"),
+    ] = None,
+    time: Annotated[float | None, typer.Option(help="Time of the motion at which the new goal is known, in s.")] = None,
+    joints_deg: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,…",
+            help="Instead, the joint angles measured then, in degrees; in space two a joint.",
+        ),
+    ] = None,
+    feed: Annotated[
+        float | None, typer.Option(help="With --joints-deg, the measured position of the base on its feed axis, in m.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Parent folder of the output folder.")] = Path("runs/retargeted"),
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")] = False,
+) -> int:
+    """Leave a written plan for a new goal on the way: brake, go on, verify; write OUT/<name>/."""
+    from ccm_opt.cli.retargeting import retarget_folder  # noqa: PLC0415 - loads numpy
+
+    return retarget_folder(folder, out, (position, direction), time, joints_deg, feed, pictures=not no_pictures)
+
+
+@command(
     "simulate",
     ("ccm-opt simulate runs/swan-neck --payload 0.2 --no-pictures",),
 )

@@ -348,3 +348,15 @@ def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, 
     if not (constraints or costs):
         return {}
     return {"constraints": load_terms(constraints, Constraint), "costs": load_terms(costs, Cost)}
+
+
+def point_from(problem: Problem, option: str, words: str) -> FloatArray:
+    """Return a point (d,) [m] from its coordinates in the file's unit, separated by commas."""
+    try:
+        found = np.array([float(each) for each in words.split(",")])
+    except ValueError:
+        found = np.zeros(0)
+    if found.shape != (problem.dimension,) or not np.all(np.isfinite(found)):
+        shape = "x,y" if problem.dimension == 2 else "x,y,z"
+        raise ProblemError(f"{option}: expected {shape} in {problem.length_unit}, got {words!r}")
+    return METRES[problem.length_unit] * found

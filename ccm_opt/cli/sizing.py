@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.drawing import plan_pictures
-from ccm_opt.cli.loading import NamedProblems
+from ccm_opt.cli.loading import NamedProblems, point_from
 from ccm_opt.cli.outcome import print_result, run_all, simulation_exit_code
 from ccm_opt.cli.solving import failures_recorded, write_unfinished
 from ccm_opt.cli.stage_clock import stage_display
@@ -18,7 +18,7 @@ from ccm_opt.cli.tables import report_console, stage_line
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, sentences
 from ccm_opt.core.executors import DaskWorkers, Workers
-from ccm_opt.core.length_words import METRES, file_length, words_in
+from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.length_words import place as at
 from ccm_opt.diagnosis.sizes import SIZES
 from ccm_opt.io.folder import SIZE_RECORD, check_target, write_folder
@@ -107,7 +107,7 @@ def _spots(
     if line is None and rectangle is None:
         return None
     option, words = ("--base-line", line) if line is not None else ("--base-rectangle", rectangle)
-    first, last = (_point(problem, option, each) for each in words or ())
+    first, last = (point_from(problem, option, each) for each in words or ())
     parts = np.linspace(0.0, 1.0, count)
     if rectangle is None:
         return np.asarray(first + parts[:, None] * (last - first))
@@ -120,18 +120,6 @@ def _spots(
     grid = np.stack(np.meshgrid(parts, parts), axis=-1).reshape(-1, 2)
     spots[:, sides] += grid * (last - first)[sides]
     return spots
-
-
-def _point(problem: Problem, option: str, words: str) -> FloatArray:
-    """Return a point (d,) [m] from its coordinates in the file's unit, separated by commas."""
-    try:
-        found = np.array([float(each) for each in words.split(",")])
-    except ValueError:
-        found = np.zeros(0)
-    if found.shape != (problem.dimension,) or not np.all(np.isfinite(found)):
-        shape = "x,y" if problem.dimension == 2 else "x,y,z"
-        raise ProblemError(f"{option}: expected {shape} in {problem.length_unit}, got {words!r}")
-    return METRES[problem.length_unit] * found
 
 
 def _size(

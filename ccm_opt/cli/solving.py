@@ -23,6 +23,7 @@ from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, NoPlanFound, Verif
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, sibling_folder, write_failure
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Solution
 
 
 def failure_recorder(
@@ -139,19 +140,20 @@ def solve_files(files: Sequence[Path], out: Path, changes: Sequence[str] = (), *
         files: problem files.
         out: parent folder of the output folders.
         changes: overrides of keys of the problem files, each ``key.path=value``.
-        options: options of ``_solve``.
+        options: options of ``solve_problem``.
 
     Returns:
         The exit code of the worst outcome; after a failure the other files are still tried.
     """
     problems = NamedProblems(files, changes)
-    return run_all(files, lambda file: _solve(problems.read(file), out, **options))
+    return run_all(files, lambda file: solve_problem(problems.read(file), out, **options))
 
 
-def _solve(
+def solve_problem(
     problem: Problem,
     out: Path,
     *,
+    plan_with: Callable[..., Solution] | None = None,
     terms: NamedTerms = NO_TERMS,
     pictures: bool = True,
     figure_format: FigureKind = "png",
@@ -165,6 +167,7 @@ def _solve(
     Args:
         problem: the problem.
         out: parent folder of the output folders.
+        plan_with: function that plans; None for ``solve``.
         terms: references to the user's constraints and costs.
         pictures: whether to make pictures, film and HTML report.
         figure_format: file format of still pictures.
@@ -177,7 +180,7 @@ def _solve(
         clock.begin("loading")
         with no_search_for_cycles():
             from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
-        ways: tuple[Callable[..., Any], ...] = (solve, solution_files, plan_pictures, print_solution)
+        ways: tuple[Callable[..., Any], ...] = (plan_with or solve, solution_files, plan_pictures, print_solution)
         if several:
             from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - most want one plan
 
