@@ -100,13 +100,10 @@ class LinkFrames:
         angle, y, z = _arc_axes(arm, positions)
         mean = np.sinc(angle / np.pi)
         aside = 0.5 * angle * np.sinc(0.5 * angle / np.pi) ** 2
-        first = (aside * y, (1.0 - mean) * y * z, mean + (1.0 - mean) * z**2)
-        second = (-aside * z, mean + (1.0 - mean) * y**2, (1.0 - mean) * y * z)
-        frames = [vectors(*np.moveaxis(before[..., k], -1, 0)) for k in range(3)]
-        first, second = (
-            x[..., None] * frames[0] + y[..., None] * frames[1] + z[..., None] * frames[2]
-            for x, y, z in (first, second)
-        )
+        of_a = (aside * y, (1.0 - mean) * y * z, mean + (1.0 - mean) * z**2)
+        of_b = (-aside * z, mean + (1.0 - mean) * y**2, (1.0 - mean) * y * z)
+        ahead, left, up = (vectors(*np.moveaxis(before[..., k], -1, 0)) for k in range(3))
+        first, second = (u[..., None] * ahead + v[..., None] * left + w[..., None] * up for u, v, w in (of_a, of_b))
         return cls(first, second, after[..., 0], after[..., 2])
 
     @classmethod
