@@ -1,5 +1,8 @@
 """Withdrawals of fed arms in space: back no farther than needed, and then by any strategy."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.strategies import find_by_ways
+from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.planning.withdrawals import turned_over, withdrawal_poses
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -50,6 +54,29 @@ def test_an_arm_goes_back_no_farther_than_it_must(triangle_soup: TriangleSoup) -
     least = over[:, feed].min() * curve.scale[feed]
     assert whole[:, feed].min() == back[:, feed].min()
     assert least == pytest.approx(0.7) if len(triangle_soup) == 0 else 0.2 < least < 0.5
+
+
+@pytest.mark.drawn(1)
+@pytest.mark.planning
+@pytest.mark.parametrize("knots", [(11, 16), (16, 11)])
+def test_motions_of_different_knots_are_joined_in_one_curve(knots: tuple[int, int]) -> None:
+    """What was found with fewer knots is sought with those of the other; the joined motion is certified."""
+    arm = snake(12, feed=Feed(0.0, 0.9, 0.9))
+    start = np.append(np.tile([0.0, 0.05], 12), 0.5)
+    start[: 2 * 6] = 0.0
+    task = task_of(arm, TriangleSoup.joined([]), GoalPose(np.array([1.3, -0.2, 0.1]), None), start=start)
+    run = SpaceRun.from_task(task)
+    from_tube = partial(run._found_from, np.zeros(25), find_by_ways)
+    found = from_tube(replace(task, knots=knots[0]))
+    entered = from_tube(replace(run._entering, knots=knots[1]))
+    assert found is not None
+    assert run._led_back_before(found, entered) is None
+    whole = run._led_back_in_one_curve(found, entered, from_tube)
+    assert whole is not None
+    assert whole.curve.knots == max(knots)
+    assert whole.configurations[0] == pytest.approx(start, abs=1e-9)
+    assert np.linalg.norm(arm.joint_positions_at(whole.configurations[-1])[-1] - task.goal.position) < 1e-6
+    assert len(task.stepper(whole.curve, 0.0).failing_edges(whole.unknowns)) == 0
 
 
 @pytest.mark.drawn(1)

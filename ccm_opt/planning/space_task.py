@@ -75,6 +75,7 @@ class SpaceTask(SearchTask):
         slowness: cost of a unit of each coordinate, from its speed limit, shape (c,); about 1 for bends.
         follows: whether the arm may be led along the path of its tip, whichever motion to the goal is found.
         settings: settings of the search.
+        knots: number of knots of the curve; None if any number suits.
         stage: curve and unknowns, shape (p,), from which a longer motion continues; None if the motion begins at the
             start.
     """
@@ -88,6 +89,7 @@ class SpaceTask(SearchTask):
     slowness: FloatArray
     follows: bool = False
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    knots: int | None = None
     stage: tuple[CurveMap, FloatArray] | None = None
 
     @property

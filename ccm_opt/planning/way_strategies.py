@@ -98,9 +98,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def from_task(cls, task: SpaceTask, knots: int = KNOTS) -> "SpaceRun":
         """Return the search of a task in a new curve through the start, or in the curve of the task's stage.
 
-        ``knots`` is the number of knots of a new curve.
+        ``knots`` is the number of knots of a new curve, unless the task says how many.
         """
-        curve, start = task.stage or unknowns_through(task.arm, task.start, knots)
+        curve, start = task.stage or unknowns_through(task.arm, task.start, task.knots or knots)
         goal = task.limited_goal
         if task.goal_pose is None:
             stepper = task.stepper(curve)
@@ -158,7 +158,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Return a motion back into the guide tube, and from there to the goal by any strategy, or None.
 
         If the arm cannot be retracted along its own shape, a motion from the tube to the start is used in reverse. If
-        that fails too, the tip is led to the goal from where the retraction ended.
+        that fails too, the tip is led to the goal from where the retraction ended, or a motion from the tube is sought
+        again in the curve of the other.
 
         Args:
             find: function that finds a motion from the tube to the goal, or to the start; raises ``NoPlanFound``.
@@ -170,13 +171,28 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         if self.start.q[-1] - home[-1] < task.unit:
             return None
         # The stages of a longer motion are in one curve, which another search would not keep.
-        if task.stage is None and self.stepper.safe(home, home):
-            from_tube = partial(self._found_from, home, find)
-            found = from_tube(task)
-            if found is not None:
-                whole = self._retracted_before(found) or self._led_back_before(found, from_tube)
-                if whole is not None:
-                    return whole
+        if task.stage is not None or not self.stepper.safe(home, home):
+            return self._led_on_from_retraction(failures)
+        from_tube = partial(self._found_from, home, find)
+        found = from_tube(task)
+        if found is None:
+            return self._led_on_from_retraction(failures)
+        whole = self._retracted_before(found)
+        if whole is not None:
+            return whole
+        entered = from_tube(self._entering)
+        return (
+            self._led_back_before(found, entered)
+            or self._led_on_from_retraction(failures)
+            or self._led_back_in_one_curve(found, entered, from_tube)
+        )
+
+    def _led_on_from_retraction(self, failures: list[Failure]) -> SpaceMotion | None:
+        """Return a motion back along the arm's own shape as far as it goes, then with the tip led to the goal, or None.
+
+        Failures are appended to ``failures``.
+        """
+        task = self.task
         if task.deadline.passed():
             return None
         poses = withdrawal_poses(task.stepper(self.stepper.space, 0.0), self.start.v, task.deadline)
@@ -213,21 +229,40 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         onward = found.without_blending(curve)
         return self._turned_over(onward, np.stack([pose.v for pose in poses]))
 
-    def _led_back_before(
-        self, found: SpaceMotion, from_tube: Callable[[SpaceTask], SpaceMotion | None]
-    ) -> SpaceMotion | None:
+    @property
+    def _entering(self) -> SpaceTask:
+        """Task of moving from the guide tube to the start of the search."""
+        goal = GoalPose(self.start.tip, self.start.tip_direction)
+        return replace(self.task, goal=goal, goal_pose=self.start.q, via=(), refuse=lambda: None)
+
+    def _led_back_before(self, found: SpaceMotion, entered: SpaceMotion | None) -> SpaceMotion | None:
         """Return a certified motion back along a motion from the tube to the start in reverse, then along ``found``.
 
         Args:
             found: motion from the guide tube to the goal.
-            from_tube: function that finds a motion of a task from the tube.
+            entered: motion from the guide tube to the start; None for none. Both need the same number of knots.
         """
-        start = GoalPose(self.start.tip, self.start.tip_direction)
-        entered = from_tube(replace(self.task, goal=start, goal_pose=self.start.q, via=(), refuse=lambda: None))
         if entered is None or entered.curve.knots != found.curve.knots:
             return None
         curve, onward, back = found.curve.with_blends_of(entered.curve, found.unknowns, entered.unknowns[::-1])
         return self._turned_over(replace(found, curve=curve).through(onward), back)
+
+    def _led_back_in_one_curve(
+        self, found: SpaceMotion, entered: SpaceMotion | None, from_tube: Callable[[SpaceTask], SpaceMotion | None]
+    ) -> SpaceMotion | None:
+        """Return the motion of ``_led_back_before`` if its parts differ in their knots; the one with fewer is replaced.
+
+        Args:
+            found: motion from the guide tube to the goal.
+            entered: motion from the guide tube to the start, or None.
+            from_tube: function that finds a motion of a task from the tube.
+        """
+        if entered is None or entered.curve.knots == found.curve.knots:
+            return None
+        if entered.curve.knots < found.curve.knots:
+            return self._led_back_before(found, from_tube(replace(self._entering, knots=found.curve.knots)))
+        again = from_tube(replace(self.task, knots=entered.curve.knots))
+        return None if again is None else self._led_back_before(again, entered)
 
     def _turned_over(self, onward: SpaceMotion, back: FloatArray) -> SpaceMotion | None:
         """Return a retraction, unknowns (K, p), and an onward motion joined to a certified motion, or None."""
@@ -324,7 +359,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             return run, placed_slide(curve, fitted_slide(curve, run.start.v, configurations), configurations)
 
         for room in (_SLIDE_ROOM * task.wanted_gap, 0.0):
-            for knots in _KNOTS:
+            for knots in _KNOTS if task.knots is None else (task.knots,):
                 run, unknowns = fit(knots)
                 if self._keeps(room, run.stepper.space, unknowns):
                     return run, unknowns
