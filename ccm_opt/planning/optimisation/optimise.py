@@ -155,7 +155,7 @@ def _optimised(
     settings = task.settings.optimisation
     left = settings.rounds if rounds is None else rounds
     keyframes, u = _few_keyframes(motion, task, whole, 0.0)
-    while left > 0:
+    while left > 0 and not task.deadline.passed():
         many = len(keyframes) - 1 > _MANY * settings.intervals
         taken = min(left, settings.first_rounds) if many else left
         before = keyframes
@@ -364,7 +364,7 @@ def clearance_limit(motion: CurveMotion[Any], task: SearchTask) -> ClearanceLimi
     price = priced(replace(program, steps=_dearer(program.steps)), sweep).steps.highest_price
     prices = np.full(sweep.intervals * sweep.parts, price / sweep.parts)
     found = KeyframeProgram(program.linearised(sweep), prices, None, FIRST_DAMPING).clearance_limit(_IMPROVABLE)
-    return "time" if found == "steps" and task.deadline.passed() else found
+    return "time" if found in ("steps", None) and task.deadline.passed() else found
 
 
 def _dearer(steps: ConvexSettings) -> ConvexSettings:
