@@ -249,7 +249,7 @@ def _corners(box: FloatArray) -> FloatArray:
 def work_box(problem: Problem, points: FloatArray, ends: FloatArray | None = None) -> FloatArray:
     """Return the visible box around a motion in space, as lower and upper corner, shape (2, 3) [m].
 
-    Of an arm that is fed into the scene only what is near the obstacles is visible.
+    Of an arm that is fed into the scene nothing is visible that lies far behind the obstacles.
 
     Args:
         problem: the problem, which gives arm, goals and obstacles.
@@ -261,8 +261,9 @@ def work_box(problem: Problem, points: FloatArray, ends: FloatArray | None = Non
     extent = problem.workspace.extent_of_bodies
     sides = np.array([[-1.0], [1.0]])
     if extent is not None and problem.arm.coordinates.base_names:
-        grown = extent + _NEAR * float(np.max(np.ptp(extent, axis=0))) * sides
-        near = shown[np.all((shown >= grown[0]) & (shown <= grown[1]), axis=1)]
+        ahead = problem.arm.base_rotation[:, 0]
+        behind = float(np.min(_corners(extent) @ ahead)) - _NEAR * float(np.max(np.ptp(extent, axis=0)))
+        near = shown[shown @ ahead >= behind]
         shown = near if len(near) else shown
     box = box_about(np.concatenate((shown, goals)))
     box = box + 2.0 * float(np.max(problem.arm.radii)) * sides
