@@ -20,6 +20,7 @@ from ccm_opt.ik.terms import Constraint, Cost, load_terms
 from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.io.rules import odd_mesh_size
 from ccm_opt.problem import ImportedArm, ImportedDrawing, Limits, Problem
+from ccm_opt.problem.tool_rules import cover_notes
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import open_edge_words
 from ccm_opt.scene.point_clouds import BallRadii
@@ -40,6 +41,7 @@ def report_scene(problem: Problem) -> None:
     """Print a summary of a problem's drawing or meshes and URDF, and warn of implausible sizes and limits."""
     if problem.imported_arm is not None:
         _report_imported_arm(problem.imported_arm)
+    _report_covers(problem)
     tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
     warn_odd_rates(problem)
@@ -53,6 +55,16 @@ def _report_imported_arm(arm: ImportedArm) -> None:
         console = report_console()
         for line in (f"{arm.file}: {len(arm.joints)} joints", *(f"  {note}" for note in arm.notes)):
             console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _report_covers(problem: Problem) -> None:
+    """Print what capsules cover the meshes and polygons of bodies on links."""
+    lines = cover_notes(problem.arm)
+    if output().as_json and lines:
+        output().note({"bodies": lines})
+    if output().tables:
+        for line in lines:
+            report_console().print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def report_drawing(problem: Problem) -> None:

@@ -14,7 +14,6 @@ from ccm_opt.io.schema import (
     BaseAxisTable,
     GoalTable,
     ObstacleTable,
-    PlacementTable,
     PoseTable,
     SpaceArmTable,
     SpaceGoalTable,
@@ -24,6 +23,7 @@ from ccm_opt.io.schema import (
     WorkspaceTable,
 )
 from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable, TendonTable
+from ccm_opt.io.shape_tables import PlacementTable
 from ccm_opt.io.tool_tables import build_bodies, build_tool
 from ccm_opt.problem import (
     Coverage,

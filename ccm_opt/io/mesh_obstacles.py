@@ -17,7 +17,7 @@ from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.raw_mesh import MESHES, STEP_SUFFIXES, MeshSettings, RawMesh, counted
 from ccm_opt.io.scans import Scan, read_scan
-from ccm_opt.io.schema import ObstacleTable, SpaceObstacleTable
+from ccm_opt.io.schema import ObstacleTable, SpaceArmTable, SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
 from ccm_opt.io.step import chosen_parts
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
@@ -27,6 +27,7 @@ from ccm_opt.scene.point_clouds import BallRadii
 from ccm_opt.scene.shells import find_shells, repeated
 from ccm_opt.scene.workspace import PlaneShape
 
+_OBSTACLES: KeyPath = ("workspace", "obstacles")
 _SAME = 1e-9
 """Maximum relative difference between two scale factors that count as equal."""
 _CURVE_TOLERANCE = 2.5e-4
@@ -44,6 +45,7 @@ def mesh_bodies(
     issues: Issues,
     *,
     allow_outside: bool = False,
+    where: KeyPath = _OBSTACLES,
 ) -> dict[int, MeshBody]:
     """Return the obstacles that are meshes or scans, in world coordinates, by index among all obstacles of the file.
 
@@ -55,12 +57,13 @@ def mesh_bodies(
         metres: metres per unit of length of the problem file.
         issues: receives the defects of meshes, which are then missing from the result.
         allow_outside: whether mesh files may lie outside the folder.
+        where: key path of the list of obstacles, or of bodies on a link, in whose frame they then are.
     """
     read, scanned = cache(_read_and_repaired), cache(read_scan)
     found: dict[int, MeshBody] = {}
     for number, table in listed:
         file = table.mesh or table.points or ""
-        path: KeyPath = ("workspace", "obstacles", number, "mesh" if table.mesh else "points")
+        path: KeyPath = (*where, number, "mesh" if table.mesh else "points")
         expected = EXPECTED if table.mesh else _SCAN
         place = file and resolve_file(file, folder, path, expected, issues, allow_outside=allow_outside)
         if not place:
@@ -85,11 +88,34 @@ def mesh_bodies(
     total = sum(len(body.faces) for body in found.values())
     if total > MESHES.most_triangles:
         issues.add(
-            ("workspace", "obstacles"),
+            where,
             f"the meshes have {total} triangles and points in all; at most {MESHES.most_triangles} can be used; export "
             "them coarser",
         )
     return found
+
+
+def cover_mesh_bodies(
+    table: SpaceArmTable, folder: Path | None, metres: float, issues: Issues, *, allow_outside: bool = False
+) -> None:
+    """Cover the meshes of bodies on links with capsules; arguments are those of ``mesh_bodies``, after the arm's table.
+
+    A mesh that encloses nothing has no centre of mass by itself, which is reported if it needs one.
+    """
+    rigid = {("arm", "bodies", k): each for k, each in enumerate(table.bodies)}
+    for path, each in ([(("arm", "tool"), table.tool)] if table.tool else []) + list(rigid.items()):
+        rows = {k: row for k, row in enumerate(each.bodies) if row.mesh is not None}
+        listed = [
+            (k, SpaceObstacleTable.model_construct(mesh=row.mesh, scale=row.scale, up=row.up, pose=row.pose))
+            for k, row in rows.items()
+        ]
+        where = (*path, "bodies")
+        read = mesh_bodies(listed, folder, metres, issues, allow_outside=allow_outside, where=where)
+        for k, body in read.items():
+            rows[k].cover_with(body)
+            if each.mass and not rows[k].encloses and (each.centre is None or each.inertia is None):
+                said = "it encloses no volume that mass could fill: give centre and inertia, or close the mesh"
+                issues.add((*where, k, "mesh"), said)
 
 
 def plane_scans(

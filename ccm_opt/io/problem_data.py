@@ -20,7 +20,6 @@ from ccm_opt.io.schema import (
     BaseAxisTable,
     BaseTable,
     GoalTable,
-    PlacementTable,
     PlaneArmTable,
     SpaceArmTable,
     SpaceGoalTable,
@@ -42,7 +41,7 @@ from ccm_opt.io.schema_tables import (
     ToleranceTable,
     VerificationTable,
 )
-from ccm_opt.io.shape_tables import BarTable
+from ccm_opt.io.shape_tables import BarTable, PlacementTable
 from ccm_opt.io.tool_tables import (
     PlaneBarTable,
     PlaneLinkBodyTable,

@@ -26,6 +26,7 @@ from ccm_opt.problem.solution import (
     ToleratedError,
     Tour,
 )
+from ccm_opt.problem.tool_rules import cover_notes
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
 from ccm_opt.robot.coordinates import Coordinates
@@ -180,6 +181,8 @@ def solution_json(solution: Solution) -> str:
     if solution.problem.dimension == 3:
         record["goal"] = goal_data(solution.goal_errors)
         record["meshes"] = mesh_data(solution.problem)
+    if covers := cover_notes(solution.problem.arm):
+        record["covers"] = covers
     if solution.room is not None:
         record["room"] = clearance_data(solution.room)
     if solution.tolerance:

@@ -10,7 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
-from ccm_opt.io.schema import TABLES, PlacementTable, PlaneArmTable, PoseTable, SpaceArmTable, SpacePoseTable
+from ccm_opt.io.schema import TABLES, PlaneArmTable, PoseTable, SpaceArmTable, SpacePoseTable
 from ccm_opt.io.schema_tables import (
     SECTION_KEYS,
     ArmTable,
@@ -21,6 +21,7 @@ from ccm_opt.io.schema_tables import (
     VerificationTable,
     arc_ending_at,
 )
+from ccm_opt.io.shape_tables import PlacementTable
 from ccm_opt.io.tool_tables import (
     PlaneLinkBodyTable,
     PlaneToolBodyTable,
@@ -101,9 +102,9 @@ def _body_tables(data: Mapping[str, object], *, plane: bool) -> Iterator[tuple[K
     for path, each in rigid:
         yield path, each
         if isinstance(bodies := lookup(data, (*path, "bodies")), list):
-            yield from (
-                ((*path, "bodies", k), PlaneToolBodyTable if plane else SpaceToolBodyTable) for k in range(len(bodies))
-            )
+            for k in range(len(bodies)):
+                yield (*path, "bodies", k), PlaneToolBodyTable if plane else SpaceToolBodyTable
+                yield (*path, "bodies", k, "pose"), PlacementTable
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:

@@ -60,13 +60,12 @@ from ccm_opt.io.shape_tables import (
     Direction,
     Distances,
     FieldOfView,
+    PlacementTable,
     PlaneDirection,
-    Quaternion,
     RightAngle,
     ScanPoints,
     SpacePoint,
     SphereTable,
-    Turns,
 )
 from ccm_opt.io.tool_tables import PlaneLinkBodyTable, PlaneToolTable, SpaceLinkBodyTable, SpaceToolTable
 from ccm_opt.problem import LengthUnit, Tolerances
@@ -364,20 +363,6 @@ class WorkspaceTable(SceneTable):
     boundary: Ring | None = Field(default=None, description="Corners of the workspace, a simple polygon.")
     clearance: NonNegativeLength = Field(
         default=0.0, description="Required clearance between the arm's surface and every obstacle."
-    )
-
-
-class PlacementTable(Table):
-    """Table of the pose of a solid: a rotation about the origin, followed by a translation."""
-
-    rules = Rules(at_most_one=("rotation_deg", "quaternion"))
-
-    position: SpacePoint = Field(default=[0.0, 0.0, 0.0], description="Position of the origin of the body's own frame.")
-    rotation_deg: Turns | None = Field(
-        default=None, description="Rotations about the fixed axes x, y and z, in this order. Default: none."
-    )
-    quaternion: Quaternion | None = Field(
-        default=None, description="Rotation as `[w, x, y, z]`, of any length but zero, in place of `rotation_deg`."
     )
 
 

@@ -12,6 +12,7 @@ from ccm_opt.io.schema_tables import (
     Length,
     Point,
     PositiveLength,
+    Rules,
     Table,
     exactly,
     is_number,
@@ -99,6 +100,20 @@ Quaternion: TypeAlias = Annotated[
 ]
 Turns: TypeAlias = Annotated[list[Degrees], Field(description="three angles"), exactly(3)]
 Bends: TypeAlias = Annotated[list[Degrees], Field(description="`[a, b]`"), exactly(2)]
+
+
+class PlacementTable(Table):
+    """Table of the pose of a solid: a rotation about the origin, followed by a translation."""
+
+    rules = Rules(at_most_one=("rotation_deg", "quaternion"))
+
+    position: SpacePoint = Field(default=[0.0, 0.0, 0.0], description="Position of the origin of the body's own frame.")
+    rotation_deg: Turns | None = Field(
+        default=None, description="Rotations about the fixed axes x, y and z, in this order. Default: none."
+    )
+    quaternion: Quaternion | None = Field(
+        default=None, description="Rotation as `[w, x, y, z]`, of any length but zero, in place of `rotation_deg`."
+    )
 
 
 class SphereTable(Table):

@@ -22,7 +22,7 @@ from ccm_opt.io.build import (
 )
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues, KeyPath, lookup
-from ccm_opt.io.mesh_obstacles import mesh_bodies, plane_scans
+from ccm_opt.io.mesh_obstacles import cover_mesh_bodies, mesh_bodies, plane_scans
 from ccm_opt.io.rules import (
     ANGLE_TOLERANCE,
     are_paths,
@@ -54,6 +54,7 @@ from ccm_opt.io.schema_tables import ArmTable, Table
 from ccm_opt.io.urdf_arm import with_urdf
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
+from ccm_opt.problem.tool_rules import cover_notes
 from ccm_opt.robot.arm import MappingName
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.surface_pieces import without_flat_parts
@@ -98,14 +99,18 @@ def check_data(
     read: Any = mesh_bodies if in_space else plane_scans
     with words_in(unit):
         found["meshes"] = read(found["obstacles"], folder, METRES[unit], issues, allow_outside=allow_outside)
+        if isinstance(found["arm"], SpaceArmTable):
+            cover_mesh_bodies(found["arm"], folder, METRES[unit], issues, allow_outside=allow_outside)
         _check_drawing_places(found, drawing, data, issues)
         if found["arm"] is not None:
             _check_between(found, issues, drawing)
         if issues.found or any(table is None for table in found.values()):
             _hint_at_scale(drawing, found, issues)
             return None
-    is_self_contained = whole is data and (in_space or not found["meshes"])
-    problem = build_problem(found, source if is_self_contained else "")
+        problem = build_problem(found, source)
+    # Scans of points in the plane, and bodies of mesh files on links, are kept as what they were read as.
+    read_in = bool(problem.arm.rigid_bodies and cover_notes(problem.arm)) if in_space else bool(found["meshes"])
+    problem = problem if whole is data and not read_in else replace(problem, source="")
     return replace(problem, drawing=drawing, imported_arm=imported_arm)
 
 

@@ -2,17 +2,41 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from functools import cached_property
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.schema_tables import Box, NonNegative, Point, PositiveLength, Rules, Table, arc_ending_at, exactly
-from ccm_opt.io.shape_tables import BarTable, CircleTable, Corners, Direction, SpacePoint, SphereTable, unit_length
+from ccm_opt.core.length_words import file_length
+from ccm_opt.io.body_covers import Cover, mesh_cover, region_cover
+from ccm_opt.io.schema_tables import (
+    Box,
+    NonNegative,
+    Point,
+    Positive,
+    PositiveLength,
+    Ring,
+    Rules,
+    Table,
+    arc_ending_at,
+    exactly,
+)
+from ccm_opt.io.shape_tables import (
+    BarTable,
+    CircleTable,
+    Corners,
+    Direction,
+    PlacementTable,
+    SpacePoint,
+    SphereTable,
+    unit_length,
+)
 from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.link_bodies import SolidMoments
 from ccm_opt.robot.tool import INERTIA_ROUNDING, RigidBody, Tool, ToolBody, in_link, second_moments
+from ccm_opt.scene.bodies import MeshBody
 
 _MOST_STRIPS = 8
 """Maximum number of capsules side by side that cover a box. Heuristic."""
@@ -27,19 +51,35 @@ class PlaneBarTable(Table):
 
 
 class PlaneToolBodyTable(Table):
-    """Table of a body of a planar arm's tool: exactly one of ``capsule``, ``circle`` and ``box``."""
+    """Table of a body of a planar arm's tool: exactly one of ``capsule``, ``circle``, ``box`` and ``polygon``."""
 
-    rules = Rules(exactly_one=("capsule", "circle", "box"))
+    rules = Rules(exactly_one=("capsule", "circle", "box", "polygon"))
 
     capsule: PlaneBarTable | None = Field(
         default=None, description="`{ from = [x, y], to = [x, y], radius = r }`, with round ends."
     )
     circle: CircleTable | None = Field(default=None, description="`{ center = [x, y], radius = r }`.")
     box: Box | None = Field(default=None, description="`[xmin, ymin, xmax, ymax]`, covered by a capsule.")
+    polygon: Ring | None = Field(
+        default=None, description="Corners of a simple polygon, in order; covered by up to eight capsules."
+    )
+
+    @cached_property
+    def cover(self) -> Cover | None:
+        """The capsules that contain a polygon; None for other bodies."""
+        return None if self.polygon is None else region_cover(np.array(self.polygon))
+
+    @property
+    def notes(self) -> Iterator[str]:
+        """What the user is told of the capsules."""
+        if self.cover is not None:
+            yield f"the polygon of {len(self.polygon or ())} corners is {cover_words(self.cover)}"
 
     @property
     def moments(self) -> SolidMoments:
-        """Moments of the body as a solid: a disc is a ball, and a box as deep as its shorter side is long."""
+        """Moments of the body as a solid: a disc is a ball, a box is as deep as its shorter side."""
+        if self.polygon is not None:
+            return SolidMoments.of_prism(np.array(self.polygon))
         if self.box is not None:
             low, high = np.array(self.box[:2]), np.array(self.box[2:])
             deep = 0.5 * float(np.min(high - low))
@@ -55,12 +95,17 @@ class PlaneToolBodyTable(Table):
             yield ToolBody(np.array(self.circle.center), np.array(self.circle.center), self.circle.radius)
         elif self.box is not None:
             yield from box_capsules(np.array(self.box[:2]), np.array(self.box[2:]))
+        elif self.cover is not None:
+            yield from self.cover.capsules
 
 
 class SpaceToolBodyTable(Table):
-    """Table of a body of a tool in space: exactly one of ``capsule``, ``sphere``, ``cylinder`` and ``box``."""
+    """Table of a body of a tool in space: one of ``capsule``, ``sphere``, ``cylinder``, ``box`` and ``mesh``."""
 
-    rules = Rules(exactly_one=("capsule", "sphere", "cylinder", "box"))
+    rules = Rules(
+        exactly_one=("capsule", "sphere", "cylinder", "box", "mesh"),
+        needs=dict.fromkeys(("scale", "up", "pose"), ("mesh",)),
+    )
 
     capsule: BarTable | None = Field(
         default=None, description="`{ from = [x, y, z], to = [x, y, z], radius = r }`, with hemispherical ends."
@@ -73,10 +118,49 @@ class SpaceToolBodyTable(Table):
         default=None,
         description="`[[xmin, ymin, zmin], [xmax, ymax, zmax]]`, covered by capsules along its longest side.",
     )
+    mesh: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="Mesh or solids of a file, as of [obstacles](problem-file.md#meshes); covered by up to 8 capsules.",
+    )
+    scale: Positive | None = Field(
+        default=None, description="Mesh only: length of one unit of its file, as of obstacles. Default: 1."
+    )
+    up: Literal["y", "z"] | None = Field(
+        default=None, description='Mesh only: axis of the file that becomes z, as of obstacles. Default: `"z"`.'
+    )
+    pose: PlacementTable | None = Field(
+        default=None, description="Mesh only: its pose in the frame of the link. Default: that of the frame."
+    )
+    _covered: tuple[MeshBody, Cover] | None = PrivateAttr(None)
+
+    def cover_with(self, mesh: MeshBody) -> None:
+        """Cover the mesh, which was read from the file, with capsules."""
+        frame = mesh.placement.rotation
+        self._covered = (mesh, mesh_cover(mesh.vertices, mesh.faces, frame, mesh.margin))
+
+    @property
+    def notes(self) -> Iterator[str]:
+        """What the user is told of the file and the capsules."""
+        if self._covered is not None:
+            body, cover = self._covered
+            yield f"{body.file}, {body.triangles_read} triangles, is {cover_words(cover)}"
+            yield from body.notes
+            yield from body.mended
+
+    @property
+    def encloses(self) -> bool:
+        """Whether the body has a volume, unlike an open mesh."""
+        return self._covered is None or (self._covered[0].closed and bool(self._covered[0].shells.orientable.all()))
 
     @property
     def moments(self) -> SolidMoments:
         """Moments of the body as a solid."""
+        if self._covered is not None:
+            mesh, _ = self._covered
+            shells = mesh.shells
+            faces = np.where(shells.turned[:, None], mesh.faces[:, ::-1], mesh.faces)
+            parts = [faces[shells.number == k] for k in range(len(shells.closed))]
+            return SolidMoments.of_all([SolidMoments.of_mesh(mesh.vertices, part) for part in parts])
         if self.box is not None:
             return SolidMoments.of_box(*np.array(self.box))
         (body,) = self.capsules()
@@ -91,6 +175,14 @@ class SpaceToolBodyTable(Table):
             yield ToolBody(np.array(self.sphere.center), np.array(self.sphere.center), self.sphere.radius)
         elif self.box is not None:
             yield from box_capsules(*np.array(self.box))
+        elif self._covered is not None:
+            yield from self._covered[1].capsules
+
+
+def cover_words(cover: Cover) -> str:
+    """Return in words by how much the capsules of a cover are larger than what they contain."""
+    count = f"{len(cover.capsules)} capsules, which stand" if len(cover.capsules) > 1 else "a capsule, which stands"
+    return f"covered by {count} out from the convex hulls of its parts by up to {file_length(cover.stands_out)}"
 
 
 def _moments(values: list[float]) -> list[float]:
@@ -245,10 +337,14 @@ def _rigid(table: PlaneRigidTable | SpaceRigidTable) -> dict[str, Any]:
     """Return the fields of the ``RigidBody`` that a table describes, without its link; solid unless it says else."""
     # Bodies of no known kind are reported as they are read.
     rows = [each for each in table.bodies if any(True for _ in each.capsules())]
-    parts: dict[str, Any] = {"bodies": tuple(body for each in rows for body in each.capsules())}
+    parts: dict[str, Any] = {
+        "bodies": tuple(body for each in rows for body in each.capsules()),
+        "notes": tuple(words for each in rows for words in each.notes),
+    }
     if table.mass == 0.0 or (table.centre is None and not rows):
         return parts
-    whole = SolidMoments.of_all([each.moments for each in rows]) if rows else None
+    solid = all(each.encloses for each in rows if isinstance(each, SpaceToolBodyTable))
+    whole = SolidMoments.of_all([each.moments for each in rows]) if rows and solid else None
     centre: FloatArray | None = None if table.centre is None else np.array(table.centre)
     if centre is None and whole is not None:
         centre = whole.centre if isinstance(table, SpaceRigidTable) else whole.centre[[0, 2]]

@@ -44,6 +44,13 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
         )
 
 
+def cover_notes(arm: Arm) -> list[str]:
+    """Return a line for each remark on how capsules cover polygons and meshes of an arm's bodies."""
+    bodies = [(f"arm.bodies[{k}]", body) for k, body in enumerate(arm.bodies)]
+    bodies += [] if arm.tool is None else [("arm.tool", arm.tool)]
+    return [f"{name}: {words}" for name, body in bodies for words in body.notes]
+
+
 def _body_defects(body: RigidBody, at: Key, arm: Arm) -> Iterator[tuple[Key, str]]:
     """Yield the key and a message for a body on a link that there is not, in the mount, or with impossible mass."""
     arcs = arm.arcs

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 
 DEFAULT_LINK_MASS = 0.1
 """Mass of a link if none is given [kg]: that of the paper's swan neck (section 5)."""
@@ -70,6 +70,43 @@ class SolidMoments:
         volume = float(np.prod(high - low))
         squares = volume / 12.0 * (high - low) ** 2
         return cls(volume, 0.5 * (low + high), np.diag(np.sum(squares) - squares))
+
+    @classmethod
+    def of_prism(cls, corners: FloatArray) -> "SolidMoments":
+        """Return the moments of a simple polygon in x-z, shape (m, 2) [m], as deep as its area's square root."""
+        x, z = (corners - corners.mean(axis=0)).T
+        u, w = np.roll(x, -1), np.roll(z, -1)
+        doubled = x * w - u * z
+        area = 0.5 * float(np.sum(doubled))
+        at = np.array([np.sum((x + u) * doubled), np.sum((z + w) * doubled)]) / (6.0 * area)
+        xx = np.sum((x * x + x * u + u * u) * doubled) / (12.0 * area) - at[0] ** 2
+        zz = np.sum((z * z + z * w + w * w) * doubled) / (12.0 * area) - at[1] ** 2
+        xz = np.sum((x * w + 2.0 * x * z + 2.0 * u * w + u * z) * doubled) / (24.0 * area) - at[0] * at[1]
+        deep = float(np.sqrt(abs(area)))
+        second = np.array([[xx, 0.0, xz], [0.0, deep**2 / 12.0, 0.0], [xz, 0.0, zz]])
+        middle = corners.mean(axis=0) + at
+        volume = deep * abs(area)
+        return cls(volume, np.array([middle[0], 0.0, middle[1]]), volume * (np.trace(second) * np.eye(3) - second))
+
+    @classmethod
+    def of_mesh(cls, vertices: FloatArray, faces: IntArray) -> "SolidMoments":
+        """Return the moments of what a closed mesh encloses, by signed tetrahedra from its middle.
+
+        Args:
+            vertices: positions of the vertices, shape (v, 3) [m].
+            faces: vertex indices of the triangles, all with one sense of rotation, shape (m, 3).
+        """
+        middle = vertices.mean(axis=0)
+        corners = (vertices - middle)[faces]
+        signed = np.linalg.det(corners) / 6.0
+        volume = float(signed.sum())
+        total = corners.sum(axis=1)
+        at = (signed @ total) / (4.0 * volume)
+        # ∫ r rᵀ over a tetrahedron of volume V with a corner at the origin: V / 20 (Σ r_i r_iᵀ + Σ r_i Σ r_iᵀ).
+        second = np.einsum("f,fki,fkj->ij", signed, corners, corners) + np.einsum("f,fi,fj->ij", signed, total, total)
+        about = second / 20.0 - volume * np.outer(at, at)
+        inertia = np.trace(about) * np.eye(3) - about
+        return cls(abs(volume), middle + at, np.sign(volume) * inertia)
 
     @classmethod
     def of_all(cls, parts: Sequence["SolidMoments"]) -> "SolidMoments":

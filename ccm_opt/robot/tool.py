@@ -46,6 +46,7 @@ class RigidBody:
         inertia: its moments of inertia about the centre, in the axes of the frame in space, where a planar frame (x, y)
             is x-z, shape (3, 3) [kg m²]; None for a point mass.
         link: index of the link, from 0 or, if negative, from behind the last.
+        notes: remarks for the user on how capsules cover a polygon or a mesh.
     """
 
     bodies: tuple[ToolBody, ...] = ()
@@ -53,6 +54,7 @@ class RigidBody:
     centre: FloatArray | None = None
     inertia: FloatArray | None = None
     link: int = -1
+    notes: tuple[str, ...] = ()
 
     @property
     def centre_in_space(self) -> FloatArray:

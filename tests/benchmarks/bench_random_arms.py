@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
@@ -34,10 +35,13 @@ class Drawn:
         seed: of everything about it; even ones are in the plane, but on axes.
         limit: time limit of planning [s].
         kinds: what arms may have: "feed", "axes", "tools", which stands for bodies on any link, some of which weigh,
-            and "coupled", which stands for drives that move several joints.
+            "meshes", which adds meshes and polygons to these, and "coupled", which stands for drives that move several
+            joints.
+        folder: folder that meshes are written to.
     """
 
-    def __init__(self, seed: int, limit: float, kinds: frozenset[str]) -> None:
+    def __init__(self, seed: int, limit: float, kinds: frozenset[str], folder: Path = Path()) -> None:
+        self.folder, self.kinds, self.meshes = folder, kinds, 0
         self.rng = np.random.default_rng((20261126, seed))
         self.space = bool(seed % 2) or bool({"axes", "coupled"} & kinds)
         self.data: dict[str, Any] = {
@@ -51,14 +55,14 @@ class Drawn:
         }
         if self.space:
             self.data["space"] = 3
-        if "tools" in kinds:
+        if {"tools", "meshes"} & kinds:
             self._equip()
         self._place(kinds)
 
     def _equip(self) -> None:
         """Put bodies on links, clear of all others while the arm is straight, and mostly a tool."""
         rng, arm = self.rng, self.data["arm"]
-        bare = FileArm(arm, self.space)
+        bare = FileArm(arm, self.space, self.folder)
         count = len(bare.lengths)
         free = [k for k in range(count) if bare.mounted[k] < 1.0 - 1e-8]
         last = count - 1
@@ -93,6 +97,8 @@ class Drawn:
         at = np.array([-length * rng.uniform(0.0, 1.0), *aside])
         half = size * rng.uniform(0.4, 1.0, d)
         kind = rng.integers(4 if self.space else 3)
+        if "meshes" in self.kinds and rng.random() < 0.6:
+            return self._of_any_shape(at, size)
         if kind == 0:
             corners = [(at - half).round(4).tolist(), (at + half).round(4).tolist()]
             return {"box": corners if self.space else [*corners[0], *corners[1]]}
@@ -103,9 +109,24 @@ class Drawn:
         bar = {"from": ends[0], "to": ends[1], "radius": round(0.5 * size, 4)}
         return {"capsule": bar} if kind == 2 else {"cylinder": bar}
 
+    def _of_any_shape(self, at: FloatArray, size: float) -> dict[str, Any]:
+        """A polygon with a notch, or two boxes that make an angle as a mesh of a file in millimetres."""
+        rng = self.rng
+        if not self.space:
+            corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 0.0], [rng.uniform(-0.8, 0.5), 0.2], [-0.6, 1.0]])
+            return {"polygon": (at + size * corners * rng.uniform(0.4, 1.0, 2)).round(4).tolist()}
+        long, flat = 1000.0 * size * rng.uniform(0.4, 1.0, (2, 3))
+        low, up = trimesh.creation.box(2.0 * long), trimesh.creation.box(2.0 * flat)
+        up.apply_translation(long * rng.choice((-1.0, 1.0), 3))
+        self.meshes += 1
+        name = f"{self.data['name']}-{self.meshes}.stl"
+        trimesh.util.concatenate([low, up]).export(self.folder / name)
+        turns = rng.uniform(-180.0, 180.0, 3).round(1).tolist()
+        return {"mesh": name, "scale": 0.001, "pose": {"position": at.round(4).tolist(), "rotation_deg": turns}}
+
     def _clear_at_rest(self, table: dict[str, Any]) -> bool:
         """Whether covers of bodies are clear of all but their own links while the arm is straight."""
-        arm = FileArm(table, self.space)
+        arm = FileArm(table, self.space, self.folder)
         compared = list(body_gaps(arm, FileScene({}, space=self.space), *arm.at_rest))
         count = len(arm.bodies) * (len(arm.lengths) - 1)
         pairs = [(i, j) for i in arm.bodies for j in arm.bodies if id(i) < id(j) and i.link != j.link]
@@ -171,7 +192,7 @@ class Drawn:
     def _place(self, kinds: frozenset[str]) -> None:
         """Draw a goal pose, and bodies clear of it and of the start."""
         rng, data = self.rng, self.data
-        arm = FileArm(data["arm"], self.space)
+        arm = FileArm(data["arm"], self.space, self.folder)
         count = len(arm.lengths)
         low = 0.0
         axes = np.zeros((2, 0))
@@ -291,7 +312,7 @@ def looked_at(folder: Path, data: dict[str, Any]) -> tuple[str, list[str]]:
     if not (plan / "solution.npz").exists():
         return f"exit {solved.exit_code}", wrong
     with np.load(plan / "solution.npz") as arrays:
-        wrong += broken_promises(data, dict(arrays))
+        wrong += broken_promises(data, dict(arrays), folder)
     checked = CliRunner().invoke(app, ["check", str(plan)])
     if checked.exit_code != solved.exit_code and solved.exit_code == 0:
         wrong.append(f"check: {checked.output[-300:]}")
@@ -312,7 +333,7 @@ def main() -> None:
     for seed in range(given.first, given.first + given.count):
         begun = time.process_time()
         try:
-            data = Drawn(seed, given.limit, frozenset(given.kinds)).data
+            data = Drawn(seed, given.limit, frozenset(given.kinds), given.runs).data
         except ValueError:
             counts["not drawn"] += 1
             continue

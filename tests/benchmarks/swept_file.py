@@ -6,13 +6,15 @@ in the plane.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import coal
 import numpy as np
 import shapely
 import shapely.affinity
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
@@ -34,10 +36,12 @@ class FileArm:
     Attributes:
         table: the arm's table.
         space: whether it moves in space.
+        folder: folder of the meshes of its bodies.
     """
 
     table: Keys
     space: bool
+    folder: Path = Path()
 
     @property
     def sections(self) -> Sequence[Keys]:
@@ -101,7 +105,7 @@ class FileArm:
         """Bodies on links, those of the tool last."""
         links = [(row["link"] - 1, row) for row in self.table.get("bodies", ())]
         links += [(len(self.lengths) - 1, self.table["tool"])] if "tool" in self.table else []
-        read = _solid if self.space else _flat
+        read = partial(_solid, folder=self.folder) if self.space else _flat
         return [FileBody(k, *read(row), row) for k, rigid in links for row in rigid.get("bodies", ())]
 
     @cached_property
@@ -218,6 +222,8 @@ class FileBody:
     @cached_property
     def beyond(self) -> float:
         """How far capsules that cover the body may reach beyond it [m]."""
+        if "mesh" in self.row or "polygon" in self.row:
+            return self.reach[1]
         if "box" not in self.row:
             return self.rounding + (self.row["cylinder"]["radius"] if "cylinder" in self.row else 0.0)
         sides = np.ptp(np.reshape(self.row["box"], (2, -1)), axis=0)
@@ -314,6 +320,9 @@ def _room_gap(body: FileBody, arm: FileArm, points: FloatArray, frames: Any, bou
         (at,) = body.at(points, frames, [k])
         if body.place is None:
             low, high = np.reshape(at.bounds, (2, 2))
+        elif "mesh" in body.row:
+            corners = np.array([at.transform(corner) for corner in body.shape.vertices()])
+            low, high = corners.min(axis=0), corners.max(axis=0)
         else:
             reach = _half_box(body, at.getRotation())
             low, high = at.getTranslation() - reach, at.getTranslation() + reach
@@ -374,7 +383,16 @@ def _flat(row: Keys) -> tuple[Any, Any, float]:
     return shapely.Polygon(row["polygon"]), None, 0.0
 
 
-def _solid(row: Keys) -> tuple[Any, Any, float]:
+def _solid(row: Keys, folder: Path = Path()) -> tuple[Any, Any, float]:
+    if "mesh" in row:
+        mesh = trimesh.load_mesh(folder / row["mesh"])
+        shape = coal.BVHModelOBBRSS()
+        shape.beginModel(len(mesh.faces), len(mesh.vertices))
+        shape.addVertices(np.array(row["scale"] * mesh.vertices))
+        shape.addTriangles(np.array(mesh.faces, dtype=np.uint32))
+        shape.endModel()
+        turn = Rotation.from_euler("xyz", np.deg2rad(row["pose"]["rotation_deg"]))
+        return shape, coal.Transform3s(turn.as_matrix(), np.array(row["pose"]["position"])), 0.0
     if "box" in row:
         low, high = np.array(row["box"], dtype=float)
         pose = row.get("pose", {})
@@ -471,15 +489,16 @@ def densely(arm: FileArm, bends: FloatArray, axes: FloatArray) -> tuple[FloatArr
     return between(bends), between(axes)
 
 
-def broken_promises(data: Keys, arrays: Mapping[str, FloatArray]) -> list[str]:
+def broken_promises(data: Keys, arrays: Mapping[str, FloatArray], folder: Path = Path()) -> list[str]:
     """What a plan breaks, in words: contact, limits of bends and axes, start and goals.
 
     Args:
         data: the problem file, with lengths in metres.
         arrays: arrays of the plan's folder.
+        folder: folder of the meshes of bodies on links.
     """
     space = data.get("space", 2) == 3
-    arm, scene = FileArm(data["arm"], space), FileScene(data["workspace"], space=space)
+    arm, scene = FileArm(data["arm"], space, folder), FileScene(data["workspace"], space=space)
     bends = arrays["bend_angles"]
     axes = arrays["base_axes"] if "base_axes" in arrays else arrays.get("base_feed", np.zeros((len(bends), 0)))
     axes = axes.reshape(len(bends), -1)
