@@ -481,10 +481,7 @@ def describe_command(
 
 @command(
     "retarget",
-    (
-        "ccm-opt retarget runs/swan-neck --position 0.35,0.2 --time 0.8",
-        "ccm-opt retarget runs/swan-neck --position 0.35,0.2 --time 0.8 --direction 1,0 --no-pictures",
-    ),
+    ("ccm-opt retarget runs/swan-neck --position 0.35,0.2 --time 0.8",),
 )
 def retarget_command(
     folder: Annotated[Path, typer.Argument(help="Output folder of solve.", show_default=False)],

@@ -52,7 +52,8 @@ def retarget_folder(
         pointing = None if direction is None else _numbers(direction, "--direction", problem.dimension)
         if pointing is not None and not np.any(pointing):
             raise ProblemError("--direction must be nonzero")
-        wanted = TipGoal.at(point_from(problem, "--position", position), direction=pointing)
+        unit = None if pointing is None else pointing / np.linalg.norm(pointing)
+        wanted = TipGoal(point_from(problem, "--position", position), unit)
         moment = _measured(problem, joints, feed) if time is None else time
 
         def retargeted(_: Problem, *, progress: Any, **_options: Any) -> Solution:
