@@ -113,7 +113,7 @@ class Drawn:
         """A polygon with a notch, or two boxes that make an angle as a mesh of a file in millimetres."""
         rng = self.rng
         if not self.space:
-            corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 0.0], [rng.uniform(-0.8, 0.5), 0.2], [-0.6, 1.0]])
+            corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 0.0], [rng.uniform(-0.6, 0.5), 0.2], [-0.6, 1.0]])
             return {"polygon": (at + size * corners * rng.uniform(0.4, 1.0, 2)).round(4).tolist()}
         long, flat = 1000.0 * size * rng.uniform(0.4, 1.0, (2, 3))
         low, up = trimesh.creation.box(2.0 * long), trimesh.creation.box(2.0 * flat)
