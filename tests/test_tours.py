@@ -165,7 +165,7 @@ def test_no_bound_is_known_for_goals_planned_one_after_the_other() -> None:
     assert 0.0 < tour.bound <= tour.duration
     assert "no order is shorter" in " ".join(tour_sentences(tour))
     planner = TourPlanner(problem, Lines(), lambda _: 0.1, lambda _: None, Stages(), share=1.0)
-    _, replaced = planner._compared(legs, replace(tour, as_given=9.0), Deadline.after(60.0))
+    _, replaced = planner.compared(legs, replace(tour, as_given=9.0), Deadline.after(60.0))
     assert replaced.duration == pytest.approx(0.3)
     assert replaced.bound == 0.0
     assert "shorter" not in " ".join(tour_sentences(replaced))

@@ -30,6 +30,9 @@ from ccm_opt.problem.solution import JointPath, JointTrajectory, Tour
 if TYPE_CHECKING:
     from ccm_opt.driver.tours import TourPlanner
 
+_COMPARED_SHARE = 0.3
+"""Fraction of the time left in which the views of a tour that sees enough are planned for leg by leg too. Heuristic."""
+
 
 def default_planner(
     problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
@@ -145,6 +148,10 @@ class PlanningRun:
             with self.stages("views"):
                 enough = views.seen(ends).share >= coverage.share
             if enough:
+                faster = tours.compared(legs, tour, deadline.within(_COMPARED_SHARE * deadline.left))
+                ends = [leg.path.spline(1.0) for leg in faster[0][: len(visited)]]
+                with self.stages("views"):
+                    legs, tour = faster if views.seen(ends).share >= coverage.share else (legs, tour)
                 return self._verified_tour(legs, views.toured(tour, self.problem, fewest))
             views.learn(chosen[visited], ends)
             views.leave_out(np.delete(chosen, visited))

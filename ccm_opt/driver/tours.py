@@ -120,7 +120,7 @@ class TourPlanner:
         """
         deadline = Deadline.after(self.problem.planner.time_limit)
         legs, tour = self._toured(deadline)
-        return self._compared(legs, tour, deadline) if len(tour.order) <= _FEW else (legs, tour)
+        return self.compared(legs, tour, deadline)
 
     def _toured(self, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
         """Return the tour over motions of the tree and what joins them; see ``plan``."""
@@ -372,13 +372,14 @@ class TourPlanner:
         return tuple(self._leg(before, *leg) for leg in legs), tour
 
     # ------------------------------------------------------------ leg by leg
-    def _compared(self, legs: tuple[Leg, ...], tour: Tour, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
+    def compared(self, legs: tuple[Leg, ...], tour: Tour, deadline: Deadline) -> tuple[tuple[Leg, ...], Tour]:
         """Return the fastest of a tour, of the same order planned leg by leg, and of the given order likewise.
 
         Leg by leg, the arm comes to rest at each goal where that suits the goal before it. No bound is known for orders
-        of such motions.
+        of such motions. Tours of many goals are not compared.
         """
-        for order in dict.fromkeys((tour.order, tuple(sorted(tour.order)))):
+        few = len(tour.order) <= _FEW
+        for order in dict.fromkeys((tour.order, tuple(sorted(tour.order))) if few else ()):
             if deadline.passed():
                 break
             visited = replace(tour, order=order).visited
