@@ -237,8 +237,8 @@ class _Room:
             number(first - 1) if first else 0,
             str(gaps.obstacle[sample]),
             number(second - 1) if second else 0,
-            arm.section_name(first - 1) if first else "",
-            arm.section_name(second - 1) if second else "",
+            arm.link_name(first - 1) if first else "",
+            arm.link_name(second - 1) if second else "",
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:

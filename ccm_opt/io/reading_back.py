@@ -313,8 +313,8 @@ def recorded_nearest(folder: Path) -> NearPlace | None:
             link=int(near["link"]),
             obstacle=str(near.get("obstacle", "")),
             second_link=int(near.get("second_link", 0)),
-            section=str(near.get("section", "")),
-            second_section=str(near.get("second_section", "")),
+            name=str(near.get("name", "")),
+            second_name=str(near.get("second_name", "")),
         )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ProblemError(f"{folder / RECORD}: the least gap in it is not readable: {error}") from error

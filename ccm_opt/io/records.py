@@ -138,14 +138,10 @@ def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
 
 def place_data(place: NearPlace) -> Mapping[str, object]:
     """Return the record of where a link comes nearest to an obstacle or another link; lengths [m], times [s]."""
-    other: dict[str, object] = {"section": place.section} if place.section else {}
-    if place.second_link:
-        other["second_link"] = place.second_link
-        if place.second_section:
-            other["second_section"] = place.second_section
-    elif place.link:
-        other["obstacle"] = place.obstacle
-    near = {"link": place.link, **other} if place.link else {}
+    other = {"second_link": place.second_link} if place.second_link else {"obstacle": place.obstacle}
+    named = {"name": (place.name, place.link), "second_name": (place.second_name, place.second_link)}
+    names = {key: name for key, (name, link) in named.items() if name not in {"", f"link {link}"}}
+    near = {"link": place.link, **other, **names} if place.link else {}
     return {"gap": place.gap, "wanted": place.wanted, "time": place.time, **near}
 
 

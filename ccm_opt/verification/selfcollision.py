@@ -134,8 +134,8 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
     arm = motion.arm
     pair = f"{link_word(arm, near.link)} to {link_word(arm, near.other)} at t = {near.time:.4f} s"
     number, other = (link_number(arm, link) for link in (near.link, near.other))
-    sections = (section_of(arm, near.link), section_of(arm, near.other))
-    place = NearPlace(near.gap, 0.0, near.time, number, "", other, *sections)
+    names = (link_word(arm, near.link), link_word(arm, near.other))
+    place = NearPlace(near.gap, 0.0, near.time, number, "", other, *names)
     joined = ": " if motion.arm.dimension == 2 else "; "
     where = joined.join(part for part in (pair, verdict.remark, crossing) if part)
     passed = verdict.proved and not crossing

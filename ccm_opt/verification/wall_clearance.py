@@ -16,7 +16,6 @@ from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.body_sides import depth_enclosed, separations
 from ccm_opt.verification.chain_motion import ChainMotion, TimeIntervals
 from ccm_opt.verification.consistency import distance_rounding
-from ccm_opt.verification.drives import section_of
 from ccm_opt.verification.gap_proof import (
     BLOCK,
     Measured,
@@ -222,7 +221,7 @@ def check_walls(
             near.time,
             link_number(motion.arm, near.link),
             obstacle=wall,
-            section=section_of(motion.arm, near.link),
+            name=link_word(motion.arm, near.link),
         ),
     )
 

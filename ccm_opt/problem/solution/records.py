@@ -190,8 +190,9 @@ class NearPlace:
         link: number of the link, from 1; 0 if nothing is within the search distance.
         obstacle: name of the obstacle; empty if the other body is a link.
         second_link: number of the other link, from 1; 0 if the other body is an obstacle.
-        section: name of the section of the link, for arms of sections that bend evenly; empty for others.
-        second_section: that of the other link.
+        name: name of the link in messages: its number, its section if that bends evenly, or the body on it; empty for
+            its number.
+        second_name: that of the other link.
     """
 
     gap: float
@@ -200,17 +201,17 @@ class NearPlace:
     link: int
     obstacle: str = ""
     second_link: int = 0
-    section: str = ""
-    second_section: str = ""
+    name: str = ""
+    second_name: str = ""
 
     @property
     def pair(self) -> str:
-        """Both bodies in words, for example "link 3 to 'post'", or "section 2 to section 4"."""
+        """Both bodies in words, for example "link 3 to 'post'", or "section 2 to the tool"."""
         if not self.link:
             return "no obstacle within range"
-        second = self.second_section or f"link {self.second_link}"
+        second = self.second_name or f"link {self.second_link}"
         other = second if self.second_link else f"'{self.obstacle}'"
-        return f"{self.section or f'link {self.link}'} to {other}"
+        return f"{self.name or f'link {self.link}'} to {other}"
 
 
 @dataclass(frozen=True)
