@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -41,6 +42,7 @@ def _planar(random: np.random.Generator, *shape: int) -> FloatArray:
     return numbers
 
 
+@pytest.mark.drawn(30, of="dear tests")
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, rotors=st.booleans(), kind=st.sampled_from(["inverse_dynamics", "forward_dynamics"]))
 def test_planar_code_gives_the_same_bits(seed: int, rotors: bool, kind: DynamicsKind) -> None:
