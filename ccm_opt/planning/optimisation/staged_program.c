@@ -41,6 +41,7 @@ typedef struct {
     double *products;   /* M M', (room, room) */
     double *chol;       /* of S, (room, room) */
     double *target, *z, *own, *rate; /* of active rows: m y0, multipliers; products with the one that comes, rates, (room,) */
+    double *turned;        /* what is added to the factor of S, (room,) */
     double *loads, *rises; /* of parts: sums of multipliers, and their rates, (parts,) */
     double *excess;        /* of candidates: violation, (2 parts + stages,) */
     int64_t *candidate;    /* rows to enforce, or rows + part for its slack, or -1, (2 parts + stages,) */
@@ -194,11 +195,35 @@ static void take_out(Work *w, int64_t slot)
     w->place[last + 1] = place;
 }
 
-/* Take an active row out; whether S stays regular. */
-static int leave(const StagedProgram *q, Work *w, int64_t slot)
+/* Factor of S after u u' is added to it, where u is zero before a slot, by a rotation for each further one. */
+WIDE static void add_to_factor(Work *w, int64_t from, const double *u)
 {
+    double *scale = w->scratch, *share = w->rate;
+    for (int64_t i = from; i < w->active; i++) {
+        double *row = w->chol + i * w->room, left = u[i];
+        for (int64_t k = from; k < i; k++) {
+            row[k] = (row[k] + share[k] * left) / scale[k];
+            left = scale[k] * left - share[k] * row[k];
+        }
+        double pivot = sqrt(row[i] * row[i] + left * left);
+        scale[i] = pivot / row[i];
+        share[i] = left / row[i];
+        row[i] = pivot;
+    }
+}
+
+/* Take an active row out; the column that it leaves is added to the factor of the rows after it. */
+static void leave(Work *w, int64_t slot)
+{
+    double *column = w->turned;
+    for (int64_t i = slot + 1; i < w->active; i++) {
+        double *from = w->chol + i * w->room, *to = from - w->room;
+        column[i - 1] = from[slot];
+        memcpy(to, from, (size_t)slot * sizeof(double));
+        memcpy(to + slot, from + slot + 1, (size_t)(i - slot) * sizeof(double));
+    }
     take_out(w, slot);
-    return factorise_active(q, w, slot);
+    add_to_factor(w, slot, column);
 }
 
 static void propose(Work *w, int64_t at, int64_t which, double excess, double *most)
@@ -244,13 +269,17 @@ WIDE static double find_violated(const StagedProgram *q, Work *w)
     return most;
 }
 
-/* Factorise S again after a part has begun or ceased to yield; whether it is regular. */
+/* Change the factor of S after a part has begun or ceased to yield; whether S is regular. */
 static int change_yield(const StagedProgram *q, Work *w, int64_t part, int yields)
 {
     int64_t first = 0;
     w->yields[part] = (uint8_t)yields;
     while (first < w->active && q->part[w->row[first]] != part) first++;
-    return factorise_active(q, w, first);
+    if (!yields) return factorise_active(q, w, first);
+    double added = sqrt(1.0 / (SOFT * q->price[part]));
+    for (int64_t i = first; i < w->active; i++) w->turned[i] = q->part[w->row[i]] == part ? added : 0.0;
+    add_to_factor(w, first, w->turned);
+    return 1;
 }
 
 /* Raise the multiplier of a candidate until it holds; whether that is possible. */
@@ -308,7 +337,7 @@ static int enforce(const StagedProgram *q, Work *w, int64_t which, int64_t *left
         if (yielding >= 0) {
             if (!change_yield(q, w, yielding, 1)) return 0;
         } else if (leaving >= 0) {
-            if (!leave(q, w, leaving)) return 0;
+            leave(w, leaving);
         } else {
             if (is_row ? w->active >= w->room - 1 || !join(q, w, which, z) : !change_yield(q, w, part, 0)) return 0;
             settle(q, w);
@@ -421,7 +450,7 @@ PUBLIC void staged_program(StagedProgram *q)
     room += n + q->parts < MOST_ACTIVE ? n + q->parts : MOST_ACTIVE;
     Work w = {.n = n, .band = band, .room = room};
     double *numbers = malloc(sizeof(double) * (size_t)(n * (band + 1) + n + room + (room + 1) * n + 2 * room * room +
-                                                       4 * (room + 1) + 4 * q->parts + q->stages));
+                                                       5 * (room + 1) + 4 * q->parts + q->stages));
     w.row = malloc(sizeof(int64_t) * (size_t)(2 * (room + 1) + 2 * q->parts + q->stages));
     w.in = calloc((size_t)(q->rows + q->parts + 1), 1);
     q->solved = 0;
@@ -441,7 +470,8 @@ PUBLIC void staged_program(StagedProgram *q)
         w.z = w.target + room + 1;
         w.own = w.z + room + 1;
         w.rate = w.own + room + 1;
-        w.loads = w.rate + room + 1;
+        w.turned = w.rate + room + 1;
+        w.loads = w.turned + room + 1;
         w.rises = w.loads + q->parts;
         w.excess = w.rises + q->parts;
         q->solved = solve(q, &w);

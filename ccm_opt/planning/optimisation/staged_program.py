@@ -19,8 +19,9 @@ from ccm_opt.core.native import NativeCall
 
 _TOLERANCE = 1e-5
 """Violation of a row that counts as none. Heuristic."""
-_CHANGES = 100
-"""Maximum number of changes of the set of active rows, for each stage. Heuristic."""
+_CHANGES = 400
+"""Maximum number of changes of the set of active rows, for each stage. Measured: up to 150 in a motion out of one hole
+into another with 12 links."""
 NO_PART = -1
 """Part of a row without slack."""
 
