@@ -306,15 +306,16 @@ def recorded_nearest(folder: Path) -> NearPlace | None:
     if not isinstance(near, Mapping) or not near.get("link"):
         return None
     try:
+        link, second = int(near["link"]), int(near.get("second_link", 0))
         return NearPlace(
             gap=float(near["gap"]),
             wanted=float(near["wanted"]),
             time=float(near["time"]),
-            link=int(near["link"]),
+            link=link,
             obstacle=str(near.get("obstacle", "")),
-            second_link=int(near.get("second_link", 0)),
-            name=str(near.get("name", "")),
-            second_name=str(near.get("second_name", "")),
+            second_link=second,
+            name=str(near.get("name", f"link {link}")),
+            second_name=str(near.get("second_name", f"link {second}" if second else "")),
         )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ProblemError(f"{folder / RECORD}: the least gap in it is not readable: {error}") from error
