@@ -364,11 +364,27 @@ def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, 
 
 def point_from(problem: Problem, option: str, words: str) -> FloatArray:
     """Return a point (d,) [m] from its coordinates in the file's unit, separated by commas."""
+    shape = "x,y" if problem.dimension == 2 else "x,y,z"
+    found = numbers_from(option, words, problem.dimension, f"{shape} in {problem.length_unit}")
+    return METRES[problem.length_unit] * found
+
+
+def numbers_from(option: str, words: str, count: int, expected: str) -> FloatArray:
+    """Return a number of finite numbers, separated by commas, shape (count,).
+
+    Args:
+        option: name of the option that gives them.
+        words: the numbers.
+        count: how many there have to be.
+        expected: what the option takes, in words.
+
+    Raises:
+        ProblemError: there are more or fewer, or one is none.
+    """
     try:
         found = np.array([float(each) for each in words.split(",")])
     except ValueError:
         found = np.zeros(0)
-    if found.shape != (problem.dimension,) or not np.all(np.isfinite(found)):
-        shape = "x,y" if problem.dimension == 2 else "x,y,z"
-        raise ProblemError(f"{option}: expected {shape} in {problem.length_unit}, got {words!r}")
-    return METRES[problem.length_unit] * found
+    if found.shape != (count,) or not np.all(np.isfinite(found)):
+        raise ProblemError(f"{option}: expected {expected}, got {words!r}")
+    return found

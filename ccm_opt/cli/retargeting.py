@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.cli.loading import point_from
+from ccm_opt.cli.loading import numbers_from, point_from
 from ccm_opt.cli.outcome import run_all
 from ccm_opt.cli.solving import solve_problem
 from ccm_opt.core.arrays import FloatArray
@@ -82,15 +82,4 @@ def _measured(problem: Problem, joints: str | None, feed: float | None) -> Joint
 
 
 def _numbers(words: str, option: str, count: int) -> FloatArray:
-    """Return a number of finite numbers with commas between them.
-
-    Raises:
-        ProblemError: there are more or fewer, or one is none.
-    """
-    try:
-        found = np.array([float(each) for each in words.split(",")])
-    except ValueError:
-        found = np.zeros(0)
-    if found.shape != (count,) or not np.all(np.isfinite(found)):
-        raise ProblemError(f"{option}: expected {count} numbers with commas between them, got {words!r}")
-    return found
+    return numbers_from(option, words, count, f"{count} numbers with commas between them")
