@@ -28,7 +28,7 @@ from ccm_opt.viz.plan import draw_goals, tip_path_tube
 from ccm_opt.viz.raster import Shades
 from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side, work_box
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.shading import ShadedView
+from ccm_opt.viz.shading import ShadedView, picture_size
 from ccm_opt.viz.views import action_window, draw_base
 
 _TOLD_FACTOR = 1.05
@@ -127,8 +127,7 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
         window, side = work_box(problem, points, work), viewing_side(work)
     else:
         window, side = action_window(problem, points), PLANE
-    spans = np.ptp(view_window(side, window), axis=0)
-    width, height = np.maximum(np.round(settings.longest_side / float(np.max(spans)) * spans), 1.0)
+    width, height = picture_size(view_window(side, window), settings.longest_side)
     times = settings.longest_side / FILM.longest_side
     # Video encoders need even side lengths.
     whole = 2.0 * np.ceil(0.5 * np.array([width, height + times * _STRIP]))

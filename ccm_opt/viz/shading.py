@@ -162,6 +162,13 @@ def _faces(vertices: FloatArray, triangles: IntArray) -> Faces:
     return Faces(points, np.where(agrees, mean, agreeing[:, None]), face.astype(np.int64), flat)
 
 
+def picture_size(window: FloatArray, pixels: int) -> tuple[int, int]:
+    """Return width and height of the picture of a window, shape (2, 2) [m], whose longer side has so many pixels."""
+    spans = np.ptp(window, axis=0)
+    wide, high = np.maximum(np.round(pixels / float(np.max(spans)) * spans), 1.0)
+    return int(wide), int(high)
+
+
 @dataclass(frozen=True, eq=False)
 class ShadedView:
     """A scene seen from one side, with glass where it hides given arms; arms in any pose can be drawn into it.
@@ -192,8 +199,8 @@ class ShadedView:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width of the rasterised picture [pixel]."""
-        wide, high = np.maximum(np.round(self.pixels / self.reach * np.ptp(self.window, axis=0)), 1.0)
-        return self.oversampling * int(high), self.oversampling * int(wide)
+        wide, high = picture_size(self.window, self.pixels)
+        return self.oversampling * high, self.oversampling * wide
 
     @property
     def _whole(self) -> tuple[slice, slice]:
