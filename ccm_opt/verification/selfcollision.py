@@ -132,10 +132,16 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
         return Check("self-collision", np.inf, 0.0, "m", where, passed=not crossing)
     near = verdict.nearest
     arm = motion.arm
-    pair = f"{link_word(arm, near.link)} to {link_word(arm, near.other)} at t = {near.time:.4f} s"
-    number, other = (link_number(arm, link) for link in (near.link, near.other))
-    names = (link_word(arm, near.link), link_word(arm, near.other))
-    place = NearPlace(near.gap, 0.0, near.time, number, "", other, *names)
+    place = NearPlace(
+        near.gap,
+        0.0,
+        near.time,
+        link_number(arm, near.link),
+        second_link=link_number(arm, near.other),
+        name=link_word(arm, near.link),
+        second_name=link_word(arm, near.other),
+    )
+    pair = f"{place.pair} at t = {near.time:.4f} s"
     joined = ": " if motion.arm.dimension == 2 else "; "
     where = joined.join(part for part in (pair, verdict.remark, crossing) if part)
     passed = verdict.proved and not crossing

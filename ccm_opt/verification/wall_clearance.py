@@ -207,7 +207,8 @@ def check_walls(
     # Contact at a flush mount hides the clearance of the links beyond it, so the remark adds it.
     if not verdict.remark and remark and (beyond := nearest_wall(motion, workspace, settings, near.link + 1)):
         remark += f"; links beyond it keep {short_length(beyond[0].nearest.gap)} from {beyond[1]!r}"
-    where = f"{link_word(motion.arm, near.link)} to {wall!r} at t = {near.time:.4f} s"
+    name = link_word(motion.arm, near.link)
+    where = f"{name} to {wall!r} at t = {near.time:.4f} s"
     return Check(
         "wall clearance",
         near.gap,
@@ -221,7 +222,7 @@ def check_walls(
             near.time,
             link_number(motion.arm, near.link),
             obstacle=wall,
-            name=link_word(motion.arm, near.link),
+            name=name,
         ),
     )
 
