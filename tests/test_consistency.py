@@ -83,14 +83,23 @@ def test_velocities_may_err_by_what_a_trapezoid_does(share: float, passes: bool)
     assert check.passed is passes
 
 
-@given(SEEDS, st.integers(6, 12), st.booleans())
-def test_a_clamped_spline_passes_near_keyframes_on_a_line(seed: int, count: int, backward: bool) -> None:
-    """Where the third lies amid its neighbours, the fourth alone draws the path off it, at either end."""
+@given(SEEDS, st.integers(6, 12), st.booleans(), st.booleans())
+def test_a_clamped_spline_passes_near_keyframes_on_a_line(seed: int, count: int, backward: bool, joined: bool) -> None:
+    """Where the third lies amid its neighbours, the fourth alone draws the path off it, at either end.
+
+    So it does beside a place on the way where two splines are joined, which is twice a keyframe.
+    """
     keyframes = np.cumsum(np.random.default_rng(seed).normal(size=(count, 4)), axis=0)
     keyframes[3] = 2.0 * keyframes[2] - keyframes[1]
     keyframes = keyframes[::-1] if backward else keyframes
     knots = np.concatenate((np.zeros(3), np.arange(count - 2.0), np.full(3, count - 3.0)))
-    time = np.linspace(0.0, count - 3.0, 4001)
-    positions = BSpline(knots, keyframes, 3)(time)
+    positions = BSpline(knots, keyframes, 3)(np.linspace(0.0, count - 3.0, 4001))
+    if joined:
+        # The other motion is a straight one, before this one or after it.
+        place, away = (positions[-1], 1.0) if backward else (positions[0], -1.0)
+        line = place + np.linspace(0.0, away, 5)[:, None]
+        keyframes = np.concatenate((keyframes, line) if backward else (line[::-1], keyframes))
+        positions = np.concatenate((positions, line[1:]) if backward else (line[:0:-1], positions))
+    time = np.linspace(0.0, 1.0, len(positions))
     check = check_keyframes(plain_arm(4), JointTrajectory(time, positions, positions, positions), keyframes)
     assert check.passed

@@ -328,8 +328,8 @@ def check_keyframes(
     """Check that a motion passes near its keyframes in order and ends at the last of them.
 
     A uniform cubic B-spline with the keyframes as control points passes each at a distance of a sixth of the keyframes'
-    second difference; near the ends, where knots are clamped, the distance is slightly larger. After halving of the
-    spline's intervals, the distance is smaller.
+    second difference; near the ends, where knots are clamped, the distance is slightly larger, and likewise where two
+    keyframes coincide. After halving of the spline's intervals, the distance is smaller.
 
     Args:
         arm: the arm.
@@ -346,12 +346,16 @@ def check_keyframes(
     allowed = np.full(len(wanted), settings.start_tolerance)
     bent = np.linalg.norm(wanted[2:] - 2.0 * wanted[1:-1] + wanted[:-2], axis=1)
     allowed[1:-1] += _KEYFRAME_SHARE * bent
-    if len(bent) > 1:
-        # Near a clamped end, the fourth control point, and with it the second difference at the third, has the weight
-        # t³ / 6, and a path with even steps is nearest to the second control point at t = 0.42.
-        allowed[[1, -2]] += _CLAMPED_SHARE * bent[[1, -2]]
-    if len(bent) > 2:
-        allowed[[2, -3]] += _CLAMPED_THIRD_SHARE * bent[[2, -3]]
+    # A motion comes to a point of its path where two keyframes coincide: the knots are clamped there as at the ends.
+    again = np.flatnonzero(~np.any(np.diff(wanted, axis=0), axis=1))
+    for first, last in zip((0, *(again + 1).tolist()), (*again.tolist(), len(wanted) - 1), strict=True):
+        for end, inward in ((first, 1), (last, -1)):
+            # Near a clamped end, the fourth control point, and with it the second difference at the third, has the
+            # weight t³ / 6, and a path with even steps is nearest to the second control point at t = 0.42.
+            for step, share in ((1, _CLAMPED_SHARE), (2, _CLAMPED_THIRD_SHARE)):
+                beyond = end + inward * (step + 1)
+                if first < beyond < last:
+                    allowed[beyond - inward] += share * bent[beyond - 1]
     points = trajectory.positions * scale
     pieces = np.diff(points, axis=0)
     # A motion that was given a new goal under way has keyframes only from that stop on.
