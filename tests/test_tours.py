@@ -15,12 +15,13 @@ from ccm_opt.cli.outcome import IN_PART, NO_PLAN, SOLVED
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError
 from ccm_opt.core.progress import Stages
+from ccm_opt.driver.known_motions import KnownMotions
 from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.tour_order import OrderSolver, tour_cost
 from ccm_opt.driver.tours import TourPlanner
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.joining import PathJoiner, Tube
-from ccm_opt.problem import PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
+from ccm_opt.problem import JointPose, PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import SphereBody
@@ -282,10 +283,8 @@ def test_an_even_motion_of_a_fed_arm_bends_no_joint_in_the_tube(feeds: tuple[flo
     assert np.all(np.abs(np.diff(rows[:, -1])) <= tube.step + 1e-12)
 
 
-@given(below=st.floats(0.036, 0.08))
-@settings(max_examples=10, deadline=None)
-def test_a_joined_motion_keeps_the_preferred_clearance_of_the_motions_it_joins(below: float) -> None:
-    """The straight motion passes a ball more closely than is preferred, the known motions far above it."""
+def beside_a_ball(below: float) -> tuple[Problem, np.ndarray, np.ndarray]:
+    """A straight arm above a ball, and two poses: turned to a side of it, and lifted."""
     ball = SphereBody(np.array([0.9, 0.0, -below]), 0.02)
     problem = replace(
         in_space(0.1),
@@ -294,14 +293,72 @@ def test_a_joined_motion_keeps_the_preferred_clearance_of_the_motions_it_joins(b
     )
     aside, above = np.zeros((2, 8))
     aside[0], above[1] = 0.5, -0.3
-    chain = np.vstack((np.linspace(-aside, above, 10), np.linspace(above, aside, 10)[1:]))
-    path = PathJoiner(problem, np.ones(8)).path(chain)
-    assert path is not None
-    q = path.spline(np.linspace(0.0, 1.0, 400))
-    np.testing.assert_allclose(q[[0, -1]], chain[[0, -1]])
+    return problem, aside, above
+
+
+def gaps(problem: Problem, q: np.ndarray) -> np.ndarray:
+    """Gaps of configurations (K, c) from the ball, by the distances of its centre from the links, shape (K,)."""
+    (obstacle,) = problem.workspace.obstacles
+    ball = obstacle.body
+    assert isinstance(ball, SphereBody)
     joints = problem.arm.joint_positions_at(q)
     start, along = joints[:, :-1], np.diff(joints, axis=1)
     share = np.sum((ball.center - start) * along, axis=2) / np.sum(along**2, axis=2)
     nearest = start + np.clip(share, 0.0, 1.0)[..., None] * along
-    gaps = np.linalg.norm(nearest - ball.center, axis=2) - ball.radius - problem.arm.radius
-    assert np.min(gaps) >= 0.9 * problem.wanted_gap
+    away = np.linalg.norm(nearest - ball.center, axis=2) - ball.radius - problem.arm.radius
+    return np.asarray(np.min(away, axis=1))
+
+
+@given(below=st.floats(0.036, 0.08))
+@settings(max_examples=10, deadline=None)
+def test_a_joined_motion_keeps_the_preferred_clearance_of_the_motions_it_joins(below: float) -> None:
+    """The straight motion passes a ball more closely than is preferred, the known motions far above it."""
+    problem, aside, above = beside_a_ball(below)
+    chain = np.vstack((np.linspace(-aside, above, 10), np.linspace(above, aside, 10)[1:]))
+    joiner = PathJoiner(problem, np.ones(8))
+    path = joiner.path(chain)
+    assert path is not None
+    q = path.spline(np.linspace(0.0, 1.0, 400))
+    np.testing.assert_allclose(q[[0, -1]], chain[[0, -1]])
+    assert np.min(gaps(problem, q)) >= 0.9 * problem.wanted_gap
+    assert np.max(joiner.lack(path)) <= 0.1
+
+
+@given(below=st.floats(0.036, 0.08), slower=st.floats(1.01, 3.0))
+@settings(max_examples=10, deadline=None)
+def test_clearance_is_worth_time_in_proportion_to_what_is_lacking(below: float, slower: float) -> None:
+    """A leg past a ball is planned by itself if it lacks clearance, and kept where that takes too long for its gain."""
+    problem, aside, above = beside_a_ball(below)
+
+    class Over(Straight):
+        """A planner of motions over the ball."""
+
+        def plan(self, problem: Problem) -> JointPath:
+            """Up, and down again."""
+            start, goal = problem.start.whole(problem.arm), problem.goal.whole(problem.arm)
+            assert start is not None
+            assert goal is not None
+            return JointPath(BSpline(KNOTS, np.stack((start, above, above, above, goal)), 3), np.zeros((9, 8)), ())
+
+    ends = [JointPose.from_configuration(q, problem.arm.coordinates) for q in (-aside, aside)]
+    asked = replace(problem, start=ends[0], goal=ends[1])
+    straight = JointPath(BSpline(KNOTS, np.linspace(-aside, aside, 5), 3), np.zeros((40, 8)), ())
+    leg = Leg(asked, straight)
+    known = KnownMotions(problem, Over(), lambda leg: 1.0 if leg.path is straight else slower, 1.0)
+    found = known.with_more_clearance(leg, Deadline.after(60.0))
+    # The straight motion is nearest to the ball halfway, where one of its samples is; the other one keeps clear of it.
+    lacking = 1.0 - min(float(np.min(gaps(problem, np.zeros((1, 8))))) / problem.wanted_gap, 1.0)
+    if abs(lacking - 0.1) > 1e-3 and abs(1.0 + lacking - slower) > 1e-3:
+        assert (found is not leg) == (lacking > 0.1 and slower < 1.0 + lacking)
+
+
+def test_a_goal_of_another_problem_is_left_from_where_the_arm_rests() -> None:
+    """Known motions begin where they are said to begin, though a goal is none of the present problem."""
+    planner = TourPlanner(free_order("free", [10, 30]), Lines(), lambda _: 1.0, lambda _: None, Stages(), share=1.0)
+    planner.plan()
+    planner.plan_also(free_order("free", [31, 32]), {})
+    rests = planner.motions.rests
+    assert [rest.number for rest in rests[1:3]] == [-1, -1]
+    for rest in rests[1:]:
+        assert rest.path is not None
+        np.testing.assert_allclose(rest.path.spline([0.0, 1.0]), [rests[rest.parent].q, rest.q], atol=1e-9)

@@ -19,7 +19,7 @@ from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.own_units import planning_units
+from ccm_opt.planning.own_units import OwnUnits, planning_units
 from ccm_opt.planning.planner import MotionPlanner, with_clamped_base
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
@@ -50,6 +50,8 @@ _FEED_STEP = 1.0 / 6.0
 _MIXED = 2
 """Number of configurations on either side that a smooth path mixes with one, of which it is a control point. Derived:
 four control points shape every span of a cubic spline."""
+_LOOKS = 5
+"""Number of samples per keyframe at which the clearance of a path is measured. Heuristic."""
 _NO_DEADLINE = Deadline(np.inf, np.inf)
 """Deadline of certificates, which take no time limit."""
 _APART = 2
@@ -88,11 +90,8 @@ class PathJoiner:
         chain, pace = _with_bodies(chain, whole, 0.0), _with_bodies(self.pace, whole, 1.0)
         if arm.dimension == 2:
             with planning_units(problem) as units:
-                scaled = units.scaled(problem)
-                metres = np.ones(len(pace))
-                metres[whole.coordinates.base] = units.metres
-                ends = resolve_ends(scaled)
-                task = MotionPlanner().task_without_routes(scaled, ends, _NO_DEADLINE)
+                scaled, metres = units.scaled(problem), _metres(units, whole)
+                task = _planar_task(scaled)
                 found = _shortest(_planar_certificates(task, chain / metres), pace / metres, scaled, chain / metres)
                 if found is None:
                     return None
@@ -107,6 +106,26 @@ class PathJoiner:
         found.spline.c[[0, -1]] = chain[[0, -1]]
         return found if whole is arm else path_without_tool_links(found, arm, whole)
 
+    def lack(self, path: JointPath) -> FloatArray:
+        """Return how much clearance a path lacks at samples, as fractions of the preferred one, shape (K,).
+
+        Args:
+            path: certified path of the problem's arm.
+        """
+        rows = np.asarray(path.spline(np.linspace(0.0, 1.0, _LOOKS * len(path.keyframes) + 1)))
+        if self.problem.wanted_gap == 0.0:
+            return np.zeros(len(rows))
+        start = JointPose.from_configuration(rows[0], self.problem.arm.coordinates)
+        problem = problem_with_tool_links(replace(self.problem, start=start, goal=start, stops=()))
+        rows = _with_bodies(rows, problem.arm, 0.0)
+        if problem.dimension == 2:
+            with planning_units(problem) as units:
+                task: SearchTask = _planar_task(units.scaled(problem))
+                rows = rows / _metres(units, problem.arm)
+        else:
+            task = space_task(problem, self._tree, _NO_DEADLINE, SpaceMotionSettings())
+        return task.clearance_shortfall(rows) / task.wanted_gap
+
     def _certificates(self, problem: Problem, chain: FloatArray) -> Iterator[IntervalCertificate]:
         """Yield certificates of motions in space between the ends of a chain, that of the chain's own gap first."""
         if problem.arm.carrier:
@@ -116,6 +135,18 @@ class PathJoiner:
         task = space_task(problem, self._tree, _NO_DEADLINE, SpaceMotionSettings())
         yield replace(task, clearance=task.clearance + _kept_gap(task, chain)).certificate
         yield task.certificate
+
+
+def _planar_task(scaled: Problem) -> MotionTask:
+    """Return the search task of a planar problem in units of its arm."""
+    return MotionPlanner().task_without_routes(scaled, resolve_ends(scaled), _NO_DEADLINE)
+
+
+def _metres(units: OwnUnits, arm: Arm) -> FloatArray:
+    """Return the unit of each coordinate of an arm in units of its own, shape (c,) [m, rad]."""
+    metres = np.ones(len(arm.coordinates))
+    metres[arm.coordinates.base] = units.metres
+    return metres
 
 
 def _planar_certificates(task: MotionTask, chain: FloatArray) -> Iterator[IntervalCertificate]:

@@ -1,0 +1,218 @@
+"""Certified motions that are known between the goals of a tour, and the fastest ways over them.
+
+Motions lead from rest to rest, backwards as forwards, since limits are symmetric. Between two goals without a known
+motion, the fastest way over goals with known ones counts, on which the arm rests there.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse.csgraph import shortest_path
+
+from ccm_opt.core.arrays import TINY, FloatArray, IntArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.driver.legs import LEAST_TIME, Leg, Planner, end_to_end
+from ccm_opt.planning.joining import PathJoiner
+from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
+from ccm_opt.problem.solution import JointPath
+
+_SAMPLES = 12
+"""Number of configurations of a chain for each keyframe of a path. Heuristic."""
+_NEIGHBOURS = 8
+"""Number of nearest goals to which a straight motion is tried. Heuristic: one that fails takes a hundredth of a second,
+and of thirty views in a blade row few beyond the tenth are reached straight."""
+_TRY_SHARE = 0.2
+"""Fraction of the time left that a motion planned by itself may take. Heuristic."""
+_LACK = 0.1
+"""Clearance that a motion has to lack on the way to be planned by itself, as a fraction of the preferred one.
+Heuristic: joined motions keep nine tenths of the clearance of those that they join."""
+_UNTIMED = 1e6
+"""Cost of a motion that cannot be timed [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A pose in which the arm rests, as a node of the tree of motions.
+
+    Attributes:
+        number: index of the goal in the problem; −1 for the start and for goals of other problems.
+        stop: the goal.
+        q: the configuration, shape (c,) [rad, m].
+        parent: index of the node from which it is reached; −1 for the start.
+        path: path from the parent; None for the start.
+    """
+
+    number: int
+    stop: Stop
+    q: FloatArray
+    parent: int = -1
+    path: JointPath | None = None
+
+
+@dataclass(eq=False)
+class KnownMotions:
+    """Known motions between the start and the goals that were reached.
+
+    Attributes:
+        problem: the problem, with ``planner.order = "free"``.
+        planner: planner of motions to single goals.
+        time: function that returns the duration of a leg [s]; raises ``NoPlanFound`` if it cannot be timed.
+        share: fraction of the limits of velocity and acceleration that motions use at most.
+        rests: the start and the goals that were reached, nodes of the tree.
+        paths: known paths between nodes, the lower one first.
+        durations: their durations [s].
+        joined: pairs of nodes between which the fastest way was shortened.
+        planned: pairs of nodes between which a motion was planned by itself.
+    """
+
+    problem: Problem
+    planner: Planner
+    time: Callable[[Leg], float]
+    share: float
+    rests: list[Rest] = field(default_factory=list)
+    paths: dict[tuple[int, int], JointPath] = field(default_factory=dict)
+    durations: dict[tuple[int, int], float] = field(default_factory=dict)
+    joined: set[tuple[int, int]] = field(default_factory=set)
+    planned: set[tuple[int, int]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        problem = self.problem
+        limits = problem.limits.of_coordinates(problem.arm.coordinates)
+        self._speed, self._acceleration = self.share * limits.velocity, self.share * limits.acceleration
+        self._joiner = PathJoiner(problem, np.where(np.isfinite(self._speed), self._speed, 1e6))
+        self.rests = [Rest(-1, Stop(problem.start, Tolerances()), problem.start.configuration(problem.arm))]
+
+    def leg_problem(self, begin: Rest, stop: Stop) -> Problem:
+        """Return the problem of moving from a pose at rest to a goal."""
+        start = self.problem.start
+        if begin.parent >= 0:
+            start = JointPose.from_configuration(begin.q, self.problem.arm.coordinates)
+        return replace(
+            self.problem,
+            start=start,
+            goal=stop.goal,
+            tolerances=stop.tolerances,
+            stops=(),
+            pause=0.0,
+            planner=replace(self.problem.planner, order="given", end="free"),
+        )
+
+    def keep(self, first: int, second: int, path: JointPath) -> bool:
+        """Keep the path between two nodes, the lower one first, if it is the fastest known, and return whether it is.
+
+        It is not kept if it cannot be timed.
+        """
+        problem = self.leg_problem(self.rests[first], self.rests[second].stop)
+        try:
+            duration = self.time(Leg(problem, path))
+        except NoPlanFound:
+            duration = _UNTIMED
+        fastest = duration < self.durations.get((first, second), np.inf)
+        if fastest:
+            self.paths[first, second], self.durations[first, second] = path, duration
+        return fastest
+
+    def join_neighbours(self) -> None:
+        """Keep the motions of the tree, and straight ones between neighbours that have a certificate."""
+        for k, rest in enumerate(self.rests[1:], start=1):
+            assert rest.path is not None  # noqa: S101 - all nodes but the start have one
+            self.keep(rest.parent, k, rest.path)
+        near = np.argsort(self.bounds, axis=1, kind="stable")[:, 1 : _NEIGHBOURS + 1]
+        pairs = {(min(k, other), max(k, other)) for k, row in enumerate(near.tolist()) for other in row}
+        for first, second in sorted(pairs - self.paths.keys()):
+            straight = self._joiner.path(np.stack((self.rests[first].q, self.rests[second].q)))
+            if straight is not None:
+                self.keep(first, second, straight)
+
+    def fastest(self) -> tuple[FloatArray, IntArray]:
+        """Return the durations of the fastest ways over known motions between all nodes, and the nodes before the last.
+
+        Returns:
+            Durations [s], and for each pair of nodes the last node but one on the way, both of shape (nodes, nodes).
+        """
+        count = len(self.rests)
+        known = np.zeros((count, count))
+        for pair, duration in self.durations.items():
+            known[pair] = max(duration, TINY)  # zero means that there is no motion
+        between, before = shortest_path(known, directed=False, return_predecessors=True)
+        return between, before.astype(np.intp)
+
+    def way(self, before: IntArray, first: int, second: int) -> list[JointPath]:
+        """Return the known paths of the fastest way between two nodes, each in the direction of travel."""
+        nodes = [second]
+        while nodes[-1] != first:
+            nodes.append(int(before[first, nodes[-1]]))
+        return [
+            self.paths[one, other] if one < other else self.paths[other, one].reversed()
+            for one, other in pairwise(nodes[::-1])
+        ]
+
+    def shorten(self, way: list[JointPath], first: int, second: int, duration: float) -> bool:
+        """Shorten the fastest way between two nodes, the lower one first, and return whether that gains time.
+
+        Args:
+            way: known paths of the way.
+            first: the node at which it begins.
+            second: the node at which it ends.
+            duration: its duration [s].
+        """
+        self.joined.add((first, second))
+        # The way from the start to a goal is kept as it was planned, with its clearance.
+        if first == 0 and len(way) == 1:
+            return False
+        if len(way) > 1:
+            self.paths[first, second], self.durations[first, second] = end_to_end(way), duration
+        rows = np.vstack([part.spline(np.linspace(0.0, 1.0, _SAMPLES * len(part.keyframes) + 1)) for part in way])
+        rows[[0, -1]] = self.rests[first].q, self.rests[second].q
+        joined = self._joiner.path(rows)
+        return joined is not None and self.keep(first, second, joined)
+
+    def plan(self, first: int, second: int, deadline: Deadline) -> bool:
+        """Plan for the motion between two nodes, the lower one first, by itself, and return whether that gains time."""
+        self.planned.add((first, second))
+        end = JointPose.from_configuration(self.rests[second].q, self.problem.arm.coordinates)
+        problem = self.leg_problem(self.rests[first], Stop(end, Tolerances()))
+        limit = max(_TRY_SHARE * deadline.left, LEAST_TIME)
+        try:
+            path = self.planner.plan(replace(problem, planner=replace(problem.planner, time_limit=limit)))
+        except NoPlanFound:
+            return False
+        return self.keep(first, second, path)
+
+    def leg(self, before: IntArray, one: int, other: int) -> Leg:
+        """Return the leg from one node to another on the fastest known way."""
+        problem = self.leg_problem(self.rests[one], self.rests[other].stop)
+        return Leg(problem, end_to_end(self.way(before, one, other)))
+
+    # ------------------------------------------------------------ clearance
+    def with_more_clearance(self, leg: Leg, deadline: Deadline) -> Leg:
+        """Return a leg planned by itself if it lacks clearance that its ends have and that costs less, or the leg."""
+        lack = self._joiner.lack(leg.path)
+        if np.max(lack) - np.max(lack[[0, -1]]) < _LACK or deadline.passed():
+            return leg
+        start, end = (JointPose.from_configuration(q, leg.problem.arm.coordinates) for q in leg.path.spline([0.0, 1.0]))
+        options = replace(leg.problem.planner, time_limit=max(_TRY_SHARE * deadline.left, LEAST_TIME))
+        try:
+            asked = replace(leg.problem, start=start, goal=end, tolerances=Tolerances(), planner=options)
+            other = replace(leg, path=self.planner.plan(asked))
+            return min(leg, other, key=lambda each: self.cost((each,), self.time(each)))
+        except NoPlanFound:
+            return leg
+
+    def cost(self, legs: Sequence[Leg], duration: float) -> float:
+        """Return the duration of legs, doubled if they keep none of the preferred clearance [s]."""
+        return duration * (1.0 + max(float(np.max(self._joiner.lack(leg.path))) for leg in legs))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Lower bounds on the durations of motions between nodes from rest to rest, shape (nodes, nodes) [s]."""
+        q = np.stack([rest.q for rest in self.rests])
+        away = np.abs(q[:, None] - q[None])
+        speed, acceleration = self._speed, self._acceleration
+        # Of each coordinate by itself, with the greatest rates: to and from its speed limit, or less if it is near.
+        fast = away / speed + speed / acceleration
+        slow = 2.0 * np.sqrt(away / acceleration)
+        return np.asarray(np.max(np.where(away * acceleration > speed**2, fast, slow), axis=2))
