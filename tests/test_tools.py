@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.cli.view.frames import MotionFrames
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError, UnreachableGoal
 from ccm_opt.diagnosis.sizes import Proofs, size_of
@@ -360,3 +361,9 @@ def test_a_plan_brings_the_tools_tip_to_the_goal_and_its_folder_holds(tmp_path: 
     with np.load(folder / "solution.npz") as arrays:
         assert arrays["tool_tip"][-1] == pytest.approx([0.4, 0.5], abs=1e-3)
     assert 'link name="tool"' in (folder / "arm.urdf").read_text()
+    # The viewer draws the tool, and measures its gap, which is the verifier's.
+    frames = MotionFrames(problem, solution.trajectory, solution.joints)
+    np.testing.assert_allclose(frames.pose(0.0), points_with_tool(problem.arm, solution.trajectory.positions[0]))
+    least = min(frames.nearest(at) for at in solution.trajectory.time[::5])
+    assert least[0] == pytest.approx(solution.metrics["least_wall_clearance_m"], abs=1e-3)
+    assert float(np.min(frames.least_gaps)) == pytest.approx(least[0], abs=1e-3)

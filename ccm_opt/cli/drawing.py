@@ -186,7 +186,7 @@ def plan_viewer(item: Path, port: int) -> "ViewerApp":
     """Return the viewer of a plan, with its server started but the playback loop not yet running.
 
     Raises:
-        ProblemError: the plan or problem does not exist, the arm has unequal links, the port is in use, or the viewer
+        ProblemError: the plan or problem does not exist, the port is in use, or the viewer
             is not installed.
         NoPlanFound: the problem has no plan.
         VerificationError: the verifier rejects the plan of a folder.
@@ -199,10 +199,6 @@ def plan_viewer(item: Path, port: int) -> "ViewerApp":
         ) from missing
 
     problem = load_any_problem(item) if item.is_dir() else load_problem(item, allow_outside=output().allow_outside)
-    if problem.arm.proportions is not None:
-        raise ProblemError(
-            "the viewer draws arms of equal links without tools and bodies only; ccm-opt solve draws all in report.html"
-        )
     door = claim_port(port)
     try:
         return _serve_viewer(door, item, problem)

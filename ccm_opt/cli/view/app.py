@@ -143,7 +143,7 @@ class ViewerApp:
     """Web application that shows a motion in the browser.
 
     Args:
-        frames: the motion shown first, of an arm of equal links.
+        frames: the motion shown first.
         live: plan that is changed by dragging; None if nothing can be dragged.
         door: socket opened by `claim_port`.
         checks: verifier's checks of the first motion; empty if unknown.

@@ -15,6 +15,7 @@ from ccm_opt.core.errors import CcmError
 from ccm_opt.driver.servo import Servo, ServoStep, Twist
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import Solution
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.viz.document import PageUnits
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ class DriveControls:
             return
         self._target = None
         arm = servo.problem.arm
-        self._tip = arm.joint_positions_at(servo.problem.start.configuration(arm))[-1]
+        self._tip = points_with_tool(arm, servo.problem.start.configuration(arm))[-1]
         self._put_handle()
         self._words.content = _HELP
         self._save.disabled = True
@@ -248,7 +249,7 @@ class DriveControls:
             return
         self._last = now
         arm = self._scene.frames.problem.arm
-        points = arm.joint_positions_at(step.positions)
+        points = points_with_tool(arm, step.positions)
         self._tip = points[-1]
         with suppress(AttributeError):  # the scene may be drawn anew meanwhile
             self._scene.place(points)

@@ -8,19 +8,25 @@ import numpy as np
 import shapely
 
 from ccm_opt.cli.view.settings import VIEW
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.tool_links import BodyChain, drawn_radii, points_with_tool
+from ccm_opt.viz.arm_drawing import radius_runs
 
 _TUBE_FRAMES = 200
 """Number of poses whose union approximates the swept region."""
+_FAR = 0.1
+"""Largest clearance that is measured in space, as a fraction of the arm's length."""
 
 
 @dataclass(frozen=True)
 class MotionFrames:
-    """Poses, clearances and torques of a motion with T samples, of an arm with n links, for display.
+    """Poses, clearances and torques of a motion with T samples, for display.
+
+    The arm has m parts: its links and the parts of its tool and other bodies, in the order of ``BodyChain``.
 
     Attributes:
         problem: the problem.
@@ -38,22 +44,27 @@ class MotionFrames:
         return float(self.trajectory.time[-1])
 
     @cached_property
+    def chain(self) -> BodyChain:
+        """Links of the arm and parts of its bodies."""
+        return BodyChain.of(self.problem.arm)
+
+    @cached_property
     def points(self) -> FloatArray:
-        """Positions of joints and tip at every sample, shape (T, n + 1, d) with d = 2 or 3 [m]."""
-        return self.problem.arm.joint_positions_at(self.trajectory.positions)
+        """Ends of all parts at every sample, the last of them the tip, shape (T, m + 1, d) with d = 2 or 3 [m]."""
+        return points_with_tool(self.problem.arm, self.trajectory.positions)
 
     def pose(self, time: float) -> FloatArray:
-        """Return the positions of joints and tip at a time [s], shape (n + 1, d) with d = 2 or 3 [m]."""
-        return self.problem.arm.joint_positions_at(self.configuration(time))
+        """Return the ends of all parts at a time [s], shape (m + 1, d) with d = 2 or 3 [m]."""
+        return points_with_tool(self.problem.arm, self.configuration(time))
 
     def configuration(self, time: float) -> FloatArray:
         """Return the configuration at a time [s], shape (c,) [rad, m]."""
         return np.array([np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T])
 
     def gaps(self, time: float) -> FloatArray:
-        """Return the clearance of every link to obstacles, beyond the required one, near a time [s]; shape (n,) [m].
+        """Return the clearance of every part to obstacles, beyond the required one, near a time [s]; shape (m,) [m].
 
-        In space, values are capped at one link length.
+        In space, values are capped at a part of the arm's length. Bare parts have the cap, or inf.
         """
         return _nearest_row(self.inspected_times, self._gaps, time)
 
@@ -65,7 +76,7 @@ class MotionFrames:
     @cached_property
     def least_gaps(self) -> FloatArray:
         """Least clearance of the arm beyond its mount at the F inspected samples, as in ``gaps``, shape (F,) [m]."""
-        return np.asarray(np.min(self._gaps[:, self.problem.arm.mounted_links :], axis=1, initial=np.inf))
+        return np.asarray(np.min(self._gaps[:, self._inspected_parts], axis=1, initial=np.inf))
 
     @cached_property
     def largest_torques(self) -> FloatArray:
@@ -74,29 +85,33 @@ class MotionFrames:
             return np.array([100.0 * self.torque_shares(time).max() for time in self.inspected_times])
         return np.asarray(np.abs(self.joints.torques[self._inspected_samples]).max(axis=1))
 
-    def nearest(self, time: float) -> tuple[float, int, str]:
-        """Return the least clearance beyond the required one at a time [s] [m], its link, from 0, and its obstacle.
+    def nearest(self, time: float) -> tuple[float, str, str]:
+        """Return the least clearance beyond the required one at a time [s] [m], and the names of part and obstacle.
 
-        The clearance is inf, and the obstacle empty, without obstacles in reach.
+        The clearance is inf, and the names are empty, without obstacles in reach.
         """
         workspace, arm = self.problem.workspace, self.problem.arm
         points = self.pose(time)
-        first = arm.mounted_links
-        links = np.stack((points[:-1], points[1:]), axis=1)[first:]
-        kept = arm.radius + workspace.clearance
-        if not len(links):
-            return np.inf, 0, ""
+        parts = np.flatnonzero(self._inspected_parts)
+        axes = np.stack((points[:-1], points[1:]), axis=1)[parts]
+        if not len(axes):
+            return np.inf, "", ""
+        kept = self.chain.radii[parts] + workspace.clearance
         if workspace.dimension == 3:
-            near = self._tree.nearest(links, arm.length)
-            link = int(np.argmin(near.gap))
-            owner = int(near.owner[link])
-            if owner < 0:
-                return np.inf, 0, ""
-            return float(near.gap[link]) - kept, first + link, workspace.triangle_soup.names[owner]
-        lines = shapely.linestrings(links)
-        away = np.array([shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls])
-        wall, beyond = divmod(int(np.argmin(away)), away.shape[1])
-        return float(away[wall, beyond]) - kept, first + beyond, workspace.walls[wall].name
+            near = self._tree.nearest(axes, arm.length)
+            gaps = np.where(near.owner >= 0, near.gap - kept, np.inf)
+            part = int(np.argmin(gaps))
+            name = workspace.triangle_soup.names[near.owner[part]]
+        else:
+            lines = shapely.linestrings(axes)
+            away = np.array([shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls])
+            wall, part = divmod(int(np.argmin(away - kept)), len(parts))
+            gaps, name = away[wall] - kept, workspace.walls[wall].name
+        if not np.isfinite(gaps[part]):
+            return np.inf, "", ""
+        nearest = parts[part]
+        own = self.chain.names[nearest] or arm.link_name(int(self.chain.carriers[nearest]))
+        return float(gaps[part]), own, name
 
     def most_bent(self, time: float) -> tuple[int, float]:
         """Return the joint, from 0, that is nearest to its limit at a time [s], and its bend as a fraction of that."""
@@ -130,9 +145,18 @@ class MotionFrames:
     def swept(self) -> shapely.Geometry:
         """Return the region swept by a planar arm, approximated by the union of evenly spaced poses."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
-        radius = max(self.problem.arm.radius, VIEW.thin_arm * self.problem.arm.length)
-        bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=VIEW.curved)
-        return shapely.union_all(bodies)
+        radii = np.maximum(drawn_radii(self.problem.arm), VIEW.thin_arm * self.problem.arm.length)
+        bodies = [
+            shapely.buffer(shapely.linestrings(self.points[chosen, run]), radius, quad_segs=VIEW.curved)
+            for run, radius in radius_runs(np.where(self.chain.bare, 0.0, radii), len(radii))
+            if radius > 0.0
+        ]
+        return shapely.union_all(np.concatenate(bodies))
+
+    @cached_property
+    def _inspected_parts(self) -> BoolArray:
+        """Mask of the parts whose clearance matters: those with a body beyond the mount, shape (m,)."""
+        return np.asarray(~self.chain.bare & (self.problem.arm.free_shares[self.chain.carriers] == 0.0))
 
     @cached_property
     def _inspected_samples(self) -> IntArray:
@@ -142,18 +166,18 @@ class MotionFrames:
 
     @cached_property
     def _gaps(self) -> FloatArray:
-        """Clearance of every link, beyond the required clearance, at the F inspected samples, shape (F, n) [m]."""
+        """Clearance of every part, beyond the required clearance, at the F inspected samples, shape (F, m) [m]."""
         arm, workspace = self.problem.arm, self.problem.workspace
         points = self.points[self._inspected_samples]
         links = np.stack((points[:, :-1], points[:, 1:]), axis=2)
-        kept = arm.radius + workspace.clearance
+        kept = np.nan_to_num(self.chain.radii) + workspace.clearance
         if workspace.dimension == 3:
-            reach = kept + arm.link_length
-            away = self._tree.distances(links.reshape(-1, 2, 3), reach)
-            return np.asarray(np.minimum(away, reach).reshape(links.shape[:2]) - kept)
+            most = _FAR * arm.length
+            away = self._tree.distances(links.reshape(-1, 2, 3), float(np.max(kept)) + most)
+            return np.where(self.chain.bare, most, np.minimum(away.reshape(links.shape[:2]) - kept, most))
         lines = shapely.linestrings(links)
         gaps = [shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls]
-        return np.asarray(np.min(gaps, axis=0) - kept)
+        return np.where(self.chain.bare, np.inf, np.min(gaps, axis=0) - kept)
 
 
 def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:

@@ -59,15 +59,15 @@ class Readings:
     def _numbers(self, time: float) -> str:
         """Return a table of the numbers at a time [s]: gap, joint nearest its limit, torque."""
         frames = self._frames
-        gap, link, obstacle = frames.nearest(time)
+        gap, part, obstacle = frames.nearest(time)
         units = PageUnits.of_page(frames.problem)
-        far = "none in reach" if not np.isfinite(gap) else f"{units.length(gap)}, link {link + 1} to {obstacle}"
+        far = "none in reach" if not np.isfinite(gap) else f"{units.length(gap)}, {part} to {obstacle}"
         joint, share = frames.most_bent(time)
         torque = float(np.interp(time, frames.inspected_times, frames.largest_torques))
         unit = "% of its limit" if frames.problem.limits.torque is not None else "N m"
         rows = (
             ("gap", far),
-            ("most bent", f"joint {joint + 1}, {100.0 * share:.0f} % of its limit"),
+            ("most bent", f"{frames.problem.arm.joint_name(joint)}, {100.0 * share:.0f} % of its limit"),
             ("torque", f"{torque:.3g} {unit}"),
         )
         return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))

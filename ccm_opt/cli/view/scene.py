@@ -18,6 +18,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem
 from ccm_opt.scene.bodies import capsule_surface
 from ccm_opt.scene.surfaces import within
+from ccm_opt.scene.tool_links import own_joints
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
 from ccm_opt.viz.sight import goal_sights
@@ -55,7 +56,8 @@ class Scene:
     colour_by: str = "nothing"
     opacity: float = VIEW.glass
     cut: tuple[int, float] | None = None
-    _arm: Any = None
+    _links: Any = None
+    _joints: Any = None
     _labels: dict[str, Any] = field(default_factory=dict)
     _obstacles: dict[str, Any] = field(default_factory=dict)
     _standing: dict[str, Obstacle] = field(default_factory=dict)
@@ -74,6 +76,12 @@ class Scene:
     def radius(self) -> float:
         """Radius with which the arm is displayed, in units of the scene."""
         return max(self.frames.problem.arm.radius / self.unit, VIEW.thin_arm)
+
+    @property
+    def radii(self) -> FloatArray:
+        """Radius with which each part of the arm is displayed, 0 for bare parts, shape (m,), in units of the scene."""
+        chain = self.frames.chain
+        return np.where(chain.bare, 0.0, np.maximum(np.nan_to_num(chain.radii) / self.unit, VIEW.thin_arm))
 
     @property
     def depth(self) -> float:
@@ -130,7 +138,7 @@ class Scene:
                 self._standing[obstacle.name] = obstacle
                 self._draw_obstacle(obstacle, most, cell)
         for number, stop in enumerate(problem.goals, start=1):
-            self._draw_goal(stop.goal, str(number) if problem.stops else "")
+            self._draw_goal(stop.goal, f"goal {number}" if problem.stops else "goal")
 
     def _draw_walls(self, problem: Problem) -> None:
         """Draw the edges of the workspace bounds."""
@@ -222,24 +230,28 @@ class Scene:
             if labels[k].visible != shown:
                 labels[k].visible = shown
 
-    def _draw_goal(self, goal: Goal, number: str) -> None:
-        name, place = f"/goal{number}", self.world(goal.tip(self.frames.problem.arm))
-        self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
-        if number:
-            self._label(f"/goals/{number}", number, place)
+    def _draw_goal(self, goal: Goal, name: str) -> None:
+        path, place = scene_path("/goal", name), self.world(goal.tip(self.frames.problem.arm))
+        self.server.scene.add_icosphere(path, radius=1.4 * self.radius, color=colours.GOAL, position=place)
+        # The name stands below the goal, whose handle it would cover otherwise.
+        self._label(scene_path("/goals", name), name, place - np.array([0.0, 0.0, 2.8 * self.radius]))
         if goal.direction is not None:
             mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, VIEW.sides)
             wxyz = rotation_to_axis(self.frames.problem.arm.embedded(goal.direction))
-            self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
+            self._mesh(f"{path}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
     def draw_motion(self) -> None:
         """Draw the arm, the tip path, and all layers that depend on the motion."""
-        arm = self.frames.problem.arm
         scene = self.server.scene
-        link = capsule_surface(arm.link_length / self.unit, self.radius, VIEW.sides)
         start = self.world(self.frames.points[0])
-        self._arm = scene.add_batched_meshes_simple(
-            "/arm/links", *link, _turns(start), start[:-1], batched_colors=colours.plain(arm.links)
+        ball = np.tile((1.0, 0.0, 0.0, 0.0), (len(start), 1))
+        self._links = scene.add_batched_meshes_simple("/arm/links", *_tube(VIEW.sides), ball[1:], start[:-1])
+        self._joints = scene.add_batched_meshes_simple(
+            "/arm/joints",
+            *capsule_surface(0.0, 1.0, VIEW.sides),
+            ball,
+            start,
+            batched_scales=np.maximum(np.append(0.0, self.radii), np.append(self.radii, 0.0)),
         )
         chosen = np.linspace(0, len(self.frames.points) - 1, VIEW.frames).astype(int)
         self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 0.004)
@@ -248,7 +260,7 @@ class Scene:
             self._line(
                 f"/field of view {number}", self.world(np.vstack((line[:1], edge, line[:1]))), colours.GOAL, 0.002
             )
-        self._draw_layers(start)
+        self._draw_layers(start[own_joints(self.frames.problem.arm)])
         self.pose(0.0)
 
     def _draw_layers(self, start: FloatArray) -> None:
@@ -258,7 +270,7 @@ class Scene:
             scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
         if "poses on the way" in self.shown:
             few = np.linspace(0, len(self.frames.points) - 1, VIEW.poses).astype(int)
-            points = self.world(self.frames.points[few])
+            points = self.world(self.frames.points[few][:, own_joints(self.frames.problem.arm)])
             pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
             scene.add_line_segments(LAYERS["poses on the way"], pieces, colours.TUBE, thickness=0.003)
         if "swept region" in self.shown:
@@ -294,21 +306,30 @@ class Scene:
     def pose(self, time: float) -> None:
         """Show the arm in its pose at a time [s]."""
         self.place(self.frames.pose(time))
-        self._arm.batched_colors = self._colours(time)
+        shown = self._colours(time)
+        self._links.batched_colors = shown
+        # A joint is the end of the thicker one of the parts that meet there.
+        before, after = np.append(0.0, self.radii), np.append(self.radii, 0.0)
+        part = np.arange(len(before)) - (before >= after)
+        self._joints.batched_colors = shown[np.maximum(part, 0)]
 
-    def place(self, joints: FloatArray) -> None:
-        """Show the arm with its joints and tip at given places, shape (n + 1, d) [m]."""
-        points = self.world(joints)
-        self._arm.batched_positions = points[:-1]
-        self._arm.batched_wxyzs = _turns(points)
+    def place(self, ends: FloatArray) -> None:
+        """Show the arm with the ends of its parts at given places, shape (m + 1, d) [m]."""
+        points = self.world(ends)
+        along = np.diff(points, axis=0)
+        lengths = np.linalg.norm(along, axis=1)
+        self._links.batched_positions = points[:-1]
+        self._links.batched_wxyzs = rotation_to_axis(along / lengths[:, None])
+        self._links.batched_scales = np.stack((lengths, self.radii, self.radii), axis=1)
+        self._joints.batched_positions = points
 
     def _colours(self, time: float) -> colours.Colours:
         problem = self.frames.problem
         if self.colour_by == "gap":
             return colours.by_gap(self.frames.gaps(time), max(2.0 * problem.default_gap, 1e-12))
         if self.colour_by == "torque":
-            return colours.by_use(self.frames.torque_shares(time))
-        return colours.plain(problem.arm.links)
+            return colours.by_use(self.frames.torque_shares(time)[self.frames.chain.carriers])
+        return colours.plain(len(self.radii))
 
     def _mesh(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **options: Any) -> Any:
         return self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
@@ -336,10 +357,14 @@ def rotation_matrix(wxyz: FloatArray) -> FloatArray:
     )
 
 
-def _turns(points: FloatArray) -> FloatArray:
-    """Return quaternions (w, x, y, z) that turn the x axis into the links' directions, shape (n, 4).
-
-    The n links are given by joints and tip, shape (n + 1, 3).
-    """
-    along = np.diff(points, axis=0)
-    return rotation_to_axis(along / np.linalg.norm(along, axis=1, keepdims=True))
+def _tube(sides: int) -> Mesh:
+    """Return an open cylinder along x of length and radius 1 with a number of sides."""
+    angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    ring = np.column_stack((np.zeros(sides), np.cos(angles), np.sin(angles)))
+    here = np.arange(sides)
+    following = np.roll(here, -1)
+    faces = (
+        np.column_stack((here, following, sides + following)),
+        np.column_stack((here, sides + following, sides + here)),
+    )
+    return np.concatenate((ring, ring + np.eye(3)[0])), np.concatenate(faces)
