@@ -364,6 +364,6 @@ def test_a_plan_brings_the_tools_tip_to_the_goal_and_its_folder_holds(tmp_path: 
     # The viewer draws the tool, and measures its gap, which is the verifier's.
     frames = MotionFrames(problem, solution.trajectory, solution.joints)
     np.testing.assert_allclose(frames.pose(0.0), points_with_tool(problem.arm, solution.trajectory.positions[0]))
-    least = min(frames.nearest(at) for at in solution.trajectory.time[::5])
+    least = min(frames.nearest(q) for q in solution.trajectory.positions[::5])
     assert least[0] == pytest.approx(solution.metrics["least_wall_clearance_m"], abs=1e-3)
     assert float(np.min(frames.least_gaps)) == pytest.approx(least[0], abs=1e-3)

@@ -302,7 +302,7 @@ def _until(done: Callable[[], bool]) -> None:
 def test_the_tip_is_driven_braked_and_saved(driven: tuple[ViewerApp, Hands], tmp_path: Path) -> None:
     """A hand moves the tip as the camera sees it; without messages the arm rests; the folder is a plan that passes."""
     app, hands = driven
-    controls = app._drive
+    controls, numbers = app._drive, app._readings._table.content
     controls._switched(on=True)
     driver = controls._driver
     assert driver is not None
@@ -310,6 +310,7 @@ def test_the_tip_is_driven_braked_and_saved(driven: tuple[ViewerApp, Hands], tmp
     begun = driver.servo.problem.arm.joint_positions_at(app.frames.configuration(0.0))[-1]
     _until(lambda: bool(hands.hear(1, '{"hand": [-1, 0.5, 0], "turns": false}')) and driver.servo.ticks > 20)
     _until(lambda: not driver.servo.moving)  # no message any more
+    assert app._readings._table.content != numbers  # those of now
     ticks = driver.servo.ticks
     controls.end()
     _until(lambda: not controls.driving and not controls._save.disabled)

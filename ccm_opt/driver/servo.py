@@ -272,7 +272,9 @@ class Servo:
         if cut.kind == "effort":
             return f"{cut.name}: {cut.value:.0%} of its usable effort"
         unit = cut.unit.replace("rad", "°") if angle else cut.unit
-        return f"{cut.kind} of {cut.name}: {value:.4g} of {limit:.4g} {unit}"
+        # A motion that would exceed the limit is not taken.
+        wanted = "would be " if abs(value) > abs(limit) else ""
+        return f"{cut.kind} of {cut.name}: {wanted}{value:.4g} of {limit:.4g} {unit}"
 
     def _in_metres(self, values: FloatArray) -> FloatArray:
         """Return the coordinates (m, c) of the arm itself, with lengths in metres, from those of planning."""

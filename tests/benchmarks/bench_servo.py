@@ -57,7 +57,23 @@ def main() -> None:
 
 
 def driven(problem: Problem, hand: int, ticks: int) -> dict[str, object]:
-    """Return the figures of one drive."""
+    """Return the figures of one drive, swept."""
+    servo, figures = random_drive(problem, hand, ticks)
+    begin = time.process_time()
+    solution = servo.solution()
+    seen = sweep_in_space(solution.problem, solution.trajectory)
+    return figures | {
+        "triangles": len(problem.workspace.triangle_soup),
+        "verified": all(check.passed for check in solution.checks),
+        "poses": seen.poses,
+        "wall_gap_mm": round(1e3 * seen.wall_gap, 4),
+        "violations": seen.violations,
+        "checking_s": round(time.process_time() - begin, 2),
+    }
+
+
+def random_drive(problem: Problem, hand: int, ticks: int) -> tuple[ccm_opt.Servo, dict[str, object]]:
+    """Return a servo that a random hand has driven for some ticks, and what that cost."""
     random = np.random.default_rng(hand)
     servo = ccm_opt.Servo(problem)
     velocity, pull = np.zeros((2, problem.dimension))
@@ -76,24 +92,15 @@ def driven(problem: Problem, hand: int, ticks: int) -> dict[str, object]:
         if random.uniform() < BRAKES:
             servo.brake()
             braked += 1
-    begin = time.process_time()
-    solution = servo.solution()
-    seen = sweep_in_space(solution.problem, solution.trajectory)
     quantiles = (50.0, 99.0, 99.9, 100.0)
-    return {
+    return servo, {
         "links": problem.arm.links,
-        "triangles": len(problem.workspace.triangle_soup),
         "ticks": len(cpu),
         "cpu_ms": (1e3 * np.percentile(cpu, quantiles)).round(2).tolist(),
         "wall_ms": (1e3 * np.percentile(wall, quantiles)).round(2).tolist(),
         "lost_mean": round(float(np.mean(lost)), 4),
         "lost_away_from_limits": round(float(np.mean(np.array(lost)[free])), 4) if any(free) else None,
         "braked": braked,
-        "verified": all(check.passed for check in solution.checks),
-        "poses": seen.poses,
-        "wall_gap_mm": round(1e3 * seen.wall_gap, 4),
-        "violations": seen.violations,
-        "checking_s": round(time.process_time() - begin, 2),
     }
 
 

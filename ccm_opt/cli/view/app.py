@@ -31,7 +31,7 @@ from ccm_opt.cli.view.hand import SCRIPT, Hands
 from ccm_opt.cli.view.readings import Readings
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW
-from ccm_opt.core.arrays import TINY
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem import JointPose, Problem
@@ -186,7 +186,7 @@ class ViewerApp:
         self._status = self.server.gui.add_markdown(self._summary)
         self._build_player()
         self._handles = None if live is None else Handles(self.scene, live, self._planned, self._planning)
-        self._drive = DriveControls(self.scene, hands, self._driving, self._driven)
+        self._drive = DriveControls(self.scene, hands, self._driving, self._moved, self._driven)
         self._readings = Readings(self.server, frames)
         self._build_layers()
 
@@ -303,7 +303,14 @@ class ViewerApp:
                 self._handles.hide()
             problem = self.frames.problem if self.live is None else self.live.problem
             pose = self.frames.configuration(min(self.time, self.frames.duration))
-            return dataclasses.replace(problem, start=JointPose.from_configuration(pose, problem.arm.coordinates))
+            start = JointPose.from_configuration(pose, problem.arm.coordinates)
+            if problem.workspace is not self.frames.problem.workspace:
+                self.frames = self.scene.frames = dataclasses.replace(self.frames, problem=problem)
+            return dataclasses.replace(problem, start=start)
+
+    def _moved(self, configuration: FloatArray) -> None:
+        """Show the numbers of the pose to which the arm is driven."""
+        self._readings.show_driven(self.frames, configuration)
 
     def _driven(self, driven: Solution | None) -> None:
         """Show a driven motion; the one before stays if there is none."""

@@ -5,21 +5,19 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.cli.view.hand import PATIENCE, Asked, Hands
 from ccm_opt.cli.view.scene import Scene, rotation_matrix
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError
 from ccm_opt.driver.servo import Servo, ServoStep, Twist
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import Solution
 from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.viz.document import PageUnits
-
-if TYPE_CHECKING:
-    from ccm_opt.core.arrays import FloatArray
 
 _SHOWN = 1.0 / 30.0
 """Wall time between poses that are sent to the browser [s]."""
@@ -92,6 +90,7 @@ class DriveControls:
         scene: scene that shows the arm.
         hands: hands at the pages.
         begin: function that returns the problem whose start is the pose shown, called when driving begins.
+        moved: function called a few times a second with the configuration of the arm, while it is driven.
         ended: function called with the driven motion when the arm rests again; None if it was not moved.
     """
 
@@ -100,9 +99,10 @@ class DriveControls:
         scene: Scene,
         hands: Hands,
         begin: Callable[[], Problem],
+        moved: Callable[[FloatArray], None],
         ended: Callable[[Solution | None], None],
     ) -> None:
-        self._scene, self._hands, self._begin, self._ended = scene, hands, begin, ended
+        self._scene, self._hands, self._begin, self._moved, self._ended = scene, hands, begin, moved, ended
         self._driver: Driver | None = None
         self._driven: Solution | None = None
         self._target: FloatArray | None = None
@@ -258,6 +258,7 @@ class DriveControls:
         if now - self._said < _TOLD:
             return
         self._said = now
+        self._moved(step.positions)
         lines = [f"{step.time:.1f} s driven, {rate:.0f} ticks a second"]
         if self._hands.asked() is None:
             lines.append(f"**stopped**: no message from the page for {PATIENCE} s")

@@ -85,13 +85,13 @@ class MotionFrames:
             return np.array([100.0 * self.torque_shares(time).max() for time in self.inspected_times])
         return np.asarray(np.abs(self.joints.torques[self._inspected_samples]).max(axis=1))
 
-    def nearest(self, time: float) -> tuple[float, str, str]:
-        """Return the least clearance beyond the required one at a time [s] [m], and the names of part and obstacle.
+    def nearest(self, configuration: FloatArray) -> tuple[float, str, str]:
+        """Return the least clearance beyond the required one [m] in a pose, and the names of part and obstacle.
 
         The clearance is inf, and the names are empty, without obstacles in reach.
         """
         workspace, arm = self.problem.workspace, self.problem.arm
-        points = self.pose(time)
+        points = points_with_tool(arm, configuration)
         parts = np.flatnonzero(self._inspected_parts)
         axes = np.stack((points[:-1], points[1:]), axis=1)[parts]
         if not len(axes):
@@ -113,10 +113,10 @@ class MotionFrames:
         own = self.chain.names[nearest] or arm.link_name(int(self.chain.carriers[nearest]))
         return float(gaps[part]), own, name
 
-    def most_bent(self, time: float) -> tuple[int, float]:
-        """Return the joint, from 0, that is nearest to its limit at a time [s], and its bend as a fraction of that."""
+    def most_bent(self, configuration: FloatArray) -> tuple[int, float]:
+        """Return the joint, from 0, that is nearest to its limit in a pose, and its bend as a fraction of that."""
         limits = self.problem.arm.bend_limits
-        shares = np.abs(self.configuration(time)[: len(limits)]) / np.where(limits > 0.0, limits, np.inf)
+        shares = np.abs(configuration[: len(limits)]) / np.where(limits > 0.0, limits, np.inf)
         return int(np.argmax(shares)) // self.problem.arm.bends_a_joint, float(np.max(shares))
 
     @cached_property
@@ -146,12 +146,13 @@ class MotionFrames:
         """Return the region swept by a planar arm, approximated by the union of evenly spaced poses."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radii = np.maximum(drawn_radii(self.problem.arm), VIEW.thin_arm * self.problem.arm.length)
-        bodies = [
-            shapely.buffer(shapely.linestrings(self.points[chosen, run]), radius, quad_segs=VIEW.curved)
+        axes = (
+            (shapely.linestrings(self.points[chosen, run]), radius)
             for run, radius in radius_runs(np.where(self.chain.bare, 0.0, radii), len(radii))
             if radius > 0.0
-        ]
-        return shapely.union_all(np.concatenate(bodies))
+        )
+        bodies = [shapely.union_all(shapely.buffer(lines, radius, quad_segs=VIEW.curved)) for lines, radius in axes]
+        return shapely.union_all(bodies)
 
     @cached_property
     def _inspected_parts(self) -> BoolArray:

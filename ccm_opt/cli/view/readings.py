@@ -42,7 +42,9 @@ class Readings:
     def show(self, time: float) -> None:
         """Show the numbers at a time [s], and move the cursor there."""
         frames = self._frames
-        self._table.content = self._numbers(time)
+        torque = float(np.interp(time, frames.inspected_times, frames.largest_torques))
+        unit = "% of its limit" if frames.problem.limits.torque is not None else "N m"
+        self._table.content = _table(*_of_pose(frames, frames.configuration(time)), ("torque", f"{torque:.3g} {unit}"))
         for chart, (_, values) in zip(self._charts, self._curves(), strict=True):
             chart.data = _with_cursor(frames.inspected_times, values, time)
 
@@ -56,21 +58,29 @@ class Readings:
             (torque, frames.largest_torques),
         ]
 
-    def _numbers(self, time: float) -> str:
-        """Return a table of the numbers at a time [s]: gap, joint nearest its limit, torque."""
-        frames = self._frames
-        gap, part, obstacle = frames.nearest(time)
-        units = PageUnits.of_page(frames.problem)
-        far = "none in reach" if not np.isfinite(gap) else f"{units.length(gap)}, {part} to {obstacle}"
-        joint, share = frames.most_bent(time)
-        torque = float(np.interp(time, frames.inspected_times, frames.largest_torques))
-        unit = "% of its limit" if frames.problem.limits.torque is not None else "N m"
-        rows = (
-            ("gap", far),
-            ("most bent", f"{frames.problem.arm.joint_name(joint)}, {100.0 * share:.0f} % of its limit"),
-            ("torque", f"{torque:.3g} {unit}"),
-        )
-        return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
+    def show_driven(self, frames: MotionFrames, configuration: FloatArray) -> None:
+        """Show the numbers of a pose, shape (c,), that is not of the motion; the charts stay.
+
+        Args:
+            frames: frames of the problem in which the arm is driven.
+            configuration: the pose.
+        """
+        self._table.content = _table(*_of_pose(frames, configuration))
+
+
+def _of_pose(frames: MotionFrames, configuration: FloatArray) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Return the rows of the table that say how near a pose is to obstacles, and to the limits of joints."""
+    gap, part, obstacle = frames.nearest(configuration)
+    far = "none in reach"
+    if np.isfinite(gap):
+        far = f"{PageUnits.of_page(frames.problem).length(gap)}, {part} to {obstacle}"
+    joint, share = frames.most_bent(configuration)
+    return ("gap", far), ("most bent", f"{frames.problem.arm.joint_name(joint)}, {100.0 * share:.0f} % of its limit")
+
+
+def _table(*rows: tuple[str, str]) -> str:
+    """Return a table of names and values."""
+    return "\n".join(("| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)))
 
 
 def _chart(server: viser.ViserServer, title: str, times: FloatArray, values: FloatArray) -> Any:
