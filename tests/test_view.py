@@ -129,8 +129,17 @@ def test_only_the_last_place_of_a_drag_is_planned(live: LivePlan) -> None:
         replanner.ask(lambda number=number: change(number))  # type: ignore[misc]
     free.set()
     assert done.wait(60.0)
+    free.clear()
+    begun.clear()
+    for number in (5, 6):
+        replanner.ask(lambda number=number: change(number))  # type: ignore[misc]
+        assert begun.wait(20.0)
+    resting = threading.Thread(target=replanner.rest)
+    resting.start()
+    free.set()
+    resting.join(20.0)  # what waits is dropped, and the change that is made ends before
     replanner.end()
-    assert made == [1, 4]
+    assert made == [1, 4, 5]
     assert isinstance(heard[-1], LiveAnswer)
 
 

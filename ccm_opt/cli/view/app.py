@@ -296,11 +296,11 @@ class ViewerApp:
             self.scene.switch(layer, on=event.target.value)
 
     def _driving(self) -> Problem:
-        """Stop playing, and return the problem that begins in the pose shown."""
+        """Stop playing and planning, and return the problem that begins in the pose shown."""
+        if self._handles is not None:
+            self._handles.hide()  # planning would take time from the ticks, and needs the lock to end
         with self._lock:
             self._play.value = False
-            if self._handles is not None:
-                self._handles.hide()
             problem = self.frames.problem if self.live is None else self.live.problem
             pose = self.frames.configuration(min(self.time, self.frames.duration))
             start = JointPose.from_configuration(pose, problem.arm.coordinates)

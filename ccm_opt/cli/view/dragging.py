@@ -34,7 +34,7 @@ class Replanner:
         on_begin: Callable[[], None] = lambda: None,
     ) -> None:
         self._live, self._on_answer, self._settings, self._on_begin = live, on_answer, settings, on_begin
-        self._requested: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
+        self._requested: SimpleQueue[Callable[[], LiveAnswer] | threading.Event | None] = SimpleQueue()
 
     def start(self) -> None:
         """Start the planning thread."""
@@ -48,6 +48,12 @@ class Replanner:
         """
         self._requested.put(change)
 
+    def rest(self) -> None:
+        """Drop all requests, and wait until nothing is planned; another request ends that."""
+        rests = threading.Event()
+        self._requested.put(rests)
+        rests.wait()
+
     def end(self) -> None:
         """Stop the planning thread after the current change."""
         self._requested.put(None)
@@ -58,13 +64,17 @@ class Replanner:
         while True:
             try:
                 change = self._requested.get(timeout=quiet)
-                while not self._requested.empty():
+                while not self._requested.empty() and not isinstance(change, threading.Event):
                     change = self._requested.get()
                 quiet = self._settings.quiet
             except Empty:
                 change, quiet = partial(self._live.plan_anew, self._settings.anew), None
             if change is None:
                 return
+            if isinstance(change, threading.Event):
+                change.set()
+                quiet = None
+                continue
             self._on_begin()
             try:
                 self._on_answer(change())
@@ -119,8 +129,9 @@ class Handles:
         self._replanner.end()
 
     def hide(self) -> None:
-        """Remove the handle until ``show``."""
+        """Remove the handle until ``show``, and wait until nothing is planned."""
         self._scene.server.scene.remove_by_name(HANDLE)
+        self._replanner.rest()
 
     def show(self) -> None:
         """Put the handle back where it was."""

@@ -141,6 +141,7 @@ class DriveControls:
             return
         if self._driver is not None:
             return  # it still brakes
+        self._words.content = "*preparing …*"
         try:
             servo = Servo(self._begin())
         except CcmError as error:
