@@ -175,15 +175,6 @@ def test_locked_joints_cannot_turn_in_mujoco() -> None:
     np.testing.assert_allclose(bends[..., 0], -bends[..., 1])
 
 
-def test_locked_joints_on_a_feed_axis_in_the_plane_are_refused() -> None:
-    """By their key."""
-    row = {"links": 4, "link_length": 0.05, "radius": 0.01, "joint_limit_deg": 40}
-    arm = {"sections": [{**row, "locked": [2]}, row], "base": (0.0, 0.0), "feed": {"range": (0.0, 0.3)}}
-    limits = {"velocity": 1.0, "acceleration": 4.0, "feed_velocity": 0.1, "feed_acceleration": 0.1}
-    with pytest.raises(ProblemFileError, match=r"arm\.sections\[0\]\.locked: locked joints are not supported"):
-        ccm_opt.make_problem("fed", arm=arm, limits=limits, goal={"position": (0.4, 0.1)})
-
-
 def test_the_limit_of_the_arm_is_that_of_joints_that_bend() -> None:
     """Sections of locked joints do not count, nor does the first joint; at least one joint must bend."""
     row = {"links": 3, "link_length": 0.08, "radius": 0.02, "joint_limit_deg": 30}

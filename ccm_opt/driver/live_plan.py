@@ -24,6 +24,7 @@ from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, failed_check
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.own_units import planning_units
+from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.resuming import known_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
@@ -94,9 +95,10 @@ class _FollowingPlanner:
             NoPlanFound: no path was found; the caller keeps the previous motion.
         """
         planner = self.quick if self.dragging else self.thorough
-        if problem.dimension == 3:
-            planned = planner.planned_in_space(problem, self._known_for(problem))
-            path = planned.path
+        if problem.dimension == 3 or needs_space(problem.arm):
+            in_space = problem if problem.dimension == 3 else problem_in_space(problem)
+            planned = planner.planned_in_space(in_space, self._known_for(in_space))
+            path = planned.path if in_space is problem else path_in_plane(planned.path, problem.arm)
         else:
             with planning_units(problem) as units:
                 scaled = units.scaled(problem)

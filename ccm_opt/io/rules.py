@@ -31,7 +31,6 @@ from ccm_opt.io.tool_tables import (
     SpaceToolTable,
 )
 from ccm_opt.problem import ImportedDrawing
-from ccm_opt.problem.definition import LOCKED_ON_FEED
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.problem.tool_rules import Key, tool_defects
@@ -429,7 +428,7 @@ def _check_coupling(arm: SpaceArmTable, rows: Sequence[Sequence[float]], issues:
 
 
 def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issues) -> None:
-    """Report what is not supported of an arm of sections: locked joints in the plane on a feed axis.
+    """Report links of even sections that turn too far, and tendons outside of the body.
 
     Args:
         arm: the arm.
@@ -449,8 +448,6 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
         if each.tendons is not None and each.tendons.radius > thinnest:
             words = f"expected at most {file_length(thinnest, 6)}, the least radius of the body up to the section's end"
             issues.add((*where, k, "tendons", "radius"), words)
-        if each.locked and arm.base_axes and arm.dimension == 2:
-            issues.add((*where, k, "locked"), LOCKED_ON_FEED)
 
 
 def check_contact(arm: ChainTable, table: VerificationTable, issues: Issues) -> None:

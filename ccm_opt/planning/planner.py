@@ -43,6 +43,7 @@ from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_clearance
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.path_following import motion_along
+from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.resuming import resumed, resumed_in_space
@@ -157,6 +158,14 @@ class MotionPlanner:
             raise ProblemError("this planner takes goals for the tip; goal.look_at is taken by ccm_opt.solve")
         if problem.coverage is not None and problem.planner.order == "free":
             raise ProblemError("this planner takes goals for the tip; goal.see is taken by ccm_opt.solve")
+        if needs_space(problem.arm):
+            if self.terms is not None:
+                raise ProblemError(
+                    "constraints and costs are not supported for a planar arm on a feed axis with a tool, bodies "
+                    "or locked joints; leave them out"
+                )
+            path = self.plan(problem_in_space(problem))
+            return path.mapped(partial(path_in_plane, arm=problem.arm))
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))

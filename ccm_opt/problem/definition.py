@@ -138,10 +138,7 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
         (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
     )
     if arm.proportions is not None:
-        found = tuple(_proportion_defects(arm.proportions, arm.links, d - 1))
-        yield from found
-        if not found and d == 2 and arm.base_axes and not np.all(arm.proportions.limits):
-            yield f"arm.proportions.limits: {LOCKED_ON_FEED}"
+        yield from _proportion_defects(arm.proportions, arm.links, d - 1)
     yield from array_defects("arm.base", arm.base, (d,), positive=False)
     yield from _unit_defects("arm.direction", arm.direction, d)
     if d == 2:
@@ -165,10 +162,6 @@ def _proportion_defects(proportions: Proportions, links: int, bends_a_joint: int
             yield f"arm.proportions.lengths must be 1 in the mean, got {float(np.mean(values)):g}"
         if name != "lengths" and not (np.all(values >= 0.0) and abs(float(np.max(values)) - 1.0) <= UNIT_ROUNDING):
             yield f"arm.proportions.{name} must be from 0 to 1 and reach 1, got {values.min():g} to {values.max():g}"
-
-
-LOCKED_ON_FEED = "locked joints are not supported for an arm in the plane with a feed axis"
-"""What a problem with such joints is refused with."""
 
 
 _MISFIT = 1e-9

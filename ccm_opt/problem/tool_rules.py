@@ -26,8 +26,6 @@ def tool_defects(arm: Arm, values: Mapping[Key, Any]) -> Iterator[tuple[Key, str
     bodies: list[tuple[Key, RigidBody]] = [(("arm", "bodies", k), body) for k, body in enumerate(arm.bodies)]
     bodies += [] if arm.tool is None else [(("arm", "tool"), arm.tool)]
     key = bodies[0][0][:2]
-    layouts = ((arm.dimension == 2 and bool(arm.base_axes), "for an arm in the plane with a feed axis"),)
-    yield from ((key, f"not supported {words}") for applies, words in layouts if applies)
     for not_with in _NOT_WITH_BODIES:
         if values.get(not_with):
             yield not_with, f"not supported together with {'.'.join(map(str, key))}"

@@ -245,7 +245,7 @@ class Arm(LinkLayout):
             return self.proportions is None
         own = self.tool_links.own
         each = (self.lengths[own], self.radii[own], self.proportions.limits.reshape(self.links, -1)[own])
-        return all(np.ptp(values) <= ROUNDING * np.max(values) for values in each)
+        return all(np.all(np.ptp(values, axis=0) <= ROUNDING * np.max(values)) for values in each)
 
     def with_links(self, links: int) -> "Arm":
         """Return an arm of the same length and total mass with another number of links, all of them equal."""

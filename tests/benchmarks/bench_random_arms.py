@@ -36,14 +36,14 @@ class Drawn:
         limit: time limit of planning [s].
         kinds: what arms may have: "feed", "axes", "tools", which stands for bodies on any link, some of which weigh,
             "meshes", which adds meshes and polygons to these, and "coupled", which stands for drives that move several
-            joints.
+            joints; with "plane" all are in the plane, and mostly on a feed axis.
         folder: folder that meshes are written to.
     """
 
     def __init__(self, seed: int, limit: float, kinds: frozenset[str], folder: Path = Path()) -> None:
         self.folder, self.kinds, self.meshes = folder, kinds, 0
         self.rng = np.random.default_rng((20261126, seed))
-        self.space = bool(seed % 2) or bool({"axes", "coupled"} & kinds)
+        self.space = (bool(seed % 2) and "plane" not in kinds) or bool({"axes", "coupled"} & kinds)
         self.data: dict[str, Any] = {
             "schema": 1,
             "name": f"drawn-{seed}",
@@ -145,7 +145,7 @@ class Drawn:
                 "radius": [round(radius, 4), round(radius * rng.uniform(0.3, 1.7), 4)] if tapers else round(radius, 4),
                 "joint_limit_deg": round(rng.uniform(15.0, 90.0), 1),
             }
-            if rng.random() < 0.2 and count > 1 and (self.space or "feed" not in kinds):
+            if rng.random() < 0.2 and count > 1:
                 row["locked"] = [int(rng.integers(1, count + 1))]
             rows.append(row)
         rows[0]["links"] += max(0, 4 - sum(row["links"] for row in rows))
@@ -162,7 +162,7 @@ class Drawn:
             arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
         if "axes" in kinds:
             arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
-        elif "feed" in kinds and "coupled" not in kinds and rng.random() < 0.3:
+        elif "feed" in kinds and "coupled" not in kinds and rng.random() < (0.8 if "plane" in kinds else 0.3):
             length = sum(row["links"] * row["link_length"] for row in rows)
             arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
         if "coupled" in kinds:
@@ -338,7 +338,7 @@ def main() -> None:
             counts["not drawn"] += 1
             continue
         outcome, wrong = looked_at(given.runs, data)
-        counts[f"{outcome}, {'space' if seed % 2 else 'plane'}{', fed' if 'feed' in data['arm'] else ''}"] += 1
+        counts[f"{outcome}, {'space' if 'space' in data else 'plane'}{', fed' if 'feed' in data['arm'] else ''}"] += 1
         counts["wrong"] += bool(wrong)
         print(seed, outcome, f"{time.process_time() - begun:.1f} s", "; ".join(wrong), flush=True)
     for name, count in sorted(counts.items()):
