@@ -92,7 +92,7 @@ def test_places_and_distances_are_those_of_the_plane(seed: int) -> None:
     np.testing.assert_allclose(in_space[:, [0, 2]], points, atol=1e-12)
     links = np.stack((in_space[:-1], in_space[1:]), axis=1)
     gaps = SurfaceTree.from_triangles(whole.workspace.triangle_soup).nearest(links, 0.1).gap
-    outlines = [(shapes[0].core.boundary, 0.0), (room.exterior, 0.0)]
+    outlines = [(shapely.boundary(shapes[0].core), 0.0), (room.exterior, 0.0)]
     outlines += [(each.core, each.rounding) for each in shapes[1:]]
     lines = [shapely.LineString(ends) for ends in itertools.pairwise(points)]
     expected = [min(shapely.distance(core, line) - rounding for core, rounding in outlines) for line in lines]
