@@ -3,6 +3,9 @@
 Views are sampled about the pieces of the surfaces (``view_sampling``), and the fewest that see enough are chosen
 (``set_cover``). A chosen view for which no pose of the arm is found, as for a map of the reach, is left out, and others
 are chosen in its place; so is one to which no motion is found.
+
+An arm with few links is posed at random, and views are those of a roadmap of its poses (``pose_roadmap``) if these see
+enough: then the motions between them are known, too.
 """
 
 from collections import Counter
@@ -15,6 +18,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, TimeLimitReached
+from ccm_opt.driver.pose_roadmap import PoseRoadmap
 from ccm_opt.driver.set_cover import fewest_sets, greedy_order
 from ccm_opt.driver.view_sampling import LEAST_ROOM, NO_POSE, NO_ROOM, OUT_OF_REACH, Views, ViewSampler
 from ccm_opt.planning.goal import GoalPose
@@ -27,6 +31,7 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surface_pieces import SurfacePieces
 from ccm_opt.verification.coverage import SeenPieces, seen_pieces, seen_places
 from ccm_opt.verification.tool_chain import motion_of
+from ccm_opt.verification.wall_clearance import CheckedSurfaces
 
 _MOST_PIECES = 1500
 """Largest number of pieces for which views are chosen; of more, a random sample stands for all. Heuristic."""
@@ -34,9 +39,16 @@ _USED = 0.999
 """Fraction of the tolerances of a view that is used. Derived: far above rounding."""
 _DRAWN = 300
 """Number of sampled poses. Heuristic: each takes a few thousandths of a second."""
+_FEW_LINKS = 8
+"""Number of links up to which an arm with a fixed base has a roadmap of poses. Heuristic."""
+_DRAWN_FOR_ROADMAP = 600
+"""Number of sampled poses of a roadmap. Heuristic: in a room with ten boxes those that are free take about ten
+seconds, more than half of which is for what they see."""
 _APART = (0.06, float(np.deg2rad(20.0)))
 """Least difference of views that are tried after one has no pose: distance as a fraction of the arm's length, or angle
 [rad]. Heuristic."""
+_FASTEST = 1e6
+"""Rate that stands for one that is not limited [rad/s, m/s]."""
 _SEEDS = 3
 """Number of poses from which a pose of a view is tried. Heuristic."""
 _PROGRAM_TIME = 2.0
@@ -63,6 +75,7 @@ class CoverageViews:
         reasons: why a piece has no view, an index of an obstacle that hides it or a negative number, shape (m,).
         lookup: finds poses; None for arms for which there are no maps of the reach.
         poses: poses found so far.
+        roadmap: known motions between them; None for arms with many links, or on a feed axis.
         pose_of: the pose of each view that has one, by index of the view.
         stops: views as goals, by index of the view.
         failures: errors of views to which no motion was found.
@@ -76,6 +89,7 @@ class CoverageViews:
     reasons: IntArray
     lookup: TipLooker | None
     poses: list[Pose] = field(default_factory=list)
+    roadmap: PoseRoadmap | None = None
     pose_of: dict[int, Pose] = field(default_factory=dict)
     stops: dict[int, Stop] = field(default_factory=dict)
     failures: list[NoPlanFound] = field(default_factory=list)
@@ -84,13 +98,33 @@ class CoverageViews:
         self.posed = np.zeros(len(self.views.tips), dtype=np.intp)
         if self.lookup is not None:
             # What known poses see are views too.
-            self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
+            if self.problem.arm.links <= _FEW_LINKS and self.problem.arm.feed is None:
+                self._make_roadmap(self.lookup)
+            else:
+                self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
             tips, axes = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("tip", "tip_direction"))
             self.pose_of = dict(enumerate(self.poses, start=len(self.posed)))
-            self.views = self.views.with_further(self.sampler.at(tips, axes))
+            known = self.sampler.at(tips, axes) if self.roadmap is None else Views(tips, axes, self._seen_by_poses())
+            self.views = self.views.with_further(known)
             self.posed = np.append(self.posed, np.ones(len(tips), dtype=np.intp))
         sampled = len(self.pieces.sizes) == _MOST_PIECES
         self.share = min(self.coverage.share + (_SAMPLE_MARGIN if sampled else 0.0), 1.0)
+
+    def _make_roadmap(self, lookup: TipLooker) -> None:
+        """Draw poses, and keep those to which motions lead from the start."""
+        poses = [lookup.stepper.pose(lookup.start), *lookup.drawn_free(_DRAWN_FOR_ROADMAP)]
+        pace = self.problem.limits.of_coordinates(self.problem.arm.coordinates).velocity
+        self.roadmap = PoseRoadmap.of(lookup.stepper.safe, np.minimum(pace, _FASTEST), [pose.q for pose in poses])
+        self.poses = [pose for pose, joined in zip(poses, self.roadmap.joined, strict=True) if joined]
+
+    def _seen_by_poses(self) -> BoolArray:
+        """Return which of m pieces are seen from each of the n poses, which the arm itself may hide, shape (n, m)."""
+        motion = motion_of(
+            self.problem.arm, np.arange(len(self.poses), dtype=np.float64), np.array([pose.q for pose in self.poses])
+        )
+        asked = self.problem.workspace, self.coverage, motion, self.pieces.centres, self.pieces.normals
+        surfaces = CheckedSurfaces.from_workspace(self.problem.workspace)
+        return np.array([seen_places(*asked, sample, surfaces) for sample in range(len(self.poses))])
 
     @classmethod
     def of(cls, problem: Problem, coverage: Coverage) -> "CoverageViews":
@@ -149,6 +183,10 @@ class CoverageViews:
             NoPlanFound: they do not see enough.
         """
         alive = np.flatnonzero(self.posed >= 0)
+        if self.roadmap is not None:
+            known = np.flatnonzero(self.posed > 0)
+            if float(np.sum(self.pieces.sizes[np.any(self.views.sees[known], axis=0)])) >= needed:
+                return known
         together = float(np.sum(self.pieces.sizes[np.any(self.views.sees[alive], axis=0)]))
         if together < needed * (1.0 - 1e-9):
             raise self._not_enough(together / float(np.sum(self.pieces.sizes)))
@@ -183,6 +221,8 @@ class CoverageViews:
         if pose is None:
             return -1
         self.poses.append(pose)
+        if self.roadmap is not None:
+            self.roadmap.add(pose.q)
         self.pose_of[k] = pose
         return 1
 
@@ -195,6 +235,10 @@ class CoverageViews:
     def known_poses(self, chosen: IntArray) -> dict[int, FloatArray]:
         """Return the configurations (c,) that are known of some views, shape (k,), by index among these."""
         return {at: self.pose_of[k].q for at, k in enumerate(chosen.tolist()) if k in self.pose_of}
+
+    def chain(self, first: FloatArray, last: FloatArray) -> FloatArray | None:
+        """Return poses between which motions are known, from one pose (c,) to another one, shape (K, c), or None."""
+        return None if self.roadmap is None else self.roadmap.chain(first, last)
 
     def _stop(self, k: int) -> Stop:
         tip, axis, mine = self.views.tips[k], self.views.axes[k], np.flatnonzero(self.views.sees[k])

@@ -61,6 +61,8 @@ class KnownMotions:
         planner: planner of motions to single goals.
         time: function that returns the duration of a leg [s]; raises ``NoPlanFound`` if it cannot be timed.
         share: fraction of the limits of velocity and acceleration that motions use at most.
+        chain: function that returns configurations between which motions are certified, from one configuration (c,) to
+            another one, shape (K, c); None if it knows none.
         rests: the start and the goals that were reached, nodes of the tree.
         paths: known paths between nodes, the lower one first.
         durations: their durations [s].
@@ -72,6 +74,7 @@ class KnownMotions:
     planner: Planner
     time: Callable[[Leg], float]
     share: float
+    chain: Callable[[FloatArray, FloatArray], FloatArray | None] = lambda _first, _last: None
     rests: list[Rest] = field(default_factory=list)
     paths: dict[tuple[int, int], JointPath] = field(default_factory=dict)
     durations: dict[tuple[int, int], float] = field(default_factory=dict)
@@ -177,10 +180,16 @@ class KnownMotions:
         problem = self.leg_problem(self.rests[first], Stop(end, Tolerances()))
         limit = max(_TRY_SHARE * deadline.left, LEAST_TIME)
         try:
-            path = self.planner.plan(replace(problem, planner=replace(problem.planner, time_limit=limit)))
+            path = self.along_chain(self.rests[first].q, self.rests[second].q)
+            path = path or self.planner.plan(replace(problem, planner=replace(problem.planner, time_limit=limit)))
         except NoPlanFound:
             return False
         return self.keep(first, second, path)
+
+    def along_chain(self, first: FloatArray, last: FloatArray) -> JointPath | None:
+        """Return a path between two configurations (c,) along a chain of certified motions, or None."""
+        chain = self.chain(first, last)
+        return None if chain is None or len(chain) == 1 else self._joiner.path(chain)
 
     def leg(self, before: IntArray, one: int, other: int) -> Leg:
         """Return the leg from one node to another on the fastest known way."""

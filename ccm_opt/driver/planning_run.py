@@ -132,6 +132,7 @@ class PlanningRun:
         with self.stages("views"):
             views = CoverageViews.of(problem, coverage)
         tours = self._tour_planner(replace(problem, coverage=None), planner)
+        tours.motions.chain = views.chain
         while True:
             with self.stages("views"):
                 chosen, fewest = views.fewest(deadline)

@@ -175,6 +175,9 @@ class TourPlanner:
         q = self.poses.get(number)
         if q is None:
             return None
+        known = self.motions.along_chain(asked.start.configuration(asked.arm), q)
+        if known is not None:
+            return known
         pose = JointPose.from_configuration(q, asked.arm.coordinates)
         options = replace(asked.planner, time_limit=0.5 * asked.planner.time_limit)
         try:
