@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
+from ccm_opt.core.errors import MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, placed_slide, slid_along
@@ -340,8 +340,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         task = self.task
         corners = np.vstack([part for part, _ in self._legs(way)])
         track = ArmTrack.behind(task.arm.joint_positions_at(task.start), corners)
-        feeds = feeds_to_end(task.arm, track, float(task.start[-1]), _SLIDE_STEP * task.unit)
-        fitted = self._fitted_slide(slid_along(task.arm, track, feeds))
+        try:
+            feeds = feeds_to_end(task.arm, track, float(task.start[-1]), _SLIDE_STEP * task.unit)
+            fitted = self._fitted_slide(slid_along(task.arm, track, feeds))
+        except ProblemError:
+            return None  # links that stand for bodies, with constant turns, do not lie on the track
         if fitted is None:
             return None
         run = fitted[0].with_margin(way.margin)
