@@ -121,7 +121,12 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
     for axis in found.problem.arm.base_axes:
         bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
         table.add_row("feed", units.length(found.feed), bounds, "")
-    table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "determined by the bends")
+    rolled = found.goal_errors.roll_error
+    if rolled is None:
+        table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "determined by the bends")
+    else:
+        allowed = units.given(found.problem.tolerances.roll, "rad")
+        table.add_row("roll away from goal.up", units.shown(rolled, "rad"), allowed, "")
 
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:

@@ -106,7 +106,7 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
         return any(True for check in (contact_at_tips, within_bend_limits) for _ in check(turned))
 
     # If the tip itself is in contact, no direction helps.
-    anyhow = replace(problem, goal=replace(goal, direction=None, heading=None))
+    anyhow = replace(problem, goal=replace(goal, direction=None, heading=None, up=None))
     if not refused(wanted) or next(contact_at_tips(anyhow), None) is not None:
         return None
     for size in np.arange(_TURN_STEP, np.pi, _TURN_STEP):
@@ -216,7 +216,7 @@ def omissions(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Whole
     # This also applies without findings: an arm of few links may be unable to turn in a confined space.
     if goal.direction is not None and all(_may_be_due_to_direction(finding) for finding in findings):
         key = "goal.heading_deg" if problem.dimension == 2 else "goal.direction"
-        without = replace(goal, direction=None, heading=None)
+        without = replace(goal, direction=None, heading=None, up=None)
         yield WholeChange(f"{key} left out", key, None, lambda p: replace(p, goal=without), part=turned_direction)
     if goal.via and not any(finding.proved for finding in findings):
         yield WholeChange("goal.via left out", "goal.via", None, lambda p: replace(p, goal=replace(p.goal, via=())))

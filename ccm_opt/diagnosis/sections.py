@@ -154,7 +154,7 @@ class Part:
         rates = np.ones(3 * links)
 
         def near(goal: Goal) -> Goal:
-            return straight if goal.for_tip is None else replace(goal.for_tip, direction=None, look_at=None)
+            return straight if goal.for_tip is None else replace(goal.for_tip, direction=None, look_at=None, up=None)
 
         def widened(tolerances: Tolerances) -> Tolerances:
             return replace(tolerances, position=tolerances.position + self.beyond)

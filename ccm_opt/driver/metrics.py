@@ -147,6 +147,7 @@ def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]
     """Return the goal errors of a motion in space as figures of merit."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}
+    ends["roll_error_rad"] = errors.roll_error
     return {name: error for name, error in ends.items() if error is not None}
 
 

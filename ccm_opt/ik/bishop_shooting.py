@@ -109,9 +109,11 @@ class BishopFrames(CurveFrames):
         """Symbols for the frames of the curve, the direction of the tip and the offset of the links, by name.
 
         They are the turn of the curve at its base, Ω, ψ and the starting frame (a quaternion) of every link, the
-        components of the last link along two axes perpendicular to the goal direction ("tip parts"), and the fraction
-        of the start pose's offsets from the curve that the pose keeps ("stray").
+        components of the last link along two axes perpendicular to the goal direction ("tip parts"), the fraction of
+        the start pose's offsets from the curve that the pose keeps ("stray") and, for a goal with a roll, the component
+        of the up axis of the last link perpendicular to the goal's direction and to where up is ("tip roll").
         """
+        rolled = {"tip roll": ca.SX.sym("tip_roll")} if self.up else {}
         return {
             "base turn": ca.SX.sym("base_turn", 2),
             "turns": ca.SX.sym("turn", 2, self.links),
@@ -119,6 +121,7 @@ class BishopFrames(CurveFrames):
             "frames": ca.SX.sym("frame", 4, self.links),
             "tip parts": ca.SX.sym("tip_part", 2),
             "stray": ca.SX.sym("stray"),
+            **rolled,
         }
 
     @cached_property
@@ -126,9 +129,11 @@ class BishopFrames(CurveFrames):
         """Symbols for two unit vectors perpendicular to the goal direction, and for the start pose's offsets, by name.
 
         "across" are the vectors, shape (3, 2); "strays" are the offsets of the start pose's links from the mean
-        directions of the curve, shape (2, n).
+        directions of the curve, shape (2, n). For a goal with a roll, "beside" is the unit vector perpendicular to the
+        goal's direction and to where up is.
         """
-        return {"across": ca.SX.sym("across", 3, 2), "strays": ca.SX.sym("offset_from_curve", 2, self.links)}
+        found = {"across": ca.SX.sym("across", 3, 2), "strays": ca.SX.sym("offset_from_curve", 2, self.links)}
+        return found | ({"beside": ca.SX.sym("beside", 3)} if self.up else {})
 
     @property
     def costs(self) -> dict[str, ca.SX]:
@@ -196,11 +201,18 @@ class BishopFrames(CurveFrames):
     def _tip_parts(self) -> RowBlock:
         """Return the NLP constraints that define the components of the last link perpendicular to the goal direction.
 
-        Bounds on these components keep the link within the tolerance of the goal.
+        For a goal with a roll, another one defines the component of its up axis. Bounds on these components keep the
+        link within the tolerance of the goal.
         """
         names = ("tip: gap in its direction", "tip: gap in its direction, across")
         parts = self.parameters["across"].T @ self.direction(self.lies)[:, self.links - 1]
-        return equal_to_zero(names, parts - self.further_symbols["tip parts"])
+        gaps = parts - self.further_symbols["tip parts"]
+        if not self.up:
+            return equal_to_zero(names, gaps)
+        axes = self.link_axes(self.lies[:, self.links - 1])
+        above = sum((number * each for number, each in zip(self.up, axes, strict=True)), ca.SX(0))
+        rolled = ca.dot(self.parameters["beside"], above) - self.further_symbols["tip roll"]
+        return equal_to_zero((*names, "tip: gap in its roll"), ca.vertcat(gaps, rolled))
 
     def link_axes(self, lies: ca.SX) -> tuple[ca.SX, ...]:
         """Return the axes of links, each of shape (3, e), from their quaternions, shape (4, e)."""
@@ -221,7 +233,9 @@ class BishopFrames(CurveFrames):
         """Return the quaternions of the links, shape (n, 4), for joint bends of shape (n, 2) [rad]."""
         return link_quaternions(bends)
 
-    def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
+    def values(
+        self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+    ) -> dict[str, FloatArray]:
         """Return the values of the frames' symbols and parameters at the start pose, by name.
 
         With these values, the links keep their full offsets from the curve.
@@ -230,10 +244,15 @@ class BishopFrames(CurveFrames):
             curve: a curve near the start pose.
             lies: quaternions of the links of the start pose, shape (n, 4).
             direction: direction of the last link at the goal, shape (3,), or None.
+            beside: unit vector perpendicular to the direction and to where up is at the goal, shape (3,), or None.
         """
         turns, means = self.link_turns(curve)
         frames = _curve_frames(curve.base_turn, turns, means)
         across = _across(direction)
+        rolled = {}
+        if self.up and beside is not None:
+            above = np.array(self.up) @ np.concatenate(_axes(lies[-1:]))
+            rolled = {"beside": beside, "tip roll": np.array([beside @ above])}
         return {
             "base turn": curve.base_turn,
             "turns": turns,
@@ -243,6 +262,7 @@ class BishopFrames(CurveFrames):
             "stray": np.ones(1),
             "across": across,
             "strays": _offsets(frames, means, lies),
+            **rolled,
         }
 
     def _pointing(self, last: FloatArray) -> FloatArray:
@@ -258,7 +278,7 @@ class BishopFrames(CurveFrames):
         integrals = np.stack([each.heading_integral_at(joints) for each in flat], axis=1)
         return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * np.array(self.per_length) - at_joints[:-1]
 
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
+    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return bounds on the curve's turns, the last link's direction and the links' offsets from the curve, by name.
 
         Turns start at 0, and the fraction of the offsets that remains lies in [0, 1]. Each of the last link's two
@@ -269,11 +289,15 @@ class BishopFrames(CurveFrames):
             lies: unused.
             direction: direction of the last link at the goal, shape (3,), or None for no bounds on the components.
             turned: tolerance of the last link's direction [rad].
+            rolled: tolerance of its roll [rad]; above a right angle, the roll is not held.
         """
         del lies
         turns = np.append(0.0, np.full(self.parts[0].count, np.inf))
         most = np.full(2, np.inf if direction is None else np.sin(turned) / np.sqrt(2.0))
         held = {f"turned {name}": pinned_bounds(turns) for name in self.directions}
+        if self.up:
+            beside = np.array([np.sin(rolled) if rolled < 0.5 * np.pi else np.inf])
+            held["tip roll"] = (-beside, beside)
         return {**held, "tip parts": (-most, most), "stray": (np.zeros(1), np.ones(1))}
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> SpaceConfiguration:

@@ -118,12 +118,14 @@ class CurveFrames(ABC):
         links: number of links n.
         shares: length of each link as a fraction of the arm's; empty if all are equal.
         along: direction of each link in the frame that its joint turns, d numbers a link; empty if all lie along x.
+        up: up axis of the last link in that frame, three numbers; empty if the goal allows any roll.
     """
 
     segments: int
     links: int
     shares: tuple[float, ...] = ()
     along: tuple[float, ...] = ()
+    up: tuple[float, ...] = ()
     directions: ClassVar[tuple[str, ...]]
     """Names of the k directions in which the curvatures bend the curve; a joint has one bend for each."""
     start_keeps_rows: ClassVar[bool]
@@ -228,23 +230,27 @@ class CurveFrames(ABC):
         """Return the orientations of links, shape (n, f), for given joint bends, shape (n, k) [rad]."""
 
     @abstractmethod
-    def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
+    def values(
+        self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+    ) -> dict[str, FloatArray]:
         """Return the values at a pose of the symbols and parameters that a subclass adds, by name.
 
         Args:
             curve: a curve near the pose.
             lies: orientations of the links, shape (n, f).
             direction: direction of the last link at the goal, shape (d,), or None.
+            beside: unit vector perpendicular to the direction and to where up is at the goal, shape (3,), or None.
         """
 
     @abstractmethod
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
+    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return the bounds of the links and of added symbols, which hold the direction of the last link at the goal.
 
         Args:
             lies: orientations of the links of the start pose, shape (n, f).
             direction: direction of the last link at the goal, shape (d,), or None.
             turned: tolerance of the last link's direction [rad].
+            rolled: tolerance of its roll [rad].
         """
 
     @abstractmethod
@@ -344,19 +350,23 @@ class PlanarFrames(CurveFrames):
         """Return the headings of the links, the cumulative sums of the joint bends, both of shape (n, 1) [rad]."""
         return np.cumsum(bends, axis=0)
 
-    def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
+    def values(
+        self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+    ) -> dict[str, FloatArray]:
         """Return an empty mapping, since no symbols are added in the plane."""
-        del curve, lies, direction
+        del curve, lies, direction, beside
         return {}
 
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
+    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return bounds on the link headings that point the last link in the goal direction, within a tolerance.
 
         Args:
             lies: headings of the links of the start pose, whose number of whole turns is kept, shape (n, 1) [rad].
             direction: direction of the last link at the goal, shape (2,), or None for no bounds.
             turned: tolerance of the heading [rad].
+            rolled: without effect in the plane.
         """
+        del rolled
         if direction is None:
             return {}
         heading = float(np.arctan2(direction[1], direction[0]))

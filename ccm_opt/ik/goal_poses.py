@@ -16,6 +16,7 @@ from ccm_opt.ik.pose_regions import JointRegions, held_segments, regions_about
 from ccm_opt.ik.pose_settings import DEFAULT_POSES, TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.ik.row_program import RowBlock
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
@@ -182,7 +183,9 @@ class GoalPoses:
         sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
         segments = self.settings.segments_for(arm.links)
         along = () if arm.tool_links is None else tuple(arm.tool_links.along.ravel().tolist())
-        size = PoseSize(arm.dimension, arm.links, sides, segments, loads is not None, _link_shares(arm), along)
+        roll = TipRoll.of(self.target, arm, self.problem.tolerances.roll)
+        up = () if roll is None else tuple(arm.up_in_last_link.tolist())
+        size = PoseSize(arm.dimension, arm.links, sides, segments, loads is not None, _link_shares(arm), along, up)
         plain = pose_program(size)
         program = plain if self.terms is None else with_user_terms(plain, self.terms)
         weights = self.settings.objective_weights(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
@@ -193,6 +196,7 @@ class GoalPoses:
             arm=arm,
             position=self.target.position,
             direction=self.target.direction,
+            roll=roll,
             near=seed if self.near is None else self.near,
             start=start,
             regions=regions,

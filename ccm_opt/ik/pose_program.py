@@ -32,6 +32,7 @@ class PoseSize:
         shares: length of each link as a fraction of the arm's; empty if all are equal.
         along: direction of each link in the frame in which it is turned by its joint, ``dimension`` numbers a link;
             empty if all lie along x.
+        up: up axis of the last link in that frame, three numbers; empty if the goal allows any roll.
     """
 
     dimension: int
@@ -41,6 +42,7 @@ class PoseSize:
     loaded: bool
     shares: tuple[float, ...] = ()
     along: tuple[float, ...] = ()
+    up: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +254,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 def pose_program(size: PoseSize) -> PoseProgram:
     """Return the goal-pose NLP of a size, with its symbols, constraints and objective; nothing is solved."""
     kind = PlanarFrames if size.dimension == 2 else BishopFrames
-    frames: CurveFrames = kind(size.segments, size.links, size.shares, size.along)
+    frames: CurveFrames = kind(size.segments, size.links, size.shares, size.along, size.up)
     points = ca.SX.sym("point", size.dimension, size.links + 1)
     feed = ca.SX.sym("feed")
     gap = ca.SX.sym("gap")

@@ -15,6 +15,7 @@ from ccm_opt.ik.pose_program import PoseProgram
 from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.row_program import IPOPT_SWITCHES, RowAnswer, built_solver, row_answer
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares
 
@@ -84,6 +85,7 @@ class PoseQuestion:
         arm: the arm.
         position: goal of the tip, shape (d,) [m].
         direction: direction of the last link at the goal, a unit vector of shape (d,), or None.
+        roll: required roll of the last link at the goal; None if any is allowed.
         near: configuration from which deviations are penalised, shape (c,) [rad, m].
         start: configuration from which the solver starts, usually inside its regions, shape (c,) [rad, m]. In the
             plane the heading of the last link keeps the number of whole turns of the start.
@@ -102,6 +104,7 @@ class PoseQuestion:
     arm: Arm
     position: FloatArray
     direction: FloatArray | None
+    roll: TipRoll | None
     near: FloatArray
     start: FloatArray
     regions: JointRegions
@@ -162,7 +165,8 @@ class PoseQuestion:
     @cached_property
     def _frame_symbol_counts(self) -> dict[str, FloatArray]:
         """Values at the start pose of the variables and parameters that depend on the type of frames, by name."""
-        return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1])
+        beside = None if self.roll is None else self.roll.beside @ self._axes
+        return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1], beside)
 
     @cached_property
     def parameters(self) -> FloatArray:
@@ -233,7 +237,7 @@ class PoseQuestion:
         low, high = self.feed_range
         by_name = {
             **frames.curve_bounds(),
-            **frames.bounds(self._lies, direction, self.room[1]),
+            **frames.bounds(self._lies, direction, self.room[1], 0.0 if self.roll is None else self.roll.room),
             "bends": self.bend_bounds(_LIMIT_SHARE),
             "points": (np.vstack((-free, position - reach)), np.vstack((free, position + reach))),
             "feed": (np.array([low / length]), np.array([high / length])),

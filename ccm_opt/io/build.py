@@ -522,7 +522,8 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
         return build_pose(table, arm, mapping)
     direction = None if table.direction is None else np.array(table.direction)
     via = tuple(np.array(place) for place in table.via or ())
-    return TipGoal(np.array(table.position), direction, via, table.heading_deg)
+    up = None if table.up is None else np.array(table.up)
+    return TipGoal(np.array(table.position), direction, via, table.heading_deg, up=up)
 
 
 def _look_at(table: GoalTable | SpaceGoalTable) -> LookAt:
@@ -550,7 +551,8 @@ def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
     """Return the position and angle tolerances of the table ``[goal]``."""
     if table.look_at is not None:
         return _look_at(table).tolerances
-    return Tolerances(table.position_tolerance, table.heading_tolerance_deg or table.direction_tolerance_deg)
+    turn = table.heading_tolerance_deg or table.direction_tolerance_deg
+    return Tolerances(table.position_tolerance, turn, table.roll_tolerance_deg)
 
 
 def build_options(table: PlannerTable) -> PlannerOptions:

@@ -351,6 +351,8 @@ def goal_table(
         angle = "direction" if in_space else "heading"
         turned = tolerances.heading if goal.path is None else None
         entries |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": turned}
+        if in_space:
+            entries["roll_tolerance_deg"] = None if goal.up is None else tolerances.roll
     if (pose := goal.for_joints) is not None:
         entries["feed"] = pose.feed if fed else None
         if in_space and np.ndim(pose.feed):

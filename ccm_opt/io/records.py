@@ -208,7 +208,12 @@ def tour_data(tour: Tour) -> dict[str, object]:
 
 def goal_data(errors: GoalErrors) -> dict[str, object]:
     """Return the record of the deviation of the last link from its goal pose [m, rad]."""
-    return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
+    found: dict[str, object] = {
+        "position_error": errors.position,
+        "direction_error": errors.direction,
+        "roll": errors.roll,
+    }
+    return found if errors.roll_error is None else found | {"roll_error": errors.roll_error}
 
 
 def _check_data(check: Check) -> dict[str, object]:

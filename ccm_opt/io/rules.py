@@ -10,7 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, message_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
-from ccm_opt.io.schema import TABLES, PlaneArmTable, PoseTable, SpaceArmTable, SpacePoseTable
+from ccm_opt.io.schema import TABLES, PlaneArmTable, PoseTable, SpaceArmTable, SpaceGoalTable, SpacePoseTable
 from ccm_opt.io.schema_tables import (
     SECTION_KEYS,
     ArmTable,
@@ -31,11 +31,13 @@ from ccm_opt.io.tool_tables import (
     SpaceToolTable,
 )
 from ccm_opt.problem import ImportedDrawing
+from ccm_opt.problem.definition import MOST_TURN_WITH_UP
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.problem.tool_rules import Key, tool_defects
 from ccm_opt.robot.arc_sections import MOST_ARC_TURN
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.tool import PARALLEL
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import enclosure_advice
 from ccm_opt.scene.distances.insides import depth_inside
@@ -583,6 +585,30 @@ def check_pose(
                 f"the lengths of the segments add up to {file_length(total, 9)}; expected the arm's length, "
                 f"links * link_length = {file_length(length, 9)}",
             )
+
+
+def check_up(goal: SpaceGoalTable, path: KeyPath, tool: SpaceToolTable | None, issues: Issues) -> None:
+    """Report an up direction of a goal that does not determine the roll about the goal's direction.
+
+    Args:
+        goal: the table of the goal.
+        path: its key path.
+        tool: the table of the arm's tool, or None.
+        issues: receives the defects.
+    """
+    if goal.up is None or goal.direction is None:
+        return
+    if np.linalg.norm(np.cross(goal.up, goal.direction)) < PARALLEL:
+        issues.add((*path, "up"), "parallel to goal.direction; expected a vector with a component across it")
+    if goal.direction_tolerance_deg > MOST_TURN_WITH_UP + ANGLE_TOLERANCE:
+        issues.add((*path, "direction_tolerance_deg"), "expected at most 45 together with goal.up")
+    if tool is None:
+        return
+    up = [0.0, 0.0, 1.0] if tool.up is None else tool.up
+    if np.linalg.norm(np.cross(up, tool.direction)) < PARALLEL:
+        given = "missing" if tool.up is None else "parallel to arm.tool.direction"
+        what = "z, the default, is along arm.tool.direction" if tool.up is None else "expected a component across it"
+        issues.add(("arm", "tool", "up"), f"{given}; goal.up needs it, and {what}")
 
 
 def _check_section_bends(sections: Sequence[SectionTable], bends: Sequence[Any], path: KeyPath, issues: Issues) -> None:

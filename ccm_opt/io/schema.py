@@ -177,7 +177,9 @@ class GoalTable(PoseTable):
     direction: ClassVar[None] = None
     via: ClassVar[None] = None
     path: ClassVar[None] = None
+    up: ClassVar[None] = None
     direction_tolerance_deg: ClassVar[float] = 0.0
+    roll_tolerance_deg: ClassVar[float] = Tolerances.roll
 
     position: Point | None = Field(default=None, description="Position of the tip.")
     look_at: Point | None = Field(
@@ -665,6 +667,8 @@ class SpaceGoalTable(SpacePoseTable):
             **dict.fromkeys(("direction", "via"), ("position",)),
             **dict.fromkeys(TOLERANCE_KEYS, ("position", "joints_deg", "shape")),
             "position_tolerance": ("position", "path", "joints_deg", "shape"),
+            "up": ("direction",),
+            "roll_tolerance_deg": ("up",),
             **VIEW_NEEDS,
         },
     )
@@ -673,6 +677,13 @@ class SpaceGoalTable(SpacePoseTable):
     position: SpacePoint | None = Field(default=None, description="Position of the tip.")
     direction: Direction | None = Field(
         default=None, description="Direction of the last link, with `position`. Default: free."
+    )
+    up: Direction | None = Field(
+        default=None,
+        description=(
+            "Where up is at the goal, with `direction`: as seen along it, the up axis of the tool, or z of the last "
+            "link, points there ([how](arms.md#roll-at-the-goal)). Default: any roll."
+        ),
     )
     look_at: SpacePoint | None = Field(
         default=None,
@@ -708,6 +719,9 @@ class SpaceGoalTable(SpacePoseTable):
     )
     direction_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.heading, description="Largest deviation of the last link from the goal's direction."
+    )
+    roll_tolerance_deg: PositiveDegrees = Field(
+        default=Tolerances.roll, description="Largest roll about the goal's direction away from `up`."
     )
     pause: Annotated[float, Field(ge=0.0)] = Field(
         default=0.0, description="Time at rest at this goal before the next leg [s]."

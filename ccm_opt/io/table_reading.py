@@ -37,6 +37,7 @@ from ccm_opt.io.rules import (
     check_meshes,
     check_pose,
     check_unequal_links,
+    check_up,
     goal_paths,
     odd_mesh_size,
 )
@@ -47,6 +48,7 @@ from ccm_opt.io.schema import (
     PoseTable,
     RootTable,
     SpaceArmTable,
+    SpaceGoalTable,
     SpacePoseTable,
     SpaceWorkspaceTable,
 )
@@ -240,6 +242,8 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
     poses += [(("goal", k) if len(goals) > 1 else ("goal",), goal) for k, goal in enumerate(goals)]
     for path, pose in poses:
         check_pose(table, pose, path, issues)
+        if isinstance(pose, SpaceGoalTable):
+            check_up(pose, path, table.tool if isinstance(table, SpaceArmTable) else None, issues)
         if arm_is_whole:
             _check_built_pose(table, pose, mapping, path, issues)
             _check_travel(table, pose, path, issues)

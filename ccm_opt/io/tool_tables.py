@@ -276,7 +276,14 @@ class SpaceToolTable(SpaceRigidTable):
 
     tip: SpacePoint = Field(default=[0.0, 0.0, 0.0], description="Point that goals are for.")
     direction: Direction = Field(
-        default=[1.0, 0.0, 0.0], description="Direction in which the tool points, that goals are for; its roll follows."
+        default=[1.0, 0.0, 0.0], description="Direction in which the tool points, that goals are for."
+    )
+    up: Direction | None = Field(
+        default=None,
+        description=(
+            "Direction that is up for the tool, for goals with `up`: its part perpendicular to `direction` counts. "
+            "Default: z."
+        ),
     )
 
 
@@ -353,7 +360,8 @@ def _rigid(table: PlaneRigidTable | SpaceRigidTable) -> dict[str, Any]:
 
 def build_tool(table: PlaneToolTable | SpaceToolTable) -> Tool:
     """Return the tool that a table describes."""
-    return Tool(**_rigid(table), tip=np.array(table.tip), direction=np.array(table.direction))
+    up = None if isinstance(table, PlaneToolTable) or table.up is None else np.array(table.up)
+    return Tool(**_rigid(table), tip=np.array(table.tip), direction=np.array(table.direction), up=up)
 
 
 def build_bodies(

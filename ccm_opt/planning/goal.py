@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, least_change
 from ccm_opt.planning.settings import GoalSettings
@@ -30,6 +31,7 @@ class GoalPose:
         room: distance [m] and turn [rad] by which a pose may deviate from position and direction. If not zero, the goal
             is a set, any member of which is acceptable; zeros for a goal that has to be met exactly.
         near_enough: distance [m] and turn [rad] that are still accepted if no pose meets the goal exactly.
+        roll: required roll about ``direction``, which must be given too; None if any is acceptable.
         limits: further limits that apply at the goal; usually none.
         settings: settings of the pull and of Newton's method.
     """
@@ -39,6 +41,7 @@ class GoalPose:
     coordinates: FloatArray | None = None
     room: tuple[float, float] = (0.0, 0.0)
     near_enough: tuple[float, float] = (0.0, 0.0)
+    roll: TipRoll | None = None
     limits: tuple[LimitOf[Any], ...] = ()
     settings: GoalSettings = field(default_factory=GoalSettings)
 
@@ -92,14 +95,20 @@ class GoalPose:
         axis = np.array(aside) / sine if sine > 1e-12 else np.eye(len(aside))[0]
         return np.asarray(max(float(np.arctan2(sine, along)) - self.room[1], 0.0) * axis)
 
+    def rolled(self, pose: Pose) -> float:
+        """Return the roll of a pose's tip away from the nearest acceptable roll, about the direction [rad]."""
+        return 0.0 if self.roll is None else float(self.roll.of_frames(pose.frames[-1]))
+
     def errors(self, pose: Pose) -> tuple[float, float]:
-        """Return the distance [m] and the turn [rad] of a pose's tip to the nearest acceptable tip pose."""
-        return float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
+        """Return the distance [m] and the turn, roll included [rad], of a pose's tip to the nearest acceptable pose."""
+        turn = float(np.linalg.norm(self.turn(pose)))
+        return float(np.linalg.norm(self.offset(pose))), float(np.hypot(turn, self.rolled(pose)))
 
     def met(self, pose: Pose) -> bool:
         """Return whether a pose is within the accepted distance of the goal and satisfies the limits at the goal."""
-        distance, turn = self.errors(pose)
-        return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
+        distance, turn = float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
+        rolls = self.roll is None or abs(self.rolled(pose)) <= self.roll.near_enough
+        return distance <= self.near_enough[0] and turn <= self.near_enough[1] and rolls and self.limits_met(pose)
 
     def on_goal(self, pose: Pose) -> bool:
         """Return whether a pose is on the goal up to rounding."""
@@ -142,6 +151,14 @@ class GoalPose:
             asked = min(size + _INWARDS * self.room[1], settings.turn_step)
             step = asked / max(size, TINY) * turn
             terms.append(Term(pose.tip_turning, step, settings.heading_weight * weight))
+        if self.roll is not None and (self.roll.room == 0.0 or self.rolled(pose)):
+            rolled = self.rolled(pose)
+            back = -np.sign(rolled) * min(abs(rolled) + _INWARDS * self.roll.room, settings.turn_step)
+            terms.append(
+                Term(
+                    self.roll.row(pose.frames[-1], pose.turning[-1]), np.array([back]), settings.heading_weight * weight
+                )
+            )
         for limit in self.limits:
             rows, wanted = limit.restoration(pose, settings.turn_step)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
@@ -150,22 +167,27 @@ class GoalPose:
     def rows(self, pose: Pose, unit: float) -> FloatArray:
         """Return the derivatives of a pose's tip position and direction with respect to the unknowns, shape (k, p).
 
-        The position, in multiples of ``unit`` [m], comes first; a direction follows if the goal prescribes one.
+        The position, in multiples of ``unit`` [m], comes first; direction and roll follow if the goal prescribes them.
         """
         place = pose.moving[-1] / unit
-        return place if self.direction is None else np.concatenate((place, pose.tip_turning))
+        rows = [place] if self.direction is None else [place, pose.tip_turning]
+        return np.concatenate(rows if self.roll is None else [*rows, self.roll.row(pose.frames[-1], pose.turning[-1])])
 
     def equations(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives (k, p) and required changes (k,) of a pose's tip for Newton's method onto the goal.
 
-        A position, in multiples of ``unit`` [m], or direction that is already within the tolerance gives no equation.
+        A position, in multiples of ``unit`` [m], direction or roll that is within the tolerance gives no equation.
         """
         offset = self.offset(pose) / unit
         turn = self.turn(pose)
         far = self.room[0] == 0.0 or bool(np.any(offset))
         turned = self.direction is not None and (self.room[1] == 0.0 or bool(np.any(turn)))
         rows = [pose.moving[-1][: len(offset) * far] / unit, pose.tip_turning[: len(turn) * turned]]
-        return np.concatenate(rows), np.concatenate((offset[: len(offset) * far], turn[: len(turn) * turned]))
+        changes = [offset[: len(offset) * far], turn[: len(turn) * turned]]
+        if self.roll is not None and (self.roll.room == 0.0 or self.rolled(pose)):
+            rows.append(self.roll.row(pose.frames[-1], pose.turning[-1]))
+            changes.append(np.array([-self.rolled(pose)]))
+        return np.concatenate(rows), np.concatenate(changes)
 
 
 def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: float = np.inf) -> Pose:

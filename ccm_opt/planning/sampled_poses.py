@@ -13,6 +13,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.planning.goal import GoalPose, moved_onto
@@ -46,6 +47,8 @@ of a millisecond each. Measured among bars: of these one in a hundred is free, o
 thousand."""
 _FACING = 0.3
 """Position error that is equivalent to a direction error of one radian, in arm lengths. Heuristic."""
+_ROLLED = 0.1
+"""Position error that is equivalent to a roll of one radian, in arm lengths. Heuristic: links roll by many bends."""
 _NEWTON_STEPS = 20
 """Maximum number of steps of Newton's method onto the goal. Heuristic: it converges in some six or never."""
 _NEWTON_TURN = 1.5
@@ -174,12 +177,16 @@ def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> Floa
     Direction errors are converted to equivalent position errors and added.
     """
     arm = stepper.space.arm
-    joints = arm.joint_positions_at(stepper.space.configurations(shapes))
+    q = stepper.space.configurations(shapes)
+    joints = arm.joint_positions_at(q)
     away = np.linalg.norm(joints[:, -1] - goal.position, axis=1) / arm.length
     if goal.direction is None:
         return np.asarray(away)
     ahead = (joints[:, -1] - joints[:, -2]) @ goal.direction / arm.lengths[-1]
-    return np.asarray(away + _FACING * np.arccos(np.clip(ahead, -1.0, 1.0)))
+    away = away + _FACING * np.arccos(np.clip(ahead, -1.0, 1.0))
+    if goal.roll is None:
+        return np.asarray(away)
+    return np.asarray(away + _ROLLED * np.abs(goal.roll.of_frames(arm.link_rotations(q)[:, -1])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,14 +236,17 @@ class CurvePoints:
         offset, slopes = self.configurations
         missed = np.empty(len(points))
         directed = goal.direction is not None
+        roll = goal.roll or TipRoll(*np.zeros((3, 3)))
         NativeCall(
             "shapes_onto_goal",
-            links=arm.links, size=points.shape[1], shapes=len(points), directed=directed, steps=_NEWTON_STEPS,
+            links=arm.links, size=points.shape[1], shapes=len(points), directed=directed,
+            rolled=goal.roll is not None, steps=_NEWTON_STEPS,
             whole=arm.length, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs, largest=_NEWTON_TURN,
             carrier=arm.carrier_for_c, offset=offset, slopes=slopes, low=arm.lower_limits, high=arm.upper_limits,
             inverse=np.linalg.pinv(slopes), position=goal.position,
             direction=goal.direction if directed else np.zeros(3),
-            work=np.empty(26 * arm.links + 7 * (points.shape[1] + len(arm.base_axes)) + 12), points=points,
+            up=roll.up, beside=roll.beside, own=roll.own, room=roll.room,
+            work=np.empty(28 * arm.links + 8 * (points.shape[1] + len(arm.base_axes)) + 12), points=points,
             missed=missed,
         )()  # fmt: skip
         return missed

@@ -3,13 +3,13 @@
 
 #include "link_places.h"
 
-#define ROWS 6       /* of the tip's place and direction */
+#define ROWS 7       /* of the tip's place, direction and roll */
 #define RIDGE 1e-9   /* of the equations, whose rows for a direction are one too many */
 #define ARRIVED 1e-7 /* error that counts as none */
 #define BACK 1.3     /* of what joints are bent beyond their limits, by how much they are bent back */
 
 typedef struct {
-    int64_t links, size, shapes, directed, steps; /* whether the goal has a direction; most steps */
+    int64_t links, size, shapes, directed, rolled, steps; /* whether the goal has a direction, a roll; most steps */
     double whole, largest;                        /* length of the arm; largest step */
     const double *lengths, *arcs;                 /* of the links, (links,); arcs as in link_places.h */
     const double *turns;                          /* constant rotations of the links; may be missing */
@@ -17,13 +17,14 @@ typedef struct {
     const double *offset, *slopes;       /* (c,) and (size, c) */
     const double *low, *high, *inverse;  /* limits of the coordinates, (c,); of the slopes, (c, size) */
     double position[3], direction[3];
-    double *work;   /* 26 numbers a link, 7 an axis and a coordinate of points, and 12 more */
+    double up[3], beside[3], own[3], room; /* where the up axis points, direction x up, the axis in the last link */
+    double *work;   /* 28 numbers a link, 8 an axis and a coordinate of points, and 12 more */
     double *points; /* (shapes, size), moved */
     double *missed; /* (shapes,): errors that are left, in arm lengths and radians */
 } GoalShapes;
 
-/* Solve six equations with a symmetric positive definite matrix, in place. */
-static void solve_six(double matrix[ROWS][ROWS], double *value)
+/* Solve equations with a symmetric positive definite matrix, in place. */
+static void solve_rows(double matrix[ROWS][ROWS], double *value)
 {
     for (int i = 0; i < ROWS; i++)
         for (int j = 0; j <= i; j++) {
@@ -41,7 +42,21 @@ static void solve_six(double matrix[ROWS][ROWS], double *value)
     }
 }
 
-/* Errors of the tip, (6,), and their derivatives by the coordinates, (c, 6); returns the largest error. */
+/* The error of the roll; its derivative is the lever times the rate of rotation. */
+static double roll_error(const GoalShapes *g, const double *last, double *lever)
+{
+    double axis[3], turned[3];
+    for (int d = 0; d < 3; d++) axis[d] = dot(last + 3 * d, g->own), lever[d] = 0.0;
+    if (!g->rolled) return 0.0;
+    double along = dot(axis, g->up), aside = dot(axis, g->beside), square = along * along + aside * aside;
+    double roll = atan2(aside, along), beyond = larger(fabs(roll) - g->room, 0.0);
+    if (g->room > 0.0 && beyond == 0.0) return 0.0;
+    for (int d = 0; d < 3; d++) turned[d] = (along * g->beside[d] - aside * g->up[d]) / square;
+    cross(axis, turned, lever);
+    return roll > 0.0 ? -beyond : beyond;
+}
+
+/* Errors of the tip, (7,), and their derivatives by the coordinates, (c, 7); returns the largest error. */
 static double tip_errors(const GoalShapes *g, const double *q, double *frames, double *error, double *by_bends)
 {
     int64_t n = g->links;
@@ -49,7 +64,8 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
     place_links(n, g->lengths, g->turns, g->arcs, &g->carrier, q, frames, rotations);
     place_base(&g->carrier, q + 2 * n, place, base, now);
     const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
-    double ahead[3] = {last[0], last[3], last[6]};
+    double ahead[3] = {last[0], last[3], last[6]}, lever[3];
+    error[6] = roll_error(g, last, lever);
     for (int d = 0; d < 3; d++) {
         error[d] = (g->position[d] - tip[d]) / size;
         error[3 + d] = g->directed ? g->direction[d] - ahead[d] : 0.0;
@@ -67,6 +83,7 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
             for (int d = 0; d < 3; d++) by_bends[ROWS * i + d] += grows * (frame[3 * d] + after[3 * d]);
         }
         cross(axis, ahead, by_bends + ROWS * i + 3);
+        by_bends[ROWS * i + 6] = dot(lever, axis);
     }
     for (int64_t k = 0; k < g->carrier.count; k++) {
         const double *axis = now + 6 * k;
@@ -75,6 +92,7 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
         minus(tip, axis + 3, lever);
         cross(axis, lever, row);
         cross(axis, ahead, row + 3);
+        row[6] = turns ? dot(lever, axis) : 0.0;
         for (int d = 0; d < 3 && !turns; d++) row[d] = axis[d], row[3 + d] = 0.0;
     }
     for (int64_t i = 0; i < 2 * n + g->carrier.count; i++)
@@ -125,7 +143,7 @@ static double move_onto_goal(const GoalShapes *g, double *point)
             }
         for (int64_t d = 0; d < g->size; d++)
             for (int r = 0; r < ROWS; r++) error[r] -= rows[ROWS * d + r] * back[d];
-        solve_six(matrix, error);
+        solve_rows(matrix, error);
         for (int64_t d = 0; d < g->size; d++) {
             double change = back[d];
             for (int r = 0; r < ROWS; r++) change += rows[ROWS * d + r] * error[r];

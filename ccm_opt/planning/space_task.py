@@ -12,6 +12,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import short_length
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
@@ -322,7 +323,8 @@ def space_task(
     else:
         # Half of the tolerances is left to the stages after planning.
         near_enough = (0.5 * problem.tolerances.position, 0.5 * problem.tolerances.heading)
-        tip = GoalPose(goal.tip(arm), goal.direction, near_enough=near_enough)
+        roll = TipRoll.of(goal, arm, problem.tolerances.roll)
+        tip = GoalPose(goal.tip(arm), goal.direction, near_enough=near_enough, roll=roll)
     return SpaceTask(
         arm=arm,
         tree=tree,

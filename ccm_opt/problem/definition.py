@@ -32,6 +32,7 @@ from ccm_opt.robot.base_axes import MOST_AXES
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.couplings import DriveCoupling
 from ccm_opt.robot.link_layout import Proportions
+from ccm_opt.robot.tool import across
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.surface_pieces import MOST_PIECES, piece_count, surface_centre, without_flat_parts
 from ccm_opt.scene.workspace import PlaneShape, Workspace
@@ -273,6 +274,8 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
             continue
         if pose.direction is not None:
             yield from _unit_defects(f"{name}.direction", pose.direction, d)
+        if pose.up is not None:
+            yield from _up_defects(name, pose, pose.up, tolerances, problem.arm)
         if d == 2 and pose.via:
             yield f"{name}.via is for arms in space; in the plane, make its points stops"
             continue
@@ -282,6 +285,39 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
             yield from _path_defects(name, pose, pose.path, problem.arm)
     yield from feed_defects(problem.arm, problem.limits, placed)
     yield from _carrier_defects(problem)
+
+
+MOST_TURN_WITH_UP = float(np.deg2rad(45.0))
+"""Largest tolerance of a goal's direction beside an up direction [rad]: the tool's up axis stays well across it."""
+
+
+def _up_defects(name: str, goal: TipGoal, up: FloatArray, tolerances: Tolerances, arm: Arm) -> Iterator[str]:
+    """Yield a sentence for each defect of the up direction of a goal of an arm."""
+    if arm.dimension == 2:
+        yield f"{name}.up is for arms in space; in the plane nothing rolls"
+        return
+    found = tuple(_unit_defects(f"{name}.up", up, 3))
+    yield from found
+    if found:
+        return
+    if goal.direction is None:
+        yield f"{name}.up needs {name}.direction, about which it fixes the roll"
+        return
+    yield from _broken(
+        (
+            not np.any(np.isnan(across(up, goal.direction))),
+            f"{name}.up is parallel to {name}.direction; expected a vector with a component across it",
+        ),
+        (
+            tolerances.heading <= MOST_TURN_WITH_UP + UNIT_ROUNDING,
+            f"{name}.direction_tolerance_deg must be at most 45 with {name}.up",
+        ),
+        (tolerances.roll > 0.0, f"{name}.roll_tolerance_deg must be positive"),
+        (
+            arm.tool is None or not np.any(np.isnan(arm.tool.up_axis)),
+            f"arm.tool.up must be given with {name}.up, and not be parallel to arm.tool.direction",
+        ),
+    )
 
 
 def _look_at_defects(name: str, goal: TipGoal, look_at: LookAt, tolerances: Tolerances, d: int) -> Iterator[str]:
@@ -294,8 +330,8 @@ def _look_at_defects(name: str, goal: TipGoal, look_at: LookAt, tolerances: Tole
     yield from _broken(
         *_sight_rules(name, look_at),
         (
-            not goal.via and goal.direction is None and goal.path is None,
-            f"{name}.look_at goes together with neither via nor direction nor path",
+            not goal.via and goal.direction is None and goal.path is None and goal.up is None,
+            f"{name}.look_at goes together with neither via nor direction nor path nor up",
         ),
         (np.array_equal(goal.position, look_at.place), f"{name}.position must be the place that is looked at"),
         (tolerances == look_at.tolerances, f"{name}'s tolerances must be those of what it looks at"),

@@ -14,6 +14,7 @@ from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import FEED, Coordinates
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.tool import across
 from ccm_opt.scene.surface_pieces import surface_centre
 from ccm_opt.scene.workspace import Workspace
 
@@ -41,6 +42,7 @@ class JointPose:
     via: ClassVar[tuple[FloatArray, ...]] = ()
     path: ClassVar[None] = None
     look_at: ClassVar[None] = None
+    up: ClassVar[None] = None
     for_tip: ClassVar[None] = None
 
     @property
@@ -125,10 +127,17 @@ class JointPose:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Maximum deviations at a goal, of the tip position [m] and of the heading or direction of the last link [rad]."""
+    """Maximum deviations at a goal.
+
+    Attributes:
+        position: of the tip position [m].
+        heading: of the heading or direction of the last link [rad].
+        roll: of the roll about the goal's direction, if the goal has an up direction [rad].
+    """
 
     position: float = 1e-3
     heading: float = float(np.deg2rad(1.0))
+    roll: float = float(np.deg2rad(1.0))
 
 
 @dataclass(frozen=True)
@@ -200,6 +209,8 @@ class TipGoal:
         path: points of a path in space that the tip follows to the goal, from where it starts, shape (m ≥ 2, 3) [m];
             None if the way is free. The path is the natural cubic spline through the points over their chord lengths.
         look_at: what the arm looks at from this goal, see ``looking``; None if the goal is the position itself.
+        up: where the tool's up axis, or the z axis of the last link, points as seen along ``direction``, shape (3,),
+            not parallel to it; None if any roll about the direction is allowed.
     """
 
     position: FloatArray
@@ -208,6 +219,7 @@ class TipGoal:
     heading: float | None = None
     path: FloatArray | None = None
     look_at: LookAt | None = None
+    up: FloatArray | None = None
     for_joints: ClassVar[None] = None
 
     @property
@@ -230,6 +242,18 @@ class TipGoal:
         """Return the required position of the tip, shape (2,) or (3,) [m]."""
         return self.position
 
+    def roll_of(self, up: FloatArray) -> float:
+        """Return the angle about the goal's direction from its up direction to another one, in space [rad].
+
+        Both are seen along the direction. The goal must have an up direction.
+
+        Args:
+            up: the other direction, shape (3,).
+        """
+        direction = np.asarray(self.direction)
+        above = across(np.asarray(self.up), direction)
+        return float(np.arctan2(up @ np.cross(direction, above), up @ above))
+
     @classmethod
     def looking(cls, look_at: LookAt) -> "TipGoal":
         """Return the goal of looking at a place; its tolerances must be ``look_at.tolerances``."""
@@ -247,6 +271,7 @@ class TipGoal:
         heading_deg: float | None = None,
         *,
         direction: Sequence[float] | FloatArray | None = None,
+        up: Sequence[float] | FloatArray | None = None,
         unit: LengthUnit = "m",
     ) -> "TipGoal":
         """Return a goal for the tip from a position in a unit of choice and, in the plane, a heading in degrees.
@@ -255,6 +280,8 @@ class TipGoal:
             position: position of the tip, (x, y), or (x, y, z) in space, in ``unit``.
             heading_deg: heading of the last link in the plane [deg]; None if any heading is allowed.
             direction: direction of the last link in space, a vector of any length; None if any direction is allowed.
+            up: where the up axis of the tool, or of the last link, points in space as seen along ``direction``, a
+                vector of any length; None if any roll is allowed.
             unit: unit of the position: "m", "mm" or "in".
 
         Raises:
@@ -267,14 +294,18 @@ class TipGoal:
         place = given.metres * given.numbers("position", position, 3 if in_space else 2, names)
         if not in_space:
             given.must(direction is None, "direction: only allowed in space; expected heading_deg in the plane")
+            given.must(up is None, "up: only allowed in space; in the plane nothing rolls")
             heading = None if heading_deg is None else given.number("heading_deg", heading_deg)
             given.refuse()
             return cls(place, heading=None if heading is None else float(np.deg2rad(heading)))
         given.must(heading_deg is None, "heading_deg: only allowed in the plane; expected direction in space")
         along = None if direction is None else given.numbers("direction", direction, 3, names)
         given.must(along is None or bool(np.any(along)), "direction: expected a nonzero vector")
+        above = None if up is None else given.numbers("up", up, 3, names)
+        given.must(above is None or bool(np.any(above)), "up: expected a nonzero vector")
         given.refuse()
-        return cls(place, None if along is None else along / np.linalg.norm(along))
+        pointing = None if along is None else along / np.linalg.norm(along)
+        return cls(place, pointing, up=None if above is None else above / np.linalg.norm(above))
 
 
 Goal: TypeAlias = TipGoal | JointPose

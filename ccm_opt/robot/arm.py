@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Literal, get_args
 
 import numpy as np
@@ -454,6 +454,24 @@ class Arm(LinkLayout):
             carrier=self.carrier_for_c, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
+
+    @property
+    def tip_up(self) -> FloatArray:
+        """Direction that is up for the tool, or z without one, in the frame of the last link in space, shape (3,).
+
+        In an arm with tool links, it is the frame of the last of them.
+        """
+        if self.tool_links is None:
+            return self.up_in_last_link
+        # The tool's frame is that of the last link, from which the rotations of tool links lead on.
+        return np.asarray(reduce(np.matmul, self.tool_links.turns).T @ self.tool_links.up)
+
+    @property
+    def up_in_last_link(self) -> FloatArray:
+        """Direction that is up for the tool, or z without one, in the frame of the last link but tool links, (3,)."""
+        if self.tool_links is not None:
+            return self.tool_links.up
+        return np.eye(3)[2] if self.tool is None else self.tool.up_axis
 
     @property
     def rigid_bodies(self) -> tuple[RigidBody, ...]:

@@ -16,6 +16,8 @@ nothing. Heuristic: farther than any obstacle."""
 
 TOOL = "the tool"
 """Name of a tool in messages."""
+PARALLEL = 1e-3
+"""Sine of the angle between an up direction and the direction it belongs to below which the two count as parallel."""
 INERTIA_ROUNDING = 1e-9
 """Share of moments of inertia by which rounding may make them impossible."""
 
@@ -79,10 +81,31 @@ class Tool(RigidBody):
     Attributes:
         tip: point that goals are for, shape (d,) [m].
         direction: direction in which the tool points, a unit vector, shape (d,).
+        up: direction that is up for the tool, shape (3,), not parallel to ``direction``; None for z. What counts is its
+            part perpendicular to ``direction``. Without effect in the plane.
     """
 
     tip: FloatArray
     direction: FloatArray
+    up: FloatArray | None = None
+
+    @property
+    def up_axis(self) -> FloatArray:
+        """Unit vector perpendicular to ``direction`` that is up for the tool, shape (3,).
+
+        It is NaN where ``up`` is parallel to ``direction``.
+        """
+        return across(np.eye(3)[2] if self.up is None else self.up, self.direction)
+
+
+def across(vector: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the unit vector along the part of a vector that is perpendicular to a unit vector, both (3,).
+
+    It is NaN where the two are parallel.
+    """
+    part = vector - (vector @ direction) * direction
+    size = float(np.linalg.norm(part))
+    return np.asarray(part / size if size > PARALLEL else np.full(3, np.nan))
 
 
 def in_link(place: FloatArray) -> FloatArray:
@@ -135,6 +158,7 @@ class ToolLinks:
             when the arm is straight, over the mean length of links, shape (links,).
         near_ends: likewise places where links end, shape (links,).
         direction: direction in which the tool points, in the frame of the last link without tool links, shape (d,).
+        up: direction that is up for the tool, in that frame, a unit vector perpendicular to ``direction``, shape (3,).
     """
 
     carriers: IntArray
@@ -145,6 +169,7 @@ class ToolLinks:
     near_starts: FloatArray
     near_ends: FloatArray
     direction: FloatArray
+    up: FloatArray
 
     @cached_property
     def own(self) -> BoolArray:

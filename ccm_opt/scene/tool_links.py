@@ -239,7 +239,7 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
         return arm
     chain = BodyChain.of(arm, weighed=weighed)
     own = chain.own
-    if np.all(own):
+    if np.all(own) and (arm.tool is None or arm.tool.up is None):
         return replace(arm, tool=None, bodies=())
     lengths = np.linalg.norm(chain.ends - chain.starts, axis=1)
     lengths[own] = arm.lengths
@@ -273,6 +273,7 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
             starts / mean,
             ends / mean,
             np.eye(arm.dimension)[0] if tool is None else tool.direction,
+            np.eye(3)[2] if tool is None or arm.dimension == 2 else tool.up_axis,
         ),
     )
 

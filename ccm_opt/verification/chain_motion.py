@@ -165,15 +165,30 @@ def pointing(motion: "ChainMotion", sample: int) -> FloatArray:
     tool = motion.arm.tool_links
     if tool is None:
         return np.asarray(link_directions(motion.arm, q)[0, -1])
-    link = int(np.flatnonzero(tool.own)[-1])
     if motion.arm.dimension == 2:
-        along = link_directions(motion.arm, q)[0, link]
+        along = link_directions(motion.arm, q)[0, int(np.flatnonzero(tool.own)[-1])]
         return np.asarray(tool.direction @ np.stack((along, [-along[1], along[0]])))
-    if motion.arm.sections is not None:
-        return np.asarray(arc_frames(motion.arm, q)[0, link] @ tool.direction)
-    frames = LinkFrames.from_configurations(motion.arm, q)
+    return _of_last_link(motion.arm, q, tool.direction)
+
+
+def upward(motion: "ChainMotion", sample: int) -> FloatArray:
+    """Return the direction of the up axis of the arm's tool, or of z of the last link, in space in a sample, (3,).
+
+    It is a unit vector.
+    """
+    tool = motion.arm.tool_links
+    up = np.array([0.0, 0.0, 1.0]) if tool is None else tool.up
+    return _of_last_link(motion.arm, motion.positions[sample : sample + 1], up / np.linalg.norm(up))
+
+
+def _of_last_link(arm: Arm, q: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return a vector, given in the frame of the last link in space, in a configuration, shape (1, c), in the world."""
+    link = arm.links - 1 if arm.tool_links is None else int(np.flatnonzero(arm.tool_links.own)[-1])
+    if arm.sections is not None:
+        return np.asarray(arc_frames(arm, q)[0, link] @ vector)
+    frames = LinkFrames.from_configurations(arm, q)
     axes = (frames.along, frames.second_axes, frames.across)
-    return np.asarray(tool.direction @ np.stack([axis[0, link] for axis in axes]))
+    return np.asarray(vector @ np.stack([axis[0, link] for axis in axes]))
 
 
 def _turned_in_plane(arm: Arm, positions: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.verification.chain_motion import ChainMotion, chain_points, pointing
+from ccm_opt.verification.chain_motion import ChainMotion, chain_points, pointing, upward
 from ccm_opt.verification.drives import (
     axis_limits,
     bend_revolutes,
@@ -138,7 +138,7 @@ def _tip_checks(
     tolerances: Tolerances,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Check the tip position and, if the goal sets one, the direction of the last link, modulo full turns."""
+    """Check the tip at a goal: position and, where the goal sets them, direction modulo full turns, and roll."""
     when = f"at t = {motion.time[sample]:.4f} s"
     error = float(np.linalg.norm(motion.points[sample, -1] - goal.position))
     bound = tolerances.position
@@ -153,6 +153,13 @@ def _tip_checks(
         kind = "heading" if len(wanted) == 2 else "direction"
         passed = turn <= bound + _ROUNDING
         checks.append(Check(f"{name}{kind}", turn, bound, "rad", f"last link {when}", passed=passed))
+        if goal.up is not None:
+            # The angle between two half-planes about the goal's direction, which contain the up axes.
+            first, second = (np.cross(wanted, each) for each in (goal.up, upward(motion, sample)))
+            turn = float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
+            bound = tolerances.roll
+            passed = turn <= bound + _ROUNDING
+            checks.append(Check(f"{name}roll", turn, bound, "rad", f"up axis {when}", passed=passed))
     return checks
 
 

@@ -142,7 +142,12 @@ def arm_with_bodies(arm: Arm) -> Arm:
     count = len(parts.carrier)
     ahead = np.eye(arm.dimension)[0]
     direction = ahead if arm.tool is None else arm.tool.direction
-    if count == arm.links and np.array_equal(direction, ahead):
+    up = np.array([0.0, 0.0, 1.0])
+    if arm.tool is not None and arm.dimension == 3:
+        # Only the part perpendicular to the direction counts; it has no length where a goal could not use it.
+        up = up if arm.tool.up is None else arm.tool.up
+        up = np.cross(np.cross(arm.tool.direction, up), arm.tool.direction)
+    if count == arm.links and np.array_equal(direction, ahead) and up[2] == 1.0:
         return replace(arm, bodies=(), tool=None)
     own = np.array([not name for name in parts.name])
     each = arm.bends_a_joint
@@ -162,6 +167,7 @@ def arm_with_bodies(arm: Arm) -> Arm:
         near_starts=0.0 * one,
         near_ends=one,
         direction=direction,
+        up=up,
     )
     return replace(
         arm,

@@ -171,7 +171,7 @@ def check_title(name: str) -> str:
         return _WORDS[name]
     if stop := _PAUSE.fullmatch(name):
         return f"Rest at goal {stop[1]}"
-    if end := re.fullmatch(r"(?:(start|goal)|stop (\d+)) (position|heading|direction|joints|feed|axis_\d+)", name):
+    if end := re.fullmatch(r"(?:(start|goal)|stop (\d+)) (position|heading|direction|roll|joints|feed|axis_\d+)", name):
         what = {"position": "Tip", "joints": "Joint"}.get(end[3], end[3].capitalize().replace("_", " "))
         return f"{what} error at {f'the {end[1]}' if end[1] else f'goal {end[2]}'}"
     if way := re.fullmatch(rf"(?:goal|stop (\d+)) (path|via \d+|{'|'.join(_VIEW)})", name):

@@ -333,9 +333,10 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
     if "tip_error_m" in metrics:
         allowed = units.given(solution.problem.tolerances.position, "m")
         found.append((units.length(metrics["tip_error_m"]), f"tip error at the goal, {allowed} allowed"))
-    for kind in ("heading", "direction"):
+    most = solution.problem.tolerances
+    for kind, allowed_turn in (("heading", most.heading), ("direction", most.heading), ("roll", most.roll)):
         if f"{kind}_error_rad" in metrics:
-            turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
+            turn = units.given(min(allowed_turn, pi), "rad")
             off = units.shown(metrics[f"{kind}_error_rad"], "rad")
             found.append((off, f"{kind} error at the goal, {turn} allowed"))
     if "leader_deviation_worst_m" in metrics:

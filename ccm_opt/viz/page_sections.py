@@ -227,6 +227,8 @@ def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
             words = f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
         elif goal.direction is not None:
             words = f"{place}, along {_direction(goal.direction)} within {turn}"
+            if goal.up is not None:
+                words += f", up {_direction(goal.up)} within {units.given(min(stop.tolerances.roll, np.pi), 'rad')}"
         else:
             words = f"{place}, any {'heading' if problem.dimension == 2 else 'direction'}"
         passed = "".join(f", via {_place(each, units)}" for each in goal.via)

@@ -13,7 +13,7 @@ from ccm_opt.robot.couplings import CoupledJoints
 from ccm_opt.robot.tool import Tool, ToolBody
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.tool_links import points_with_tool
-from ccm_opt.verification.chain_motion import pointing
+from ccm_opt.verification.chain_motion import pointing, upward
 from ccm_opt.verification.drives import of_drives
 from ccm_opt.verification.tool_chain import motion_of
 from tests.arc_arms import arc_arm
@@ -33,6 +33,9 @@ TOOL = Tool(
     direction=np.array([0.8, 0.0, 0.6]),
     bodies=(ToolBody(np.zeros(3), np.array([0.05, 0.0, 0.0]), 0.012),),
 )
+
+ROLLED = np.array([-0.6, np.tan(np.deg2rad(1.03)), 0.8])
+"""The tool's up axis turned by 1.03° about its direction."""
 
 
 @cache
@@ -191,7 +194,7 @@ def hauled() -> SpacePlan:
 
 
 def tooled(tool: Tool = TOOL, first: float = 0.15) -> SpacePlan:
-    """Return a motion of an arm with a tool, to position and direction of the tool at its end.
+    """Return a motion of an arm with a tool, to position, direction and roll of the tool at its end.
 
     Args:
         tool: the tool.
@@ -200,8 +203,8 @@ def tooled(tool: Tool = TOOL, first: float = 0.15) -> SpacePlan:
     arm = space_arm(LINKS, tool=tool)
     plan = between(bends(0.0), bends(first, -0.1), arm)
     motion = plan.trajectory
-    along = pointing(motion_of(arm, motion.time, motion.positions), len(motion.time) - 1)
-    return plan.asking(goal=TipGoal(points_with_tool(arm, motion.positions[-1])[-1], along))
+    last = (motion_of(arm, motion.time, motion.positions), len(motion.time) - 1)
+    return plan.asking(goal=TipGoal(points_with_tool(arm, motion.positions[-1])[-1], pointing(*last), up=upward(*last)))
 
 
 def tool_with(*bodies: ToolBody) -> Tool:
@@ -273,6 +276,8 @@ EQUIPPED_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "joint limit": (lambda: built(even(), joint_limit=0.15),),
     "goal position": (lambda: retooled(tooled(), tip=TOOL.tip + np.array([0.0, 1.1e-3, 0.0])),),
     "goal direction": (lambda: retooled(tooled(), direction=np.array([0.6, 0.0, 0.8])),),
+    "goal roll": (lambda: retooled(tooled(), up=ROLLED),),
+    "stop N roll": (lambda: stopping_with(up=ROLLED),),
     "stop N position": (lambda: stopping_with(tip=TOOL.tip + np.array([0.0, 1.1e-3, 0.0])),),
     "stop N direction": (lambda: stopping_with(direction=np.array([0.6, 0.0, 0.8])),),
     "free side": (in_a_box,),

@@ -237,7 +237,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> P
         # The mount of the straight arm may touch obstacles.
         straight = np.stack((points[0] + (arm.mount_length + arm.radius) * arm.direction, points[-1]))
         if float(tree.distances(np.stack((last, straight)), kept).min()) >= kept:
-            tip = TipGoal(place, direction, goal.via)
+            tip = TipGoal(place, direction, goal.via, up=goal.up)
             limits = _limits(problem.limits, links)
             return replace(problem, name=name, arm=arm, start=start, goal=tip, limits=limits, source="")
     raise ProblemError(f"no start and goal near those of {job} keep a gap of {moved['room']} m")

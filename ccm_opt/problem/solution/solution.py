@@ -66,12 +66,14 @@ class GoalErrors:
         position: distance of the tip from the goal position [m]; None for a goal of joint angles.
         direction: angle between the last link and the required direction [rad]; None if any direction is allowed.
         roll: rotation of the last link about its axis [rad], measured from the base frame after the smallest rotation
-            that aligns the frame's x axis with the link; it follows from the joint angles and is not controlled.
+            that aligns the frame's x axis with the link; it follows from the joint angles.
+        roll_error: roll about the goal's direction away from its up direction [rad]; None if any roll is allowed.
     """
 
     position: float | None
     direction: float | None
     roll: float
+    roll_error: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -183,7 +185,8 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
     if arm.tool is not None:
         tip, along = tip + turn @ arm.tool.tip, turn @ arm.tool.direction
     off = float(np.linalg.norm(tip - goal.position))
-    return GoalErrors(off, None if goal.direction is None else angle_between(along, goal.direction), roll)
+    rolled = None if goal.up is None else abs(goal.roll_of(turn @ arm.tip_up))
+    return GoalErrors(off, None if goal.direction is None else angle_between(along, goal.direction), roll, rolled)
 
 
 def angle_between(first: FloatArray, second: FloatArray) -> float:
