@@ -10,8 +10,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from ccm_opt.io import schema, schema_tables, tool_tables
+from ccm_opt.io import arm_tables, goal_tables, option_tables, scene_tables, schema, tool_tables
 
+MODULES = (arm_tables, goal_tables, option_tables, scene_tables, tool_tables, schema)
+TABLES = {name: table for module in MODULES for name, table in vars(module).items()}
 MARKED = re.compile(
     r"(?P<begin><!-- keys: (?P<table>\w+)(?: without (?P<left>[\w ]+))? -->\n).*?(?P<end><!-- end of keys -->)",
     re.DOTALL,
@@ -26,9 +28,7 @@ def with_key_tables(page: str) -> str:
     """A page with every marked table made anew."""
 
     def made(mark: re.Match[str]) -> str:
-        rows = key_rows(
-            {**vars(schema_tables), **vars(tool_tables), **vars(schema)}[mark["table"]], (mark["left"] or "").split()
-        )
+        rows = key_rows(TABLES[mark["table"]], (mark["left"] or "").split())
         return "\n".join([mark["begin"], *rows, "", mark["end"]])
 
     return MARKED.sub(made, page)

@@ -9,14 +9,14 @@ import pytest
 from pydantic import BaseModel
 
 from ccm_opt.cli.commands import app
-from ccm_opt.io import schema, schema_tables, tool_tables
-from ccm_opt.io.schema_tables import Table
+from ccm_opt.io import arm_tables, goal_tables, option_tables, scene_tables, schema, tool_tables
+from ccm_opt.io.quantities import Table
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = (DOCS / "problem-file.md").read_text()
 CLASSES = {
     name: table
-    for module in (schema_tables, tool_tables, schema)
+    for module in (arm_tables, goal_tables, option_tables, scene_tables, tool_tables, schema)
     for name, table in inspect.getmembers(module, inspect.isclass)
 }
 TABLES = [table for table in CLASSES.values() if issubclass(table, Table)]

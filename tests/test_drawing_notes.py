@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.cli.loading import TIMES
 from ccm_opt.core.errors import ProblemFileError
+from ccm_opt.io.place_rules import outside_message
 from ccm_opt.io.reading import load_problem
-from ccm_opt.io.rules import outside_message
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import PLACES, ImportedScene, ImportOptions, import_scene
 from ccm_opt.io.reading import load_problem, parse_problem
-from ccm_opt.io.schema import DrawingPlace
+from ccm_opt.io.scene_tables import DrawingPlace
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 

@@ -17,8 +17,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, words_in
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
+from ccm_opt.io.place_rules import odd_mesh_size
 from ccm_opt.io.reading import load_problem, with_keys_set
-from ccm_opt.io.rules import odd_mesh_size
 from ccm_opt.problem import ImportedArm, ImportedDrawing, Limits, Problem
 from ccm_opt.problem.tool_rules import cover_notes
 from ccm_opt.scene.bodies import MeshBody

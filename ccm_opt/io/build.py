@@ -10,19 +10,11 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.schema import (
-    BaseAxisTable,
-    GoalTable,
-    ObstacleTable,
-    PoseTable,
-    SpaceArmTable,
-    SpaceGoalTable,
-    SpaceObstacleTable,
-    SpacePoseTable,
-    SpaceWorkspaceTable,
-    WorkspaceTable,
-)
-from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable, TendonTable
+from ccm_opt.io.arm_tables import ArmTable, TendonTable
+from ccm_opt.io.goal_tables import GoalTable, PoseTable, SpaceGoalTable, SpacePoseTable
+from ccm_opt.io.option_tables import LimitsTable, PlannerTable, SimulationTable
+from ccm_opt.io.scene_tables import ObstacleTable, SpaceObstacleTable, SpaceWorkspaceTable, WorkspaceTable
+from ccm_opt.io.schema import BaseAxisTable, SpaceArmTable
 from ccm_opt.io.shape_tables import PlacementTable
 from ccm_opt.io.tool_tables import build_bodies, build_tool
 from ccm_opt.problem import (

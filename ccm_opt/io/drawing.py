@@ -27,7 +27,7 @@ from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.outlines import as_walls, filled, polygon_parts, split_off_boundary, with_holes
-from ccm_opt.io.schema import DrawingPlace, ObstacleTable, SceneTable, WallTable
+from ccm_opt.io.scene_tables import DrawingPlace, ObstacleTable, SceneTable, WallTable
 from ccm_opt.io.shape_tables import CircleTable
 from ccm_opt.io.shapes import IMPORT, DrawingContent, LayerSelection, Reader, Shape
 from ccm_opt.io.svg import read_svg

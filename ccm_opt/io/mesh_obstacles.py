@@ -15,10 +15,11 @@ from ccm_opt.io.build import build_placement
 from ccm_opt.io.drawing import read_drawing, resolve_file
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
+from ccm_opt.io.quantities import MAX_LENGTH
 from ccm_opt.io.raw_mesh import MESHES, STEP_SUFFIXES, MeshSettings, RawMesh, counted
 from ccm_opt.io.scans import Scan, read_scan
-from ccm_opt.io.schema import ObstacleTable, SpaceArmTable, SpaceObstacleTable
-from ccm_opt.io.schema_tables import MAX_LENGTH
+from ccm_opt.io.scene_tables import ObstacleTable, SpaceObstacleTable
+from ccm_opt.io.schema import SpaceArmTable
 from ccm_opt.io.step import chosen_parts
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf

@@ -13,34 +13,22 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
+from ccm_opt.io.arm_tables import SECTION_KEYS, FeedTable, InertiaTable, SectionTable, TendonTable
 from ccm_opt.io.drawing import obstacle_table
-from ccm_opt.io.reading import parse_problem
-from ccm_opt.io.scene_solids import unique_names
-from ccm_opt.io.schema import (
-    BaseAxisTable,
-    BaseTable,
-    GoalTable,
-    PlaneArmTable,
-    SpaceArmTable,
-    SpaceGoalTable,
-    SpaceObstacleTable,
-    SpaceWorkspaceTable,
-    WorkspaceTable,
-)
-from ccm_opt.io.schema_tables import (
-    SECTION_KEYS,
-    FeedTable,
+from ccm_opt.io.goal_tables import GoalTable, SpaceGoalTable
+from ccm_opt.io.option_tables import (
     GainsTable,
-    InertiaTable,
     LimitsTable,
     PlannerTable,
     PointLimitTable,
-    SectionTable,
     SimulationTable,
-    TendonTable,
     ToleranceTable,
     VerificationTable,
 )
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.io.scene_solids import unique_names
+from ccm_opt.io.scene_tables import SpaceObstacleTable, SpaceWorkspaceTable, WorkspaceTable
+from ccm_opt.io.schema import BaseAxisTable, BaseTable, PlaneArmTable, SpaceArmTable
 from ccm_opt.io.shape_tables import BarTable, PlacementTable
 from ccm_opt.io.tool_tables import (
     PlaneBarTable,

@@ -19,6 +19,7 @@ from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.issues import Issues
+from ccm_opt.io.option_tables import PlannerTable, VerificationTable
 from ccm_opt.io.problem_data import (
     Table,
     arm_table,
@@ -28,7 +29,6 @@ from ccm_opt.io.problem_data import (
     simulation_table,
     workspace_table,
 )
-from ccm_opt.io.schema_tables import PlannerTable, VerificationTable
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import (
     Goal,

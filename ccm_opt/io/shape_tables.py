@@ -5,7 +5,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo
 
-from ccm_opt.io.schema_tables import (
+from ccm_opt.io.quantities import (
     DEGREES,
     RADIANS,
     Degrees,

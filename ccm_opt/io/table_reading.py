@@ -10,6 +10,17 @@ import numpy as np
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
+from ccm_opt.io.arm_rules import (
+    ANGLE_TOLERANCE,
+    check_arm,
+    check_bodies,
+    check_contact,
+    check_limit_lists,
+    check_limited_points,
+    check_pose,
+    check_unequal_links,
+)
+from ccm_opt.io.arm_tables import ArmTable
 from ccm_opt.io.build import (
     build_arm,
     build_boundary,
@@ -21,38 +32,14 @@ from ccm_opt.io.build import (
     pose_feed,
 )
 from ccm_opt.io.drawing import with_scene
+from ccm_opt.io.goal_tables import PoseTable, SpaceGoalTable, SpacePoseTable
 from ccm_opt.io.issues import Issues, KeyPath, lookup
+from ccm_opt.io.key_rules import are_paths, check_alternatives, check_up, goal_paths
 from ccm_opt.io.mesh_obstacles import cover_mesh_bodies, mesh_bodies, plane_scans
-from ccm_opt.io.rules import (
-    ANGLE_TOLERANCE,
-    are_paths,
-    check_alternatives,
-    check_arm,
-    check_base,
-    check_bodies,
-    check_contact,
-    check_drawing,
-    check_limit_lists,
-    check_limited_points,
-    check_meshes,
-    check_pose,
-    check_unequal_links,
-    check_up,
-    goal_paths,
-    odd_mesh_size,
-)
-from ccm_opt.io.schema import (
-    OPTIONAL,
-    TABLES,
-    PlaneArmTable,
-    PoseTable,
-    RootTable,
-    SpaceArmTable,
-    SpaceGoalTable,
-    SpacePoseTable,
-    SpaceWorkspaceTable,
-)
-from ccm_opt.io.schema_tables import ArmTable, Table
+from ccm_opt.io.place_rules import check_base, check_drawing, check_meshes, odd_mesh_size
+from ccm_opt.io.quantities import Table
+from ccm_opt.io.scene_tables import SpaceWorkspaceTable
+from ccm_opt.io.schema import OPTIONAL, TABLES, PlaneArmTable, RootTable, SpaceArmTable
 from ccm_opt.io.urdf_arm import with_urdf
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect

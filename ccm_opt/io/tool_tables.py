@@ -10,19 +10,9 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_v
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import file_length
+from ccm_opt.io.arm_tables import arc_ending_at
 from ccm_opt.io.body_covers import Cover, mesh_cover, region_cover
-from ccm_opt.io.schema_tables import (
-    Box,
-    NonNegative,
-    Point,
-    Positive,
-    PositiveLength,
-    Ring,
-    Rules,
-    Table,
-    arc_ending_at,
-    exactly,
-)
+from ccm_opt.io.quantities import Box, NonNegative, Point, Positive, PositiveLength, Ring, Rules, Table, exactly
 from ccm_opt.io.shape_tables import (
     BarTable,
     CircleTable,
