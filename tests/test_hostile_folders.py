@@ -13,7 +13,8 @@ from ccm_opt.cli.outcome import BAD_INPUT, NO_PLAN
 from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import read_plain
-from ccm_opt.io.reading_back import read_archive, recorded_nearest
+from ccm_opt.io.reading_back import read_archive
+from ccm_opt.io.record_reading import recorded_nearest
 
 from .corruption.plans import Folder, write_plans
 

@@ -17,7 +17,8 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.io.folder import WRITTEN_FILES, write_solution
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.io.reading_back import load_motion, recorded_curves, recorded_nearest
+from ccm_opt.io.reading_back import load_motion
+from ccm_opt.io.record_reading import recorded_curves, recorded_nearest
 from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import PlanDrawing

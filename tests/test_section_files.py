@@ -12,7 +12,8 @@ from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.folder import model_texts, write_solution
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
-from ccm_opt.io.reading_back import load_any_problem, load_motion, recorded_nearest
+from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.io.record_reading import recorded_nearest
 from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitting_arcs
 from ccm_opt.robot.arm import Arm
 

@@ -25,14 +25,8 @@ from ccm_opt.ik.terms import Constraint, load_terms
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
-from ccm_opt.io.reading_back import (
-    SavedMotion,
-    load_any_problem,
-    load_motion,
-    load_posed,
-    read_arrays,
-    recorded_results,
-)
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, load_posed, read_arrays
+from ccm_opt.io.record_reading import recorded_results
 from ccm_opt.io.records import arrays_npz, bend_arrays, clearance_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import record_data_check, text_checks

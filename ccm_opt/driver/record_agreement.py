@@ -8,7 +8,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import motion_figures
-from ccm_opt.io.reading_back import RecordedResults, SavedMotion, recorded_curves
+from ccm_opt.io.reading_back import SavedMotion
+from ccm_opt.io.record_reading import RecordedResults, recorded_curves
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (

@@ -11,14 +11,8 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.driver.solution_assembly import clearance_record, draft_solution
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, verified
-from ccm_opt.io.reading_back import (
-    SavedMotion,
-    load_motion,
-    load_posed,
-    recorded_curves,
-    recorded_results,
-    recorded_simulation,
-)
+from ccm_opt.io.reading_back import SavedMotion, load_motion, load_posed, recorded_simulation
+from ccm_opt.io.record_reading import recorded_curves, recorded_results
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath, Solution
 

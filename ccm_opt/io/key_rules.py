@@ -21,7 +21,7 @@ from ccm_opt.io.tool_tables import (
     SpaceToolBodyTable,
     SpaceToolTable,
 )
-from ccm_opt.problem.definition import MOST_TURN_WITH_UP
+from ccm_opt.problem.goal_rules import MOST_TURN_WITH_UP
 from ccm_opt.robot.tool import PARALLEL
 
 KNOWN = frozenset(

@@ -9,7 +9,8 @@ from ccm_opt.core.arguments import expect
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.io.folder import solution_files, write_folder
-from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, recorded_curves, recorded_nearest
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
+from ccm_opt.io.record_reading import recorded_curves, recorded_nearest
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 from ccm_opt.problem.solution.solution import present_with
