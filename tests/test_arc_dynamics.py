@@ -86,7 +86,7 @@ def test_verifier_finds_the_same_efforts(seed: int, share: float, carried: bool)
     states = tuple(revolute_angles(arm, each) for each in bends)
     dynamics = InverseDynamics(arm, GRAVITY)
     if carried:
-        expected, on_axes = dynamics.with_base(states, (axes[0], axes[1], axes[2]))
+        expected, on_axes = dynamics.efforts(states, (axes[0], axes[1], axes[2]))
         np.testing.assert_allclose(efforts, on_axes, atol=1e-11 * np.max(np.abs(on_axes)))
     else:
         expected = dynamics(*states)

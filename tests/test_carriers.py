@@ -185,14 +185,14 @@ def test_exported_models_have_the_same_kinematics_and_dynamics(seed: int, axes: 
     q, v, a = rng.uniform(-0.8, 0.8, (3, len(arm.coordinates)))
     bends, base = arm.coordinates.bends, arm.coordinates.base
     revolutes = tuple(revolute_angles(arm, each[None, bends]) for each in (q, v, a))
-    efforts = InverseDynamics(arm, gravity).with_base(revolutes, (q[None, base], v[None, base], a[None, base]))
+    efforts = InverseDynamics(arm, gravity).efforts(revolutes, (q[None, base], v[None, base], a[None, base]))
     ours = np.concatenate([efforts[1][0], efforts[0][0]])
     state = [np.concatenate((each[base], of_arm[0])) for each, of_arm in zip((q, v, a), revolutes, strict=True)]
     tip = points_with_tool(arm, q)[-1]
     needed = drive_efforts(arm, gravity, q[None], v[None], a[None])
     np.testing.assert_allclose(np.concatenate([needed[1][0], needed[0][0]]), ours, atol=1e-8)
     geared = replace(arm, rotor_inertia=1e-3)  # a ball joint whose drives have inertia is nowhere singular
-    needs = InverseDynamics(geared, gravity).with_base(revolutes, (q[None, base], v[None, base], a[None, base]))
+    needs = InverseDynamics(geared, gravity).efforts(revolutes, (q[None, base], v[None, base], a[None, base]))
     forward = CompiledFunction("forward_dynamics", arm_model(geared, gravity)).many
     gains = forward(revolutes[0], revolutes[1], *needs, q[None, base], v[None, base])
     np.testing.assert_allclose(gains[0], revolutes[2], atol=1e-8)

@@ -90,9 +90,9 @@ def test_torques_do_not_depend_on_the_frame(seed: int) -> None:
     turn = random_rotation(random)
     turned = replace(arm, base=turn @ arm.base, direction=turn @ arm.direction, up=turn @ arm.up)
     states = random.normal(0.0, 0.5, (3, 4, 15))
-    feeds = random.normal(0.0, 0.5, 4)
-    before = InverseDynamics(arm, GRAVITY).efforts(*states, feeds)
-    after = InverseDynamics(turned, turn @ GRAVITY).efforts(*states, feeds)
+    feeds = random.normal(0.0, 0.5, (3, 4, 1))
+    before = InverseDynamics(arm, GRAVITY).efforts(tuple(states), tuple(feeds))
+    after = InverseDynamics(turned, turn @ GRAVITY).efforts(tuple(states), tuple(feeds))
     assert np.allclose(before[0], after[0], atol=1e-12)
     assert np.allclose(before[1], after[1], atol=1e-12)
 

@@ -266,12 +266,12 @@ def test_forward_undoes_inverse_on_a_feed_axis(axes: Axes, rotors: float) -> Non
 
 def test_inverse_dynamics_are_the_mass_matrix_and_the_drives() -> None:
     """Efforts less those at rest are M with the feed first times the accelerations, and friction times speed."""
-    arm = geared(swan_neck(6, varied=True))
+    arm = replace(geared(swan_neck(6, varied=True)), feed=Feed(0.0, 0.4, 0.4))
     q, _, qdd = (states[0] for states in random_states(18))
     inverse, rest = InverseDynamics(arm, GRAVITY), np.zeros(18)
     efforts = np.append(inverse.feed_forces(q, rest, qdd, 0.4), inverse(q, rest, qdd, 0.4))
     gravity = np.append(inverse.feed_forces(q, rest, rest), inverse(q, rest, rest))
-    M = MassMatrix(arm).with_feed(q)
+    M = MassMatrix(arm).with_base(q, np.zeros(1))
     assert relative_error(efforts - gravity, M @ np.append(0.4, qdd)) < TOLERANCE
     assert np.array_equal(M[1:, 1:], MassMatrix(arm)(q))
     slow = 1e-9 * np.ones(18)

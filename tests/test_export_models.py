@@ -150,7 +150,7 @@ def test_mujoco_loads_the_urdf_and_moves_it_alike(fed: bool, bends_only: bool) -
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
     if not bends_only:
-        expected = MassMatrix(arm).with_feed(q) if fed else MassMatrix(arm)(q)
+        expected = MassMatrix(arm).with_base(q, np.zeros(1)) if fed else MassMatrix(arm)(q)
         assert np.allclose(M, expected, rtol=0.0, atol=1e-9 * np.max(M))
     assert np.all(np.linalg.eigvalsh(M) > 0.0)
 
@@ -184,7 +184,7 @@ def test_the_feed_axis_and_the_payload_survive(reader: str) -> None:
     arm = fed_arm()
     q, rest = angles_for(arm), np.zeros(18)
     M, gravity = mass_and_gravity(reader, arm, np.append(0.1, q))
-    expected, inverse = MassMatrix(arm).with_feed(q), InverseDynamics(arm, GRAVITY)
+    expected, inverse = MassMatrix(arm).with_base(q, np.zeros(1)), InverseDynamics(arm, GRAVITY)
     if reader == "urdf-pinocchio":
         expected[1:, 1:] -= 1e-4 * np.eye(18)
     assert np.allclose(M, expected, rtol=0.0, atol=1e-12 * np.max(M))

@@ -185,7 +185,7 @@ def test_dynamics(states: FloatArray, feed: float, computed: bool) -> None:
     """States of any size have torques and accelerations, be they no numbers."""
     arm = swan_neck(LINKS)
     gravity = np.array([0.0, 0.0, -9.81])
-    InverseDynamics(arm, gravity).efforts(*states, feed)
+    InverseDynamics(arm, gravity).feed_forces(*states, feed)
     ForwardDynamics(arm, gravity).with_feed(*states, feed)
     model = arm_model(arm, gravity)
     width = 3 * LINKS + 1

@@ -47,8 +47,8 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
     np.testing.assert_allclose(along, arm.link_rotations(states[0])[..., 0], atol=1e-13)
     gravity = random.normal(0.0, 9.0, 3)
     torques, force = drive_efforts(arm, gravity, *states)
-    revolutes = [revolute_angles(arm, state[:, :-1]) for state in states]
-    expected = InverseDynamics(arm, gravity).efforts(*revolutes, states[2][:, -1])
+    revolutes = tuple(revolute_angles(arm, state[:, :-1]) for state in states)
+    expected = InverseDynamics(arm, gravity).efforts(revolutes, tuple(each[:, -1:] for each in states))
     np.testing.assert_allclose(torques, expected[0], atol=1e-10 * np.max(np.abs(expected[0])))
     np.testing.assert_allclose(force[:, 0], np.ravel(expected[1]), atol=1e-10 * np.max(np.abs(expected[1])))
 

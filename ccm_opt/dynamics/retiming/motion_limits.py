@@ -320,8 +320,8 @@ class DriveEffort(MotionLimit):
         if path.arm is not None and path.arm.carrier:
             states = (place, velocity, acceleration)
             of_arm = tuple(path.revolutes(values[:, path.coordinates.bends]) for values in states)
-            with_base: Any = path.inverse_dynamics
-            torque, on_axes = with_base.with_base(of_arm, tuple(each[:, path.coordinates.base] for each in states))
+            of_axes: Any = path.inverse_dynamics
+            torque, on_axes = of_axes.efforts(of_arm, tuple(each[:, path.coordinates.base] for each in states))
             limits = path.limits.of_drives(path.coordinates).effort[path.coordinates.revolutes :]
             return np.column_stack((self._torque_shares(torque), (on_axes / limits)[:, np.isfinite(limits)]))
         motion = [path.revolutes(values[:, path.coordinates.bends]) for values in (place, velocity, acceleration)]
@@ -358,7 +358,7 @@ class DriveEffort(MotionLimit):
         dynamics: Any = self._path.inverse_dynamics
         if self._path.arm is not None and self._path.arm.carrier:
             at_rest = np.zeros((2, len(layout.base_names)))
-            torques, _ = dynamics.with_base((place, rates, place), (at_rest, at_rest, at_rest))
+            torques, _ = dynamics.efforts((place, rates, place), (at_rest, at_rest, at_rest))
         else:
             torques = dynamics(place, rates, place, *(np.zeros(2) for _ in layout.base_names))
         # Velocity products are even in q̇ and friction is odd, so half the difference is friction alone.

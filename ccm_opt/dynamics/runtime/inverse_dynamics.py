@@ -219,26 +219,25 @@ class InverseDynamics:
         self._rnea = DynamicsFunction("inverse_dynamics", arm_model(arm, gravity))
         self._carried = CompiledFunction("inverse_dynamics", arm_model(arm, gravity)).many if arm.carrier else None
 
-    def with_base(
+    def efforts(
         self, revolutes: tuple[FloatArray, FloatArray, FloatArray], axes: tuple[FloatArray, FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques of the revolutes and the efforts of the k axes that carry the base, in N states.
+        """Return the torques of the revolutes and the efforts of the k axes of the base in N states.
 
         Args:
             revolutes: angles, velocities and accelerations of the revolutes, each of shape (N, 3 * links).
-            axes: positions, velocities and accelerations of the axes, each of shape (N, k).
+            axes: positions, velocities and accelerations of the axes, each of shape (N, k); none for a fixed base.
 
         Returns:
             Shapes (N, 3 * links) [N m] and (N, k) [N, N m].
-
-        Raises:
-            ValueError: no axes but a feed axis carry the arm.
         """
-        if self._carried is None:
-            raise ValueError("no axes but a feed axis carry the arm")
         place, velocity, acceleration = (np.ascontiguousarray(each, dtype=np.float64) for each in axes)
-        q, qd, qdd = (np.ascontiguousarray(each, dtype=np.float64) for each in revolutes)
-        return self._carried(q, qd, qdd, acceleration, place, velocity)
+        if self._carried is not None:
+            q, qd, qdd = (np.ascontiguousarray(each, dtype=np.float64) for each in revolutes)
+            return self._carried(q, qd, qdd, acceleration, place, velocity)
+        # Feed axes all run along the base heading, so each bears the whole force.
+        torques, force = self._rnea.with_feed(*revolutes, acceleration.sum(axis=1))
+        return torques, np.repeat(force[:, None], acceleration.shape[1], axis=1)
 
     def __call__(
         self,
@@ -275,18 +274,8 @@ class InverseDynamics:
         The force is the component, along the base heading, of the force that accelerates the whole arm and supports its
         weight.
         """
-        return self.efforts(angles, velocities, accelerations, feed_accelerations)[1]
-
-    def efforts(
-        self,
-        angles: FloatArray,
-        velocities: FloatArray,
-        accelerations: FloatArray,
-        feed_accelerations: FloatArray | float | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques and the force on the feed axis from one recursion; arguments as for ``__call__``."""
         feed = 0.0 if feed_accelerations is None else feed_accelerations
-        return self._rnea.with_feed(angles, velocities, accelerations, feed)
+        return self._rnea.with_feed(angles, velocities, accelerations, feed)[1]
 
 
 class MassMatrix:
@@ -300,36 +289,26 @@ class MassMatrix:
 
     def __init__(self, arm: Arm) -> None:
         self._dynamics = InverseDynamics(arm, np.zeros(3))
-        self._axes = arm.base_axes if arm.carrier else ()
+        self._axes = len(arm.base_axes)
         self._coupling = coupling_of_revolutes(arm)
 
     def __call__(self, angles: FloatArray) -> FloatArray:
         """Return the mass matrix M at joint angles (3 * links,) [rad], shape (n, n) for n drives [kg m²]."""
-        of_base = max(len(self._axes), 1)
-        return self.with_base(angles, np.zeros(len(self._axes)))[of_base:, of_base:]
-
-    def with_feed(self, angles: FloatArray) -> FloatArray:
-        """Return the mass matrix with the feed axis first, shape (n + 1, n + 1) [kg, kg m, kg m²]."""
-        return self.with_base(angles, np.zeros(0))
+        return self.with_base(angles, np.zeros(self._axes))[self._axes :, self._axes :]
 
     def with_base(self, angles: FloatArray, place: FloatArray) -> FloatArray:
-        """Return the mass matrix with the axes of the base first, or a feed axis, shape (n + k, n + k).
+        """Return the mass matrix with the k axes of the base first, shape (n + k, n + k) [kg, kg m, kg m²].
 
         Args:
             angles: angles of the revolutes, shape (3 * links,) [rad].
-            place: positions of the k axes that carry the base, shape (k,) [m, rad]; without effect for a feed axis.
+            place: positions of the axes, shape (k,) [m, rad]; without effect for a feed axis.
         """
         each = np.eye(len(angles)) if self._coupling is None else self._coupling.T
-        of_base = max(len(self._axes), 1)
-        unit = np.vstack((np.zeros((of_base, len(angles))), each))
-        gains = np.vstack((np.eye(of_base), np.zeros((len(each), of_base))))
-        states = np.broadcast_to(angles, unit.shape)
+        unit = np.vstack((np.zeros((self._axes, len(angles))), each))
+        gains = np.vstack((np.eye(self._axes), np.zeros((len(each), self._axes))))
+        states, places = np.broadcast_to(angles, unit.shape), np.broadcast_to(place, gains.shape)
         rest = np.zeros_like(states)
-        if self._axes:
-            places = np.broadcast_to(place, gains.shape)
-            torques, forces = self._dynamics.with_base((states, rest, unit), (places, np.zeros_like(gains), gains))
-        else:
-            torques, forces = self._dynamics.efforts(states, rest, unit, gains[:, 0])
+        torques, forces = self._dynamics.efforts((states, rest, unit), (places, np.zeros_like(gains), gains))
         columns = np.column_stack((forces, torques if self._coupling is None else torques @ self._coupling))
         return np.asarray(0.5 * (columns + columns.T))
 
@@ -339,15 +318,9 @@ def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: Invers
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
-    if arm.carrier:
-        axes = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations)
-        torques, on_axes = inverse_dynamics.with_base((angles, velocities, accelerations), axes)
-        return JointStates(joint_names(arm), angles, velocities, accelerations, torques, on_axes)
-    carried = trajectory.coordinates.advance(trajectory.accelerations)
-    torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)
-    # All axes of the base run along the base heading, so each bears the whole force; a fixed base has no column.
-    forces = np.repeat(force[:, None], len(trajectory.coordinates.base_names), axis=1)
-    return JointStates(joint_names(arm), angles, velocities, accelerations, torques, forces)
+    axes = (trajectory.base_positions, trajectory.base_velocities, trajectory.base_accelerations)
+    torques, on_axes = inverse_dynamics.efforts((angles, velocities, accelerations), axes)
+    return JointStates(joint_names(arm), angles, velocities, accelerations, torques, on_axes)
 
 
 class ForwardDynamics:

@@ -291,19 +291,12 @@ def largest_need(
         return None
     dynamics = InverseDynamics(plant, gravity)
     rest = np.zeros_like(joints.angles)
-    if plant.carrier:
-        place, still_axes = trajectory.base_positions, np.zeros_like(trajectory.base_positions)
-        moved = (place, trajectory.base_velocities, trajectory.base_accelerations)
-        efforts = (
-            dynamics.with_base((joints.angles, joints.velocities, joints.accelerations), moved),
-            dynamics.with_base((joints.angles, rest, rest), (place, still_axes, still_axes)),
-        )
-    else:
-        feed = trajectory.coordinates.advance(trajectory.accelerations)
-        efforts = (
-            dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed),
-            dynamics.efforts(joints.angles, rest, rest),
-        )
+    place, still_axes = trajectory.base_positions, np.zeros_like(trajectory.base_positions)
+    moved = (place, trajectory.base_velocities, trajectory.base_accelerations)
+    efforts = (
+        dynamics.efforts((joints.angles, joints.velocities, joints.accelerations), moved),
+        dynamics.efforts((joints.angles, rest, rest), (place, still_axes, still_axes)),
+    )
     moving, still = (np.abs(np.column_stack((drive_torques(plant, torques), force))) for torques, force in efforts)
     # Without a limit the fraction is zero; with a limit of zero it is huge for any effort.
     share = moving / np.maximum(limit, np.finfo(np.float64).tiny)
