@@ -299,7 +299,8 @@ def largest_need(
     )
     moving, still = (np.abs(np.column_stack((drive_torques(plant, torques), force))) for torques, force in efforts)
     # Without a limit the fraction is zero; with a limit of zero it is huge for any effort.
-    share = moving / np.maximum(limit, np.finfo(np.float64).tiny)
+    # The closed loop has a feed axis on a fixed base, too, which has no limit.
+    share = moving / np.maximum(limit[: moving.shape[1]], np.finfo(np.float64).tiny)
     row, column = np.unravel_index(int(np.argmax(share)), share.shape)
     return PlanNeeds(
         int(column),
