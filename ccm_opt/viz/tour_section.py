@@ -30,8 +30,8 @@ def _view_sentences(tour: Tour) -> Iterator[str]:
     """Yield sentences about the views of a tour that has surfaces to see."""
     count = len(tour.views)
     some = f"{count} views see" if count > 1 else "1 view sees"
-    fewest = "none of the sampled views are fewer" if tour.fewest == count else f"at least {tour.fewest} are needed"
-    yield f"{some} enough; of those sampled, {fewest}"
+    least = f"at least {tour.fewest} of those sampled are needed"
+    yield f"{some} enough; {least}{', so none fewer' if tour.fewest == count else ''}"
     if tour.unseen:
         yield f"not to be seen from any sampled view: {', '.join(tour.unseen)}"
     yield f"{tour.duration:.4g} s of motion between views"
