@@ -17,7 +17,9 @@ from ccm_opt.core.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.core.native import NativeCall
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import CompiledFunction, InverseDynamics
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
+from ccm_opt.planning import sampled_poses
 from ccm_opt.planning.curve_map import CurveMap, poses_with
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.positioning import CarrierMotions
@@ -258,22 +260,52 @@ def test_unknowns_hold_bends_and_axes(seed: int, axes: int) -> None:
     np.testing.assert_allclose(curve.slopes(begun) @ (end - begun), last - first, atol=1e-9)
 
 
-@given(seed=seeds, axes=counts)
+def goal_of(arm: Arm, q: FloatArray, rng: np.random.Generator, room: float | None) -> GoalPose:
+    """Return the goal of a pose's tip: its place, direction and, within some room, the roll of a random axis."""
+    frame = arm.link_rotations(q)[-1]
+    along = frame[:, 0]
+    own = unit_vector(rng)
+    up = np.cross(along, np.cross(frame @ own, along))
+    up /= np.linalg.norm(up)
+    roll = None if room is None else TipRoll(up, np.cross(along, up), own, room)
+    return GoalPose(arm.joint_positions_at(q)[-1], along, roll=roll)
+
+
+@given(seed=seeds, axes=counts, room=st.sampled_from((None, 0.0, 0.3)))
 @settings(max_examples=30)
-def test_shapes_moved_onto_a_goal_have_the_tip_there(seed: int, axes: int) -> None:
-    """As far off as is told, in place and direction, whatever the axes."""
+def test_shapes_moved_onto_a_goal_have_the_tip_there(seed: int, axes: int, room: float | None) -> None:
+    """As far off as is told, in place, direction and roll, whatever the axes."""
     rng = np.random.default_rng(seed)
     arm = carried_arm(rng, axes)
     rest, wanted = rng.uniform(-0.5, 0.5, (2, len(arm.coordinates)))
     curve, v = CurveMap.through(arm, rest)
-    goal = GoalPose(arm.joint_positions_at(wanted)[-1], arm.link_rotations(wanted)[-1, :, 0])
+    goal = goal_of(arm, wanted, rng, room)
     points = CurvePoints(SpaceStepper(curve, (), SpaceMotionSettings()), curve.pose(v))
     moved = np.vstack((v, v + 0.1 * rng.normal(size=(7, len(v))))) @ points.root
     missed = points.moved_onto(goal, moved)
     for left, unknowns in zip(missed, points.unknowns(moved), strict=True):
         pose = curve.pose(unknowns)
         errors = np.concatenate(((pose.tip - goal.position) / arm.length, pose.tip_direction - goal.direction))
+        if goal.roll is not None:
+            # The angle between two half-planes about the goal's direction.
+            sides = [np.cross(goal.direction, each) for each in (goal.roll.up, pose.frames[-1] @ goal.roll.own)]
+            turned = np.arctan2(np.linalg.norm(np.cross(*sides)), sides[0] @ sides[1])
+            errors = np.append(errors, max(turned - goal.roll.room, 0.0))
         assert np.max(np.abs(errors)) == pytest.approx(left, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("room", [None, 0.0])
+def test_shapes_near_a_pose_reach_its_goal_in_few_steps(room: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's method converges as it does with exact derivatives, by bends and by axes."""
+    monkeypatch.setattr(sampled_poses, "_NEWTON_STEPS", 4)
+    rng = np.random.default_rng(5)
+    for axes in range(4):
+        arm = carried_arm(rng, axes, 12)
+        wanted = rng.uniform(-0.4, 0.4, len(arm.coordinates))
+        curve, v = CurveMap.through(arm, wanted)
+        points = CurvePoints(SpaceStepper(curve, (), SpaceMotionSettings()), curve.pose(v))
+        near = (v + 0.01 * rng.normal(size=(8, len(v)))) @ points.root
+        assert np.max(points.moved_onto(goal_of(arm, wanted, rng, room), near)) < 1e-7
 
 
 @given(seed=seeds, axes=st.integers(1, 3))
