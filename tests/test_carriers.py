@@ -301,6 +301,7 @@ def test_shapes_near_a_pose_reach_its_goal_in_few_steps(room: float | None, monk
     rng = np.random.default_rng(5)
     for axes in range(4):
         arm = carried_arm(rng, axes, 12)
+        arm = replace(arm, carrier=tuple(replace(axis, revolute=True) for axis in arm.carrier))
         wanted = rng.uniform(-0.4, 0.4, len(arm.coordinates))
         curve, v = CurveMap.through(arm, wanted)
         points = CurvePoints(SpaceStepper(curve, (), SpaceMotionSettings()), curve.pose(v))

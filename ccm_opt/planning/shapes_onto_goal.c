@@ -87,10 +87,10 @@ static double tip_errors(const GoalShapes *g, const double *q, double *frames, d
     }
     for (int64_t k = 0; k < g->carrier.count; k++) {
         const double *axis = now + 6 * k;
-        double *row = by_bends + ROWS * (2 * n + k), lever[3];
+        double *row = by_bends + ROWS * (2 * n + k), arm[3];
         int turns = g->carrier.axes[AXIS * k] != 0.0;
-        minus(tip, axis + 3, lever);
-        cross(axis, lever, row);
+        minus(tip, axis + 3, arm);
+        cross(axis, arm, row);
         cross(axis, ahead, row + 3);
         row[6] = turns ? dot(lever, axis) : 0.0;
         for (int d = 0; d < 3 && !turns; d++) row[d] = axis[d], row[3 + d] = 0.0;
