@@ -14,6 +14,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemFileError
+from ccm_opt.diagnosis.moved_goal import omissions
 from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.problem import TipGoal
 from ccm_opt.robot.arm import Arm
@@ -139,3 +140,15 @@ def test_what_does_not_determine_a_roll_is_named_by_its_key(old: str, new: str, 
     with pytest.raises(ProblemFileError) as refused:
         ccm_opt.load_problem(tmp_path / "rolled.toml")
     assert expected in str(refused.value), str(refused.value)
+
+
+def test_goals_without_their_roll_are_tried_where_there_is_no_plan(tmp_path: Path) -> None:
+    """The roll is left out before the direction is."""
+    text = FILE.replace("POSITION", "[0.5, 0.1, 0.1]").replace("DIRECTION", "[0.0, 0.0, 1.0]")
+    (tmp_path / "rolled.toml").write_text(text.replace("UP", "[0.0, 1.0, 0.0]"))
+    problem = ccm_opt.load_problem(tmp_path / "rolled.toml")
+    tried = list(omissions(problem, ()))
+    assert [change.key for change in tried] == ["goal.up", "goal.direction"]
+    goal = tried[0].changed(problem).goal
+    assert goal.up is None
+    assert goal.direction is problem.goal.direction

@@ -204,7 +204,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
 
 
 def omissions(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
-    """Yield changes that drop the goal's direction, if the direction may cause all findings, or the goal's via points.
+    """Yield changes that drop the goal's roll or direction, if these may cause all findings, or the goal's via points.
 
     Args:
         problem: the problem.
@@ -214,7 +214,11 @@ def omissions(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Whole
     if goal is None:
         return
     # This also applies without findings: an arm of few links may be unable to turn in a confined space.
-    if goal.direction is not None and all(_may_be_due_to_direction(finding) for finding in findings):
+    due_to_direction = all(_may_be_due_to_direction(finding) for finding in findings)
+    if goal.up is not None and due_to_direction:
+        free = replace(goal, up=None)
+        yield WholeChange("goal.up left out", "goal.up", None, lambda p: replace(p, goal=free))
+    if goal.direction is not None and due_to_direction:
         key = "goal.heading_deg" if problem.dimension == 2 else "goal.direction"
         without = replace(goal, direction=None, heading=None, up=None)
         yield WholeChange(f"{key} left out", key, None, lambda p: replace(p, goal=without), part=turned_direction)
