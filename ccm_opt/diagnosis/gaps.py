@@ -178,7 +178,7 @@ class SurfaceGaps:
     tree: SurfaceTree = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "tree", SurfaceTree.from_triangles(self.workspace.triangle_soup))
+        object.__setattr__(self, "tree", self.workspace.surface_tree)
 
     @cached_property
     def stands_out(self) -> float:

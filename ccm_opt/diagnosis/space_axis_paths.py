@@ -231,7 +231,7 @@ class SpaceAxisPaths(AxisPaths):
         workspace = self.problem.workspace.without_obstacle(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.named_until.passed():
             return None
-        search = self._search_in(workspace, SurfaceTree.from_triangles(workspace.triangle_soup), self.named_until)
+        search = self._search_in(workspace, workspace.surface_tree, self.named_until)
         answer = search.answer(self.required_distance, self.arm.length)
         # An obstacle counts as opening a path only if there was time to find out.
         return None if answer == "closed" or self.named_until.passed() else search

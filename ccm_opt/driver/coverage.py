@@ -27,7 +27,6 @@ from ccm_opt.planning.tip_reach import ReachQuestion, TipLooker
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Coverage, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import Tour
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surface_pieces import SurfacePieces
 from ccm_opt.verification.coverage import SeenPieces, seen_pieces, seen_places
 from ccm_opt.verification.tool_chain import motion_of
@@ -145,7 +144,7 @@ class CoverageViews:
         if len(found.sizes) > _MOST_PIECES:
             some = np.sort(rng.choice(len(found.sizes), _MOST_PIECES, replace=False))
             found = SurfacePieces(found.corners[some], found.owner[some])
-        sampler = ViewSampler(whole, coverage, found, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
+        sampler = ViewSampler(whole, coverage, found, problem.workspace.surface_tree)
         views, reasons = sampler.sampled(rng)
         return cls(problem, coverage, found, sampler, views, reasons, _tip_looker(problem))
 

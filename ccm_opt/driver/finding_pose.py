@@ -35,7 +35,6 @@ from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import BindingSide, StaticPose
 from ccm_opt.problem.tool_rules import refuse_tool
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEANING = 1e-4
 """Maximum difference, as a fraction of the arm's length, between a joint's distance to a side of its region and the
@@ -177,7 +176,7 @@ def _in_plane(problem: Problem, terms: UserTerms | None, settings: Settings, _: 
 
 
 def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, deadline: Deadline) -> _Question:
-    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+    tree = problem.workspace.surface_tree
     task = space_task(problem, tree, deadline, settings.space)
     if task.goal_pose is None:
         refuse_goal(problem, task, task.goal)

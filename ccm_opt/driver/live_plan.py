@@ -31,7 +31,6 @@ from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
 from ccm_opt.problem.tool_rules import refuse_tool
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6
@@ -155,8 +154,9 @@ class LivePlan:
         constraints: constraints of the user, as for ``solve``.
         costs: costs of the user, as for ``solve``.
         settings: settings of all stages of planning.
-        plan: the last verified plan, without clearance, tolerance and simulation, which ``finished`` adds. In space,
-            its least gap to obstacles is reported to within a third.
+        plan: the last verified plan, without clearance, tolerance, simulation and metrics of how closely the arm
+            follows the path of its tip, which ``finished`` adds. In space, its least gap to obstacles is reported to
+            within a third.
         current: whether the plan solves ``problem``.
         reason: reason why the plan does not solve ``problem``; empty if it does.
         begun: first plan, see ``from_plan``; None to plan one.
@@ -314,7 +314,7 @@ class LivePlan:
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
         shift = self._vector(by, "a displacement, {} in metres")
         changed = replace(self.problem, workspace=workspace.with_moved(name, shift), source="")
-        SurfaceTree.from_triangles(changed.workspace.triangle_soup)  # raises before anything is changed
+        _ = changed.workspace.surface_tree  # raises before anything is changed
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
@@ -433,7 +433,7 @@ class LivePlan:
     def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
         """Make a verified plan the current plan of the present problem."""
         self._verified = verified
-        self.plan = draft_solution(self.problem, verified, stages)
+        self.plan = draft_solution(self.problem, verified, stages, following=False)
         self.current = True
         self.reason = ""
 

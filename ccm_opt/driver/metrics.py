@@ -88,18 +88,33 @@ def metrics(
     joints: JointStates,
     simulated: SimulatedMotion,
     checks: tuple[Check, ...],
+    *,
+    following: bool = True,
 ) -> Mapping[str, float]:
-    """Return the figures of merit of a plan, by names that end in their unit."""
-    figures = dict(motion_figures(problem, trajectory, joints, checks))
+    """Return the figures of merit of a plan, by names that end in their unit; ``following`` as in motion_figures."""
+    figures = dict(motion_figures(problem, trajectory, joints, checks, following=following))
     figures["keyframes"] = float(len(path.keyframes))
     figures["tracking_error_rad"] = simulated.tracking_error
     return figures
 
 
 def motion_figures(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    checks: tuple[Check, ...],
+    *,
+    following: bool = True,
 ) -> Mapping[str, float]:
-    """Return the figures of merit that can be recomputed from a plan's arrays, by names that end in their unit."""
+    """Return the figures of merit that can be recomputed from a plan's arrays, by names that end in their unit.
+
+    Args:
+        problem: the problem.
+        trajectory: the motion.
+        joints: states of all revolute joints over the motion.
+        checks: verifier's checks, which hold the minimum clearances.
+        following: whether figures of how closely the arm follows the path of its tip are included.
+    """
     bends = trajectory.bend_angles
     if problem.dimension == 3:
         turns = total_bends(problem.arm.bend_pairs(trajectory.positions))
@@ -116,7 +131,7 @@ def motion_figures(
         "largest_curvature_per_m": float(np.max(turns[:, 1:] / _around_joints(problem.arm), initial=0.0)),
         # The error at the goal is that of the recorded motion, not of the planned path.
         **ends,
-        **_leader_figures(problem, trajectory),
+        **(_leader_figures(problem, trajectory) if following else {}),
     }
     # Of the checks in metres, only clearances are figures of merit; the others just hold or fail.
     figures.update(

@@ -36,7 +36,6 @@ from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import ReachMap
 from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.scene.distances.enclosures import enclosed
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _MOTION_TIME = 5.0
 """CPU time limit of the search for a motion to the goal, whose poses are initial poses of a map in space [s].
@@ -274,7 +273,7 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
     if kept > 0.0 and len(problem.workspace.triangle_soup):
         # If the mount reaches to the tip, the tip may touch the surface that the arm is mounted on.
         points = np.repeat(in_space(flat)[:, None], 2, axis=1)
-        tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+        tree = problem.workspace.surface_tree
         closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
     for part in _parts(np.flatnonzero(~closed)):
         closed[part[enclosed(problem.workspace, flat[part], arm.tip_radius)]] = True

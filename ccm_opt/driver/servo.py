@@ -37,7 +37,6 @@ from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _SHORTEST = 1e-4
 """Shortest duration of a tick [s]: the motion to rest has a control point a tick."""
@@ -362,7 +361,7 @@ _Prepared: TypeAlias = tuple[Arm, StepperOf[Any], FloatArray, float, Limits, flo
 def _in_space(problem: Problem, settings: Settings) -> _Prepared:
     """Return what servo control of an arm in space needs."""
     whole = problem_with_tool_links(problem)
-    tree = SurfaceTree.from_triangles(whole.workspace.triangle_soup)
+    tree = whole.workspace.surface_tree
     whole = with_clamped_base(whole, tree)
     certificate = replace(settings.space.certificate, spare=_SPARE)
     step = replace(settings.space.step, firm_share=_FIRM)

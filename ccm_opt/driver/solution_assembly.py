@@ -149,6 +149,8 @@ def draft_solution(
     figures: Mapping[str, float] = MappingProxyType({}),
     room: ClearanceRecord | None = None,
     tolerance: tuple[ToleratedError, ...] = (),
+    *,
+    following: bool = True,
 ) -> Solution:
     """Return the solution of a problem assembled from a verified plan and the results known so far.
 
@@ -160,12 +162,15 @@ def draft_solution(
         figures: further figures of merit, of the simulation and the costs.
         room: clearance of the motion over time; None if it was not measured.
         tolerance: errors that the motion tolerates.
+        following: whether the metrics say how closely the arm follows the path of its tip.
     """
     if plan.tour is not None:
         problem = plan.tour.visited
     if simulated is None:
         simulated = not_simulated(problem.arm, plan.trajectory, plan.joints, problem.simulation.step)
-    plan_metrics = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
+    plan_metrics = metrics(
+        problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks, following=following
+    )
     return Solution(
         problem=problem,
         path=plan.path,

@@ -196,7 +196,7 @@ class SampledViews:
             look_at: the place, and how the arm has to look at it.
         """
         posed, problem = problem, problem_with_tool_links(problem)
-        tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+        tree = problem.workspace.surface_tree
         for count in _DIRECTIONS[problem.dimension]:
             views = cls._among(posed, problem, look_at, tree, count)
             if np.any(views.seeing):

@@ -435,11 +435,10 @@ class GapsAtSamples:
             own_reach: search distance, at which gaps between links are capped; that for walls if None [m].
         """
         arm = problem.arm
-        triangle_soup = problem.workspace.triangle_soup
         far = arm.link_length if reach is None else reach
-        walls = _walls(problem, SurfaceTree.from_triangles(triangle_soup), points, far)
+        walls = _walls(problem, problem.workspace.surface_tree, points, far)
         itself = _itself(problem, points, far if own_reach is None else own_reach)
-        return cls(arm, walls, itself, triangle_soup.names, far)
+        return cls(arm, walls, itself, problem.workspace.triangle_soup.names, far)
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:

@@ -15,7 +15,6 @@ from ccm_opt.planning.ends import Ends
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
 def poses_at_goal(
@@ -35,7 +34,7 @@ def poses_at_goal(
         terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
     """
-    tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+    tree = problem.workspace.surface_tree
     aim = TipGoal(ends.goal.position, ends.goal.direction)
     return GoalPoses(problem, tree, near, terms, settings, aim=aim, room=ends.goal.room, clamped=ends.clamped)
 

@@ -73,7 +73,7 @@ class PathJoiner:
     @cached_property
     def _tree(self) -> SurfaceTree:
         """Distance tree of the surfaces of a workspace in space."""
-        return SurfaceTree.from_triangles(problem_with_tool_links(self.problem).workspace.triangle_soup)
+        return problem_with_tool_links(self.problem).workspace.surface_tree
 
     def path(self, chain: FloatArray) -> JointPath | None:
         """Return a certified path with the ends of a chain, along the chain or shorter, or None.

@@ -257,7 +257,7 @@ class MotionPlanner:
         """
         deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
         with self.stages("free space"):
-            tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+            tree = problem.workspace.surface_tree
             problem = with_clamped_base(problem, tree)
             task = space_task(problem, tree, deadline, self.space, self.terms)
             refuse_ends(problem, task)

@@ -100,7 +100,7 @@ class PositioningPlanner:
             return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
         deadline = Deadline.after(problem.planner.time_limit)
         with self.stages("free space"):
-            axes = CarrierMotions(problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup))
+            axes = CarrierMotions(problem, problem.workspace.surface_tree)
             axes.refuse_start()
             axes.refuse_distant_goal()
             places = itertools.islice(axes.places(), _TRIED)

@@ -28,7 +28,6 @@ from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.step import StepperOf
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _STEPS = 40
 """Maximum number of steps from a pose to a goal in a neighbouring cell. Measured: nearly all successes take fewer."""
@@ -324,9 +323,7 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
     """Return the processor of cells for an arm among surfaces in space."""
-    task = space_task(
-        problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup), Deadline.never(), SpaceMotionSettings()
-    )
+    task = space_task(problem, problem.workspace.surface_tree, Deadline.never(), SpaceMotionSettings())
     curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve)
     seen = replace(task, wanted_gap=settings.seen * task.arm.length)

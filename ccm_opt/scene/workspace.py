@@ -14,6 +14,7 @@ from ccm_opt.core.arrays import TINY, FloatArray, in_space
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.scene.bodies import BOX_FACES, Body, MeshBody, box_corners
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.point_clouds import SPREAD_SHARE, BallRadii, thin_points
 from ccm_opt.scene.surfaces import TriangleSoup, box_about
 from ccm_opt.scene.walls import Walls, WallSegments
@@ -219,6 +220,15 @@ class Workspace:
         if self.bounds is not None:
             named.append((ROOM_NAME, box_corners(self.bounds[0], self.bounds[1])[BOX_FACES], 0.0))
         return TriangleSoup.joined(named)
+
+    @cached_property
+    def surface_tree(self) -> SurfaceTree:
+        """Tree of boxes around the triangles, for distance queries.
+
+        Raises:
+            ProblemError: a coordinate is not a number, or too large.
+        """
+        return SurfaceTree.from_triangles(self.triangle_soup)
 
     @cached_property
     def surface_errors(self) -> FloatArray:

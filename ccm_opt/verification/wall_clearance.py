@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -11,6 +12,7 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.core.native import NativeCall
 from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import ROOM_NAME, Workspace
 from ccm_opt.verification.base_motion import lengths_of
 from ccm_opt.verification.body_sides import depth_enclosed, separations
@@ -65,11 +67,16 @@ class CheckedSurfaces:
 
     @classmethod
     def from_workspace(cls, workspace: Workspace) -> "CheckedSurfaces":
-        """Build the tree of all obstacles of a workspace, with parts of similar size and position in common boxes."""
+        """Return the tree of all obstacles of a workspace, with parts of similar size and position in common boxes.
+
+        In space the tree is built once for all motions among the same triangles.
+        """
         if workspace.dimension == 2:
             return cls._over(*edges_of(workspace))
-        triangle_soup = workspace.triangle_soup
-        return cls._over(triangle_soup.triangles, triangle_soup.rounding, triangle_soup.owner, triangle_soup.names)
+        soup = workspace.triangle_soup
+        if soup not in _TREES:
+            _TREES[soup] = cls._over(soup.triangles, soup.rounding, soup.owner, soup.names)
+        return _TREES[soup]
 
     @classmethod
     def _over(
@@ -147,6 +154,9 @@ class CheckedSurfaces:
     def diagonals(self) -> FloatArray:
         """Lengths of the diagonals of all bounding boxes, shape (nodes,) [m]."""
         return lengths_of(self.high - self.low)
+
+
+_TREES: WeakKeyDictionary[TriangleSoup, CheckedSurfaces] = WeakKeyDictionary()
 
 
 def edges_of(workspace: Workspace) -> tuple[FloatArray, FloatArray, IntArray, tuple[str, ...]]:

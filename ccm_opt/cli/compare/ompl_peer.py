@@ -34,7 +34,6 @@ from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 NAME = "RRT-Connect of OMPL"
 """Name of the planner in records."""
@@ -353,7 +352,7 @@ class _InSpace:
         arm = problem.arm
         self.problem = problem
         self._settings = settings
-        self._tree = SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+        self._tree = problem.workspace.surface_tree
         self.joints = SampledJoints(
             arm, arm.lower_limits, arm.upper_limits, settings.longest_turn, settings.beyond_tube
         )

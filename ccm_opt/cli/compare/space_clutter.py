@@ -246,7 +246,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> P
 @cache
 def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
     problem = load_problem(file)
-    return problem, SurfaceTree.from_triangles(problem.workspace.triangle_soup)
+    return problem, problem.workspace.surface_tree
 
 
 def _limits(limits: Limits, links: int) -> Limits:

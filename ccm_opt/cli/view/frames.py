@@ -121,7 +121,7 @@ class MotionFrames:
 
     @cached_property
     def _tree(self) -> SurfaceTree:
-        return SurfaceTree.from_triangles(self.problem.workspace.triangle_soup)
+        return self.problem.workspace.surface_tree
 
     def torque_shares(self, time: float) -> FloatArray:
         """Return the maximum torque of every ball joint near a time [s], as a fraction of the torque limit, shape (n,).
