@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.cli.compare.suites import clutter
 from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
+from ccm_opt.driver import live_plan
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.problem import JointPose, TipGoal
 
@@ -57,8 +58,9 @@ def test_every_drag_is_answered(swan: ccm_opt.Problem, seed: int) -> None:
     assert answered >= 4
 
 
-def test_a_wall_pushes_the_plan_aside(swan: ccm_opt.Problem) -> None:
+def test_a_wall_pushes_the_plan_aside(swan: ccm_opt.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wall that is moved into the motion's way is passed by another motion, which is planned from the last."""
+    monkeypatch.setattr(live_plan, "_PATIENCE", 20.0)  # for slow machines
     live = LivePlan(swan)
     answer = live.move_obstacle("floor", (0.0, 0.04))
     assert answer.current

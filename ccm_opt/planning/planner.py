@@ -71,6 +71,9 @@ _SHARE_IN_THE_PLANE = 0.9
 """Fraction of the time limit that the search in the plane may use. Heuristic: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
+_ADAPTING_SHARE = 0.7
+"""Fraction of the time left in the plane that adapting a known motion may use: the rest is for the smooth path, which
+takes a tenth as long in the swan's neck. Heuristic."""
 _OPTIMISATION_SHARE = 0.5
 """Fraction of the time left in space that the optimisation may use: the rest is for the smooth path. Heuristic."""
 _FURTHER_SHARE = 0.6
@@ -288,7 +291,7 @@ class MotionPlanner:
         if known is not None:
             with self.stages("motion"):
                 task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)
-                motion = resumed(known, task)
+                motion = resumed(known, replace(task, deadline=deadline.within(_ADAPTING_SHARE * deadline.left)))
                 if motion is not None:
                     path = joint_path(task, motion)
                     path = replace(path, goal_pose=end_poses.record(motion.end_pose))
