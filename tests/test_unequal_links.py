@@ -71,6 +71,9 @@ def test_joints_lie_as_far_apart_as_links_are_long(seed: int, links: int) -> Non
         assert arm.joint_places[-1] == pytest.approx(arm.length)
         mount = replace(arm, mount_length=float(rng.uniform(0.0, arm.length)))
         assert float(mount.free_shares @ mount.lengths) == pytest.approx(mount.mount_length)
+        # A mount of whole links ends at a joint, however its length was rounded.
+        for end in arm.joint_places[1:] * (1.0 + rng.uniform(-1e-15, 1e-15)):
+            assert set(replace(arm, mount_length=float(min(end, arm.length))).free_shares) <= {0.0, 1.0}
 
 
 @given(st.integers(0, 2**32 - 1))

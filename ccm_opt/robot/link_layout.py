@@ -197,8 +197,8 @@ class LinkLayout:
         """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
         within = self.mount_length / self.link_length - self.place_shares[:-1]
         shares = np.clip(within / self.length_shares, 0.0, 1.0)
-        # What rounding leaves of a link whose end is that of the mount is not there.
-        return fixed(np.where(shares > 1.0 - 1e-9, 1.0, shares))
+        # What rounding leaves of a link whose end is that of the mount, or adds of the one after it, is not there.
+        return fixed(np.where(shares > 1.0 - 1e-9, 1.0, np.where(shares < 1e-9, 0.0, shares)))
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
         """Return the index of the first link that extends beyond the mount, and the link axes without the mount.
