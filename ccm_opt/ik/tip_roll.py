@@ -11,7 +11,7 @@ from ccm_opt.robot.tool import across
 
 _ROLL_USED = 0.9
 """Fraction of a wide tolerance of roll that planning uses; the rest is left to rounding and smoothing. Heuristic."""
-_PRECISE_ROLL = 0.03490658503988659
+_PRECISE_ROLL = float(np.deg2rad(2.0))
 """Tolerance of roll up to which the roll is met exactly [rad]. Heuristic: 2°, twice the default tolerance."""
 
 
