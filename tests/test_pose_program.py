@@ -65,6 +65,7 @@ def question(dimension: int, seed: int, *, fed: bool = False, loaded: bool = Fal
         wanted_gap=0.01,
         gravity=gravity,
         torque_limits=limits,
+        roll=None,
     )
 
 

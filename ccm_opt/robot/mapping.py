@@ -17,6 +17,8 @@ _MOST_STEPS = 60
 _SETTLED = 1e-11
 """Largest turn of a link in a Newton step at which the least-squares mapping counts as converged [rad]. Derived: a
 hundred times rounding."""
+_ON_TIP = 1e-9
+"""Distance of the tip from its goal at which the iteration ends, as a fraction of the arm's length."""
 _ROUNDING = 1e-8
 """Turn of a link in a Newton step below which a step that did not shrink counts as rounding error [rad]. Derived: the
 square root of rounding."""
@@ -91,7 +93,7 @@ def least_squares_directions(
     directions = means.copy()
     epsilon = REGULARISATION * link_length**2
     each = np.ones(len(means)) if shares is None else shares
-    before = np.inf
+    before, straight = np.inf, False
     for _ in range(_MOST_STEPS):
         step, miss = _tangent_step(points, directions, means, (link_length, each), epsilon)
         size = np.linalg.norm(step, axis=1, keepdims=True)
@@ -99,13 +101,28 @@ def least_squares_directions(
         longest = float(size.max())
         # The tip of a nearly straight arm hardly moves along the arm, so rounding of its position is magnified in the
         # turns of the links: small steps that no longer shrink are that rounding.
-        if longest < _SETTLED or _ROUNDING > longest >= before:
+        before, settled = longest, longest < _SETTLED or _ROUNDING > longest >= before
+        if settled and (miss <= _ON_TIP * link_length * len(means) or straight):
             return directions
-        before = longest
+        if settled:
+            directions, straight, before = (
+                _bent_alternately(directions, miss / (link_length * len(means))),
+                True,
+                np.inf,
+            )
     raise ProblemError(
         f"the least-squares mapping did not converge in {_MOST_STEPS} steps: the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"
     )
+
+
+def _bent_alternately(directions: FloatArray, shorter: float) -> FloatArray:
+    """Return directions turned to one side and the other in turn, so that a straight arm is shorter by a fraction.
+
+    No small step brings the tip of a straight arm nearer to its base.
+    """
+    turn = np.sqrt(2.0 * shorter) * (-1.0) ** np.arange(len(directions))[:, None]
+    return np.asarray(np.cos(turn) * directions + np.sin(turn) * _across(directions)[:, 0])
 
 
 def _tangent_step(
