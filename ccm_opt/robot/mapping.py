@@ -93,6 +93,7 @@ def least_squares_directions(
     directions = means.copy()
     epsilon = REGULARISATION * link_length**2
     each = np.ones(len(means)) if shares is None else shares
+    length = link_length * len(means)
     before, straight = np.inf, False
     for _ in range(_MOST_STEPS):
         step, miss = _tangent_step(points, directions, means, (link_length, each), epsilon)
@@ -101,15 +102,13 @@ def least_squares_directions(
         longest = float(size.max())
         # The tip of a nearly straight arm hardly moves along the arm, so rounding of its position is magnified in the
         # turns of the links: small steps that no longer shrink are that rounding.
-        before, settled = longest, longest < _SETTLED or _ROUNDING > longest >= before
-        if settled and (miss <= _ON_TIP * link_length * len(means) or straight):
+        settled = longest < _SETTLED or _ROUNDING > longest >= before
+        before = longest
+        if settled and (straight or miss <= _ON_TIP * length):
             return directions
         if settled:
-            directions, straight, before = (
-                _bent_alternately(directions, miss / (link_length * len(means))),
-                True,
-                np.inf,
-            )
+            directions = _bent_alternately(directions, miss / length)
+            straight, before = True, np.inf
     raise ProblemError(
         f"the least-squares mapping did not converge in {_MOST_STEPS} steps: the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"
