@@ -58,6 +58,7 @@ nitpick_ignore_regex = [
     ("py:class", r"ccm_opt\.scene\.(walls\.Walls|shells\.Shells)"),
     ("py:class", r"ccm_opt\.viz\.(scene_views\.SceneViews|arm_drawing\.Side)"),
     ("py:class", r"ccm_opt\.scene\.workspace\.Shape"),
+    ("py:class", r"ccm_opt\.scene\.distances\.surface_tree\.SurfaceTree"),
     ("py:class", r"ccm_opt\.io\.reading_back\.SavedMotion"),
     ("py:class", r"ccm_opt\.robot\.configuration\.(Curve|SpaceSegment)"),
     ("py:class", r"Solution"),
