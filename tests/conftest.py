@@ -93,11 +93,11 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Draw cases, run the slowest files first, mark tests that plan, and draw fewer random examples.
 
-    Of files that are named all cases are run. In a run of all files each property gets half of its examples, and with
-    ``-m "not planning"``, which takes about a minute, a quarter.
+    Of files that are named all cases are run. In a run of all files each property gets a third of its examples, and
+    with ``-m "not planning"``, which takes about a minute, a quarter.
     """
     whole = not (config.option.all_cases or any(".py" in given for given in config.args))
-    divisor = 4 if config.option.markexpr == "not planning" else 2 if whole else 1
+    divisor = 4 if config.option.markexpr == "not planning" else 3 if whole else 1
     if whole:
         left_out = left_out_cases(items, _seed_of_cases(config))
         config.hook.pytest_deselected(items=list(left_out))

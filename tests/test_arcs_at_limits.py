@@ -36,7 +36,7 @@ def arcs_to(arm: Arm, headings: np.ndarray, *, with_heading: bool) -> ArcsAtLimi
     return ArcsAtLimits(arm, GoalPose(arm.joint_positions(headings)[-1], direction))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=30, deadline=None)
 @given(
     links=st.integers(4, 40),

@@ -81,7 +81,7 @@ def test_capsules_contain_a_mesh_and_what_it_encloses(seed: int) -> None:
     assert cover.stands_out >= margin
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_capsules_contain_a_polygon(seed: int) -> None:

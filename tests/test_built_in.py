@@ -52,7 +52,7 @@ def test_the_built_in_retimer_keeps_the_method_of_the_problem(retiming: str) -> 
     assert trajectory.duration == pytest.approx(reference.trajectory.duration, rel=1e-6)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_built_in_planner_keeps_constraints() -> None:
     """Constraints that it is given hold on the path, and ``solve`` holds the motion against them."""
     problem = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")

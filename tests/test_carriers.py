@@ -346,7 +346,7 @@ def test_a_short_axis_reaches_once_its_range_is_wide_enough(seed: int, axes: int
         assert np.min(np.linalg.norm(arm.carried(rows).place - target, axis=1)) >= distance - 1e-9
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_gantry_brings_the_arm_before_the_hole() -> None:
     """The plan passes the verifier, and each axis moves."""
@@ -410,7 +410,7 @@ axes = [0.4, 0.0]
 """
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_moving_base_is_no_reason_to_pass_through_an_obstacle(tmp_path: Path) -> None:
     """A post behind the base, which the base alone would touch, stops an arm that slides past it."""

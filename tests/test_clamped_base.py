@@ -61,7 +61,7 @@ def test_only_what_stands_flush_is_clamped() -> None:
     assert clamped_joints(aside, SurfaceTree.from_triangles(aside.workspace.triangle_soup)) == 0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_least_mount_that_frees_the_base_is_told() -> None:
     """An arm of two links cannot go round the box with its first one still; the advice says why that stands still."""
     problem = standing(2)

@@ -61,7 +61,7 @@ def room_of_motion(problem: Problem, time: FloatArray, bends: FloatArray, wanted
     return clearance_over_time(problem, JointTrajectory(time, bends, still, still), wanted)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=20, deadline=None)
 @given(
@@ -91,7 +91,7 @@ def test_the_least_gap_is_that_of_a_dense_sweep(seed: int, radius: float, cleara
         assert room.nearest.gap >= room.reach - step
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 10**6), clearance=st.floats(0.0, 0.01), thinnest=st.floats(0.2, 1.0))
@@ -215,7 +215,7 @@ def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     assert "clearance 5" in sentences[1]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
     """The table, the record, the arrays and the check name one and the same least gap, that of the verifier."""

@@ -71,7 +71,7 @@ def test_describe_prints_the_link_parameter_table(solved: Path) -> None:
     assert "payload 0.02 kg" in out
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_retarget_leaves_the_plan_for_a_new_goal(solved: Path, tmp_path: Path) -> None:
     """The new folder passes ``check`` and keeps the plan up to that time, told by time or by the joints there."""
     with np.load(solved / "solution.npz") as arrays:

@@ -23,7 +23,7 @@ def run(key: str = "a", **changes: object) -> Run:
     return Run(key, "problem", "method", **{**values, **changes})  # type: ignore[arg-type]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(
     st.text(),
@@ -140,7 +140,7 @@ def test_a_full_disk_leaves_a_whole_journal(tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) == 2
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 def test_a_comparison_on_a_full_disk_ends_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The command ends with exit code 2 and one clear sentence, without a traceback."""

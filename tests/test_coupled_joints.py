@@ -1,5 +1,6 @@
 """Joints that share drives: their dynamics, files and plans."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -121,6 +122,19 @@ def test_what_is_not_supported_is_refused_by_its_key(old: str, new: str, words: 
     """Each defect of a file is named with its key."""
     with pytest.raises((ProblemFileError, ccm_opt.ProblemError), match=words):
         read(TEXT.replace(old, new, 1))
+
+
+@given(drives=st.tuples(*[st.floats(-50.0, 50.0)] * 3), digits=st.integers(2, 6))
+def test_rounded_joints_are_those_of_drives(drives: tuple[float, float, float], digits: int) -> None:
+    """Of bends that are written with few digits the nearest drives are taken, within their limits."""
+    arm = read(TEXT).arm
+    assert arm.coupled is not None
+    exact = np.rad2deg(arm.coupled.coupling @ np.deg2rad(drives)).reshape(-1, 2)
+    rows = np.round(exact, digits).tolist()
+    start = read(re.sub(r"(?s)\[start\].*?\n\n", f"[start]\njoints_deg = {rows}\n\n", TEXT)).start
+    assert arm.coupled.misfit(np.ravel(start.bends)) <= 1e-9
+    assert np.max(np.abs(np.rad2deg(start.bends))) <= 60.0 + 1e-6
+    assert np.rad2deg(start.bends) == pytest.approx(exact, abs=10.0**-digits)
 
 
 def test_a_drive_that_moves_nothing_is_named() -> None:

@@ -179,7 +179,7 @@ def _along_a_wall(sight: np.ndarray) -> bool:
     return bool(np.max(np.abs(sight)) / np.linalg.norm(sight) > np.sin(np.deg2rad(74.0)))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_rib_is_seen_from_the_fewest_views(tmp_path: Path) -> None:
     """A plan sees what is asked; its folder keeps problem and views, and fails if less of it is seen."""
@@ -212,7 +212,7 @@ def test_a_rib_is_seen_from_the_fewest_views(tmp_path: Path) -> None:
         load_posed(folder)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @pytest.mark.parametrize(
     ("text", "changes", "words"),

@@ -53,7 +53,7 @@ def bounds(scene: ImportedScene) -> list[float]:
     return list(scene.drawing.box)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=30, deadline=None)
 @given(
     wanted=st.none() | st.sets(st.sampled_from([*LAYERS, "0"])),
@@ -151,7 +151,7 @@ def test_the_page_of_an_svg_drawing_gives_its_unit(tmp_path: Path) -> None:
 COORDINATE = st.floats(-10.0, 10.0)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=30, deadline=None)
 @given(
     corner=st.tuples(COORDINATE, COORDINATE), offset=st.tuples(COORDINATE, COORDINATE),

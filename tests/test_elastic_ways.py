@@ -63,7 +63,7 @@ def drawn(band: ElasticBand, goal: FloatArray, direction: FloatArray | None) -> 
     return way
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=20, deadline=None)
 @given(st.sampled_from([12, 16, 24, 36]), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.booleans())
 def test_links_on_a_band_keep_their_distance_and_bends(links: int, y: float, z: float, directed: bool) -> None:

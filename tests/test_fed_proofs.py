@@ -53,7 +53,7 @@ def test_a_slit_is_proved_closed_if_and_only_if_it_is_narrower(share: float) -> 
         assert finding.bounds["arm.radius"] == pytest.approx(share * RADIUS, rel=5e-3)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(deadline=None, max_examples=20)
 @given(share=st.floats(0.7, 0.95))

@@ -101,7 +101,7 @@ def test_feeding_round_a_plate() -> None:
     assert solution.metrics["tip_error_m"] < 1e-6
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=7, deadline=None)
 @given(turn=st.floats(0.3, 1.4), left=st.booleans(), gap=st.floats(0.004, 0.03))

@@ -112,7 +112,7 @@ def test_own_constraints_are_rows_with_multipliers_and_own_costs_are_parts() -> 
     assert found.residuals["gap in y"] <= 1e-6
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_binding_sides_are_at_the_links_that_they_name() -> None:
     """Every side that is reported lies at an end of its link, and its direction is of unit length."""
     found = ccm_opt.find_pose(ccm_opt.load_problem(PROBLEMS / "fork.toml"))

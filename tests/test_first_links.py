@@ -74,7 +74,7 @@ def test_two_links_are_shut_off_where_a_dense_look_at_their_bends_says_so() -> N
     assert 0 < start != goal > 0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=4)
 @given(seed=st.integers(0, 2**32 - 1))

@@ -107,7 +107,7 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     return search, WayEnd(goal, frame @ frame[0] if directed else None), start, frame
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), directed=st.booleans())
 def test_c_and_python_search_alike(seed: int, directed: bool) -> None:

@@ -54,7 +54,7 @@ def _assert_crossed_left_to_right(string: shapely.LineString, portal: np.ndarray
     return float(place)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=6, deadline=None)
 @example(seed=214, count=35, shrink=0.0)  # two regions meet in a point

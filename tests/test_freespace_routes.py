@@ -101,7 +101,7 @@ def test_few_routes_are_the_first_of_many(seed: int) -> None:
     assert [route.sleeve for route in few] == [route.sleeve for route in many[:5]]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=20, deadline=None)
 @given(seeds, st.integers(3, 8))
 def test_taut_path_is_homotopic_and_shortest(seed: int, corners: int) -> None:

@@ -82,7 +82,7 @@ def test_roll_is_the_angle_about_the_goals_direction_and_its_derivatives_are_rig
     assert found == pytest.approx(slope, rel=1e-4, abs=1e-6)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=1)
 @given(seed=st.integers(0, 2**32 - 1))

@@ -71,7 +71,7 @@ def test_the_base_may_lie_in_the_goal(width: float, seed: int) -> None:
     assert max(missed(wide, found(wide))) <= 0.0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(deadline=None, max_examples=15)
 @given(seed=seeds, width=st.floats(0.0, 0.4), turn=st.floats(0.0, np.pi), heading=st.booleans())
@@ -94,7 +94,7 @@ def test_nothing_is_proved_against_a_set_with_a_free_pose(
     assert not any(finding.proved for finding in failed(wide)), failed(wide)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(deadline=None, max_examples=12)
 @given(seed=seeds, degrees=st.floats(0.5, 10.0))
@@ -127,7 +127,7 @@ def test_what_no_tolerance_mends_is_proved() -> None:
     refuse_closed(replace(far, tolerances=Tolerances(0.3)))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(deadline=None, max_examples=10)
 @given(seed=seeds)

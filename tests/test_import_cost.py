@@ -66,7 +66,7 @@ def test_loading_a_problem_loads_nothing_heavy() -> None:
     assert not loaded & set(HEAVY)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_solve_loads_neither_the_papers_planner_nor_what_explains_failures(tmp_path: Path) -> None:
     """Plans in the plane and in space with their pictures are made, verified, simulated and written without any."""

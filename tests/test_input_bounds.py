@@ -67,7 +67,7 @@ def test_what_is_too_large_is_refused_with_the_bound(text: str, message: str) ->
     assert time.process_time() - began < 20.0  # an order above what is measured
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_hundred_thousand_unknown_keys_take_no_longer_than_their_number() -> None:
     """Ten times as many unknown keys take far less than a hundred times as long."""
@@ -160,7 +160,7 @@ def test_unexpected_members_are_refused_unread(folder: Path, small_solution: Sol
         load_motion(folder, small_solution.problem.arm)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_archives_that_would_fill_the_memory_are_refused_unread(folder: Path, small_solution: Solution) -> None:
     """A gigabyte of zeros in five megabytes: refused by their size, unpacked never."""

@@ -185,7 +185,7 @@ def test_bodies_of_one_file_are_solid_however_they_are_turned(
         assert by_verifier.tolist() == expected.tolist()
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32))

@@ -41,7 +41,7 @@ def tubed_bends(keyframes: FloatArray) -> FloatArray:
     return np.repeat(places <= 0.0, 2, axis=1) * keyframes[:, :-1]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(seed=st.integers(0, 2**32), feed=st.floats(-0.6, 0.0))
 @settings(deadline=None, max_examples=25)
 def test_an_arm_from_its_tube_stays_on_the_path_of_its_tip(seed: int, feed: float) -> None:
@@ -62,7 +62,7 @@ def test_an_arm_from_its_tube_stays_on_the_path_of_its_tip(seed: int, feed: floa
     assert found.worst < 0.5 * ARM.link_length
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(seed=st.integers(0, 2**32), feeds=st.tuples(st.floats(-0.6, 0.0), st.floats(-0.6, 0.0)))
 @settings(deadline=None, max_examples=10)
 def test_an_arm_on_another_path_is_drawn_back_first(seed: int, feeds: tuple[float, float]) -> None:
@@ -139,7 +139,7 @@ def test_a_bound_on_following_is_kept_and_verified(name: str) -> None:
     assert 1.0 <= check.worst / solution.metrics["leader_deviation_worst_m"] <= 1.2
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_bound_that_cannot_be_kept_says_by_how_much() -> None:
     """And what the straight links in the tube allow."""
     problem = ccm_opt.load_problem(SPACE_PROBLEMS / "blade-row.toml", changes=["planner.follow_within=0.001"])

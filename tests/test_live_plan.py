@@ -31,7 +31,7 @@ def is_certified(live: LivePlan) -> bool:
     return all(check.passed for check in ccm_opt.check(plan.problem, plan.trajectory, plan.joints))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=1, deadline=None)  # each plans seven motions
 @given(seed=st.integers(0, 10**6))
 def test_every_drag_is_answered(swan: ccm_opt.Problem, seed: int) -> None:
@@ -80,7 +80,7 @@ def test_where_there_is_no_plan_the_last_one_stays(swan: ccm_opt.Problem) -> Non
     assert live.reason == ""
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_plan_made_anew_is_kept_only_where_it_is_shorter() -> None:
     """It is never longer than the one that followed the drags; with room, errors and simulation it is a whole one."""
     live = LivePlan(clutter(3, count=20).problem())
@@ -143,7 +143,7 @@ def test_a_start_in_contact_is_refused_as_by_a_solve(name: str) -> None:
             asked(tight)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.parametrize("name", ["swan-neck", "space/swan-neck-in-space"])
 def test_a_plan_that_was_loaded_is_planned_on(name: str, tmp_path: Path) -> None:
     """It is the first plan, without planning; a goal that moves is planned for from its motion."""

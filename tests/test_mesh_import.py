@@ -246,7 +246,7 @@ def test_repeated_triangles_among_vertices_without_end() -> None:
     assert np.count_nonzero(repeated(np.concatenate((few, few[:, ::-1]))) == 0) == expected
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_reading_many_triangles(tmp_path: Path) -> None:
     """A million triangles without area are refused, and a mesh of a quarter million is read and is closed."""

@@ -77,7 +77,7 @@ def random_motions(count: int) -> Iterator[tuple[Arm, Workspace, FloatArray, Flo
         yield arm, workspace, start, start + random_turn(rng, arm, 10.0 ** rng.uniform(-1.5, 0.1))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_it_never_passes_what_a_dense_sweep_refutes() -> None:
     """Of 40 random motions among polygons none that touches something in a sweep of 400 sub-steps is certified.
@@ -94,7 +94,7 @@ def test_it_never_passes_what_a_dense_sweep_refutes() -> None:
     assert min(verdicts[True], verdicts[False]) >= 10
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_carried_arm_is_certified_where_it_is() -> None:
     """No motion with the base on its way is passed that a dense sweep refutes; a pose is that of an arm based there."""
@@ -124,7 +124,7 @@ def folding_motions(count: int) -> Iterator[tuple[Arm, FloatArray, FloatArray]]:
         yield arm, start, start + rng.uniform(0.3, 1.0) * (other - start)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_it_never_passes_an_arm_that_meets_itself() -> None:
     """Of 40 folding motions none whose distant links meet in a dense sweep is certified; both verdicts are common."""

@@ -92,7 +92,7 @@ def test_a_single_tree_settles_on_the_goal() -> None:
     assert is_certified(scene, scene.arm.headings(np.array([pose.q for pose in poses])))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_the_seed_decides() -> None:
     """The same seed gives the same trees, another seed others."""
@@ -107,7 +107,7 @@ def test_the_seed_decides() -> None:
     assert not np.array_equal(grown(1), grown(2))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_every_edge_is_certified_and_every_node_new() -> None:
     """Parent and edge of every node pass the certificate, and no two nodes of a tree are nearer than the dispersion."""
     scene = clutter(5, 40)
@@ -143,7 +143,7 @@ def test_the_time_limit_is_kept_and_told() -> None:
     assert time.process_time() < deadline.cpu + 1.0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:
     """An arm in a duct too narrow to fold cannot get to a side branch; the search gives up and says so."""
     task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))

@@ -56,7 +56,7 @@ def test_the_library_has_every_function_that_is_called() -> None:
     assert called - set(native._native_interface()) == set()
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_command_line_tells_a_missing_library_in_one_line(tmp_path: Path) -> None:
     """No traceback: the line says how to build it, and the exit code is that of what cannot be used."""
     script = (

@@ -127,7 +127,7 @@ def test_arrays_of_another_shape_are_refused() -> None:
             ask()
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @attack
 @given(headings=table(3, LINKS), reach=numbers)
 def test_arms_in_the_plane(headings: FloatArray, reach: float) -> None:

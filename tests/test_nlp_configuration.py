@@ -135,7 +135,7 @@ def _segment_of(name: str) -> int:
     return int(prefix.removeprefix("segment ")) if found and prefix.startswith("segment ") else -1
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_impossible_bend_names_the_row_in_the_way() -> None:
     """When no attempt succeeds the diagnosis names a row of the NLP, the solver's status and every attempt."""

@@ -49,7 +49,7 @@ def test_what_ompl_finds_is_verified(whole_arm: bool) -> None:
         np.testing.assert_allclose(headings[-1], scene.goal, atol=1e-9)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_seed_gives_the_same_way() -> None:
     """OMPL's random numbers follow the problem's seed, also when the process has made others before."""
     problem = clutter(2, count=20).problem(time_limit=30.0)

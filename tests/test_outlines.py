@@ -24,7 +24,7 @@ def wavy(rng: np.random.Generator, vertices: int) -> shapely.Polygon:
     return shapely.Polygon(ring, [0.5 * ring[::-1]])
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), vertices=st.integers(50, 3000), error=st.sampled_from((1e-6, 1e-5, 1e-4, 1e-3)))
 def test_a_simplified_obstacle_contains_the_old_one(seed: int, vertices: int, error: float) -> None:

@@ -144,7 +144,7 @@ position = [0.6, 0.3, {height}]
 """An arm beside a post in space; where the post stands and how high the goal is are put in."""
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=1, deadline=None)
 @given(aside=st.floats(0.08, 0.2), height=st.floats(-0.2, 0.2))
 def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: float) -> None:
@@ -195,7 +195,7 @@ def forked(file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     return out / file.stem, output
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_five_plans_lead_from_the_fastest_to_the_roomiest(forked: tuple[Path, str]) -> None:
     """More room costs more time; every plan keeps nine tenths of what it wants, and none asks for what nobody has."""
@@ -217,7 +217,7 @@ def test_five_plans_lead_from_the_fastest_to_the_roomiest(forked: tuple[Path, st
         assert f"{plan['duration']:.3f}" in output
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_every_plan_can_be_checked_from_its_files(forked: tuple[Path, str]) -> None:
     """Each plan's folder passes the verifier by itself, and the problem's folder holds the recommended one."""

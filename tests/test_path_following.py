@@ -86,7 +86,7 @@ def distances(points: FloatArray) -> FloatArray:
     return np.array([np.min(np.linalg.norm(samples - point, axis=1)) for point in points])
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_tip_follows_the_path_and_the_arm_follows_the_tip(solution: Solution) -> None:
     """Swept at samples, the tip is on the path within its tolerance, and the verifier's bound is close to that."""
     assert solution.path.candidate == "along goal.path"
@@ -97,7 +97,7 @@ def test_the_tip_follows_the_path_and_the_arm_follows_the_tip(solution: Solution
     assert checks["following the tip"].worst <= 0.004
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_tip_that_leaves_its_path_or_returns_on_it_is_refused(solution: Solution) -> None:
     """Whichever planner made the motion: along another path, and backwards."""
     elsewhere = [place if k != 3 else [0.2, 0.05, 0.01] for k, place in enumerate(BEND)]
@@ -191,7 +191,7 @@ def six_axis_arm() -> Arm:
     return arc_arm((6, 6, 6), (0.3, 0.3, 0.3), carrier=tuple(axes))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=4, deadline=None)
 @given(st.integers(0, 10**6), st.booleans())
 def test_sections_on_six_axes_follow_a_path(seed: int, flat: bool) -> None:
@@ -221,7 +221,7 @@ def test_sections_on_six_axes_follow_a_path(seed: int, flat: bool) -> None:
     assert FollowingLimit(arm, 1.0).worst_deviation(q) < 0.05 * arm.length
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_bound_on_following_holds_between_samples(solution: Solution) -> None:
     """Of the centre line at a hundred places of every link, at five moments between samples, by brute force."""
     positions, arm = solution.trajectory.positions, solution.problem.arm
@@ -241,7 +241,7 @@ def test_the_bound_on_following_holds_between_samples(solution: Solution) -> Non
     assert worst <= bound <= 1.3 * worst + 2e-4
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_tendon_driven_arm_on_six_axes_follows_a_scanned_path() -> None:
     """From the file to the verified plan: the tip exactly, the arm within the bound, and both again from the folder."""
     problem = ccm_opt.load_problem(Path(__file__).parent.parent / "problems" / "space" / "scanned-path.toml")

@@ -168,7 +168,7 @@ def test_a_folder_has_all_that_pictures_show(measured: Solution, folder: Path) -
     np.testing.assert_array_equal(motion.simulated_angles, measured.simulation.angles)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_draw_makes_all_figures_of_a_folder(folder: Path, plan: PlanDrawing, tmp_path: Path) -> None:
     """Every still figure is written, that of the motion the same as from the solution; --out gathers them by plan."""

@@ -42,7 +42,7 @@ def _planar(random: np.random.Generator, *shape: int) -> FloatArray:
     return numbers
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, rotors=st.booleans(), kind=st.sampled_from(["inverse_dynamics", "forward_dynamics"]))
 def test_planar_code_gives_the_same_bits(seed: int, rotors: bool, kind: DynamicsKind) -> None:

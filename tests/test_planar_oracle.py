@@ -56,7 +56,7 @@ def judged_by_both(
     return all(ours.passed for ours, _ in (*pairs, sides))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=20, deadline=None)
 @given(SEEDS, st.sampled_from((0.0, 0.005, 0.02)), st.booleans(), st.floats(0.0, 0.3))
 def test_both_judge_random_motions_alike(seed: int, radius: float, fed: bool, leap: float) -> None:

@@ -106,7 +106,7 @@ def test_places_and_distances_are_those_of_the_plane(seed: int) -> None:
         assert abs(depth) < 1e-9 or (depth > 0.0) == within
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_a_fed_arm_with_a_tool_and_a_locked_joint_is_planned_in_space(tmp_path: Path) -> None:
     """Through a gap, by the commands; the plan touches nothing and keeps its limits by a model of its own."""

@@ -101,7 +101,7 @@ def test_a_point_moves_as_its_derivatives_say(seed: int, links: int, share: floa
     )
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.3), st.floats(0.2, 2.0), st.sampled_from([None, 0.23]))
 @settings(max_examples=5, deadline=None)
@@ -127,7 +127,7 @@ def test_limits_on_a_point_hold_and_are_used(seed: int, speed: float, growth: fl
     assert np.median(np.max(shares, axis=0)) > 0.9
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(st.integers(0, 2**32 - 1), st.floats(0.03, 0.3), st.floats(0.3, 2.0), st.floats(1.0, 3.0))
 @settings(max_examples=15, deadline=None)
 def test_a_looser_limit_never_takes_longer(seed: int, speed: float, growth: float, looser: float) -> None:
@@ -181,7 +181,7 @@ def test_limits_on_points_hold_beside_all_others(seed: int, beside: str) -> None
     assert all(check.passed for check in checks)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=3, deadline=None)

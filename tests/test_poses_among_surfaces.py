@@ -189,7 +189,7 @@ def test_drives_can_hold_the_pose_that_is_found() -> None:
     assert held.answer.costs["torque"] > 0.0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
     """Nothing is called feasible that is not, and the answer names what is broken."""
     scene = clutter(0, 8)

@@ -64,7 +64,7 @@ def test_unstable_gains_are_refused_before_planning(problem: Problem) -> None:
     assert [progress.stage for progress in heard] == ["dynamics model"]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_goal_whose_last_link_is_in_a_wall_is_refused_at_once(problem: Problem) -> None:
     """A tip that is free but must come out of a wall backwards is no goal; the message names the wall and the depth."""
     goal = TipGoal(np.array([0.285, 0.3]), heading=0.0)

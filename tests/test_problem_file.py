@@ -422,7 +422,7 @@ y = 'z'
     assert lines["many", 1, "child", "y"] == 18
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=25, deadline=None)
 @given(

@@ -133,7 +133,7 @@ def test_every_array_has_a_row() -> None:
     assert set(rows("Arrays")) == {*SHAPES, *CLEARANCE_SHAPES, *own}
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_every_key_of_the_record_has_a_row(written: Folder, written_in_space: Folder) -> None:
     """So has every key of ``solution.json``, in the plane and in space, and every file of text."""
     listed = set(rows("Record and files"))

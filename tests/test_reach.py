@@ -70,7 +70,7 @@ def assert_annulus(found: ReachMap, least: float) -> None:
     assert not np.any(found.reachable & found.proved)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_two_links_reach_an_annulus_whatever_the_workers() -> None:
     """In an empty room the tip of two links reaches the annulus between full stretch and full bend, all round.
 
@@ -160,7 +160,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_command_writes_the_map_and_a_picture(file: Path) -> None:
     """``ccm-opt reach`` ends with 0; record and arrays agree, and the picture is there."""
     code, output = run("reach", file, "--step", 0.1, "--headings", 4, "--out", file.parent / "out")

@@ -137,7 +137,7 @@ def test_a_new_goal_is_reached_from_wherever_the_arm_is(solved: Solution, share:
     assert np.allclose(changed.path.spline(1.0), changed.trajectory.bend_angles[-1], atol=1e-9)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_way_from_rest_keeps_the_users_constraints(solved: Solution) -> None:
     """A constraint that the free way breaks is planned for, checked and reported; a cost is reported."""
     moment = 0.3 * solved.trajectory.duration

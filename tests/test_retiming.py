@@ -185,7 +185,7 @@ def test_torque_limits_hold_with_friction(seed: int) -> None:
     assert np.abs(torques).max() >= 0.8 * limits.torque[0]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(pendulums, 0.0), (sticky_pendulums, FRICTION)]))
 @settings(max_examples=2, deadline=None)  # the oracle is dear, and 500 paths were tried

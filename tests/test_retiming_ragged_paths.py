@@ -43,7 +43,7 @@ def unseen_share(trajectory: JointTrajectory) -> float:
     return max(shares)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(max_examples=10, deadline=None)

@@ -59,7 +59,7 @@ def exact_points(positions: FloatArray, link: float, base: FloatArray, heading: 
     return points
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(SEEDS, SCALES, st.sampled_from([2, 12, 60]), st.floats(0.0, 7.0))
 def test_places_are_off_by_no_more_than_stated(seed: int, scale: float, links: int, far: float) -> None:
     """Every joint of the verifier and the planner, wherever the arm stands, is within the bound of its exact place."""

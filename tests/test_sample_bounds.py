@@ -45,7 +45,7 @@ def limited(arm: Arm, spline: BSpline) -> Problem:
     return Problem("limited", ROOM, arm, Limits(np.full(3 * arm.links, 99.0), accelerations), still, still)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(SEEDS, st.sampled_from([2, 3]), st.sampled_from([2, 6]))
 @settings(max_examples=25)
 def test_mean_torques_are_within_their_bound(seed: int, degree: int, links: int) -> None:

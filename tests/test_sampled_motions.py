@@ -46,7 +46,7 @@ def scene(seed: int) -> Problem:
     )
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 10_000), carried=st.booleans())
 def test_motions_are_free_as_far_as_samples_say(seed: int, carried: bool) -> None:

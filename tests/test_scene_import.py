@@ -153,7 +153,7 @@ def test_a_flattened_spline_stays_within_the_distance(control: list[tuple[float,
     assert furthest(curve, shapely.LineString(flat)) <= 1e-2 * (1 + 1e-9)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=10, deadline=None)
 @given(
@@ -471,7 +471,7 @@ def test_lines_drawn_twice_whole_or_in_parts_count_once(data: st.DataObject, cor
     assert shapely.Polygon(ring.points).area == pytest.approx(shapely.Polygon(points[:-1]).area)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=30, deadline=None)
 @given(

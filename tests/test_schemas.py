@@ -134,7 +134,7 @@ def test_scm_3_holds_the_tip_while_the_length_changes(length: float) -> None:
     assert np.all(np.diff([s.configuration.length for s in steps]) * np.sign(length - 1.0) > 0.0)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(st.floats(0.3, 0.7), st.floats(-1.2, 1.2), st.floats(-1.5, 1.5))
 @settings(max_examples=2, deadline=None)
@@ -181,7 +181,7 @@ def test_scm_5_feeds_and_retracts_along_the_curve() -> None:
     assert (out.segments[-1].length, back.segments[-1].length) == (pytest.approx(0.5), pytest.approx(0.1))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(st.floats(1.5, 5.0), st.sampled_from([-1.0, 1.0]))
 @example(2.140625, -1.0)
@@ -255,7 +255,7 @@ def test_the_boundary_slides_along_the_tip_segment() -> None:
         np.testing.assert_allclose(step.configuration.tip[0], fed.configuration.tip[0], atol=3e-3)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_schema_that_cannot_hold_the_tip_names_itself() -> None:
     """In a world that forbids every move SCM-3 and SCM-6 stop and carry the diagnosis."""
     world = replace(OPEN, passes=nothing_allowed)

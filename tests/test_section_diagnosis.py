@@ -85,7 +85,7 @@ def from_links(place: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(place - points[:-1] - shares[:, None] * steps, axis=1))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_no_goal_that_a_pose_reaches_is_proved_impossible(seed: int) -> None:

@@ -144,7 +144,7 @@ def test_every_candidate_has_its_turn(count: int, seed: int, put_off: float) -> 
         assert drawn == [candidate.name for candidate in candidates]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_seed_decides_the_plan() -> None:
     """The same seed gives the same motion to the last bit, and among a few seeds not all give the same."""
     scene = clutter(303)

@@ -182,7 +182,7 @@ def test_that_no_length_is_enough_is_a_result(tmp_path: Path) -> None:
     assert record["status"] == "infeasible"
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_the_least_length_at_the_best_place_is_found_written_and_proved(tmp_path: Path) -> None:
     """The folder has a verified plan, the record the next length with its reason, the table every trial.

@@ -52,7 +52,7 @@ def off_track(track: ArmTrack, points: FloatArray) -> FloatArray:
     return np.array([float(np.min(np.linalg.norm(fine - point, axis=1))) for point in points])
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=10, deadline=None)
 @given(

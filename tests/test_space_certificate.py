@@ -86,7 +86,7 @@ def test_segments_are_as_near_as_their_nearest_samples(seed: int) -> None:
     assert apart == pytest.approx(distance[:, None] * normal, abs=1e-9)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(seeds, st.booleans())
 @settings(max_examples=20, deadline=None)

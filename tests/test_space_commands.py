@@ -51,7 +51,7 @@ def test_described_parameters_put_the_tip_where_the_arm_has_it(folder: Path, run
     assert frames[-1, :3, 3] + carried == pytest.approx(arm.joint_positions_at(pose)[-1], abs=1e-12)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_simulate_follows_and_draws_from_two_sides(folder: Path, run: CommandLine) -> None:
     """The simulated arm follows its plan, the table tells how near it came, and there is a picture."""
     done = run("simulate", folder)

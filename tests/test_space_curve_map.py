@@ -42,7 +42,7 @@ def test_the_start_is_held_exactly(seed: int, links: int, carried: bool) -> None
     assert blended.configuration(np.append(v, 0.0)) == pytest.approx(q, abs=1e-9)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(seeds, st.integers(4, 30), st.booleans())
 @settings(max_examples=15, deadline=None)

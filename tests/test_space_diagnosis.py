@@ -326,7 +326,7 @@ def test_a_goal_deep_in_a_body_is_moved_out_of_it(monkeypatch: pytest.MonkeyPatc
     assert tuple(moved_goals(problem, findings, later(0.0))) == ()
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=2, deadline=None)
 @given(seed=seeds)

@@ -297,7 +297,7 @@ def test_roll_is_the_turn_about_the_tip() -> None:
     assert roll_against(base, base) == pytest.approx(0.0)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_failure_leaves_its_folder(folder: Path, tmp_path: Path) -> None:
     """A goal out of reach is a record with its reason, the meshes that the problem needs, and a page with the scene."""
     problem = load_any_problem(folder)

@@ -59,7 +59,7 @@ def places_along(points: FloatArray) -> FloatArray:
     return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(st.integers(0, 2**32 - 1), st.sampled_from([37, 48, 60, 96]), st.booleans())
 @settings(max_examples=6, deadline=None)
 def test_the_arm_lies_where_the_coarse_one_does(seed: int, links: int, fed: bool) -> None:

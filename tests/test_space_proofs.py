@@ -53,7 +53,7 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
     np.testing.assert_allclose(force[:, 0], np.ravel(expected[1]), atol=1e-10 * np.max(np.abs(expected[1])))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=20)
 @given(seed=seeds)
@@ -70,7 +70,7 @@ def test_separations_enclose_the_distance(seed: int) -> None:
     np.testing.assert_allclose(lower, upper, atol=1e-6)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=20)
 @given(seed=seeds)
@@ -136,7 +136,7 @@ def clutter(rng: np.random.Generator, count: int) -> Workspace:
     return Workspace(bounds=np.array([[-1.5] * 3, [1.5] * 3]), obstacles=tuple(obstacles), clearance=0.002)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=15)
 @given(seed=seeds, samples=st.sampled_from((2, 5, 60)), bend=st.sampled_from((0.05, 0.3)), count=st.integers(0, 9))
@@ -163,7 +163,7 @@ def test_clearance_is_that_of_dense_samples(seed: int, samples: int, bend: float
     assert gap == pytest.approx(check.worst, abs=1e-6)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=14)
 @given(seed=seeds, samples=st.sampled_from((2, 5, 60)), bend=st.sampled_from((0.3, 0.7)))
@@ -206,7 +206,7 @@ def test_what_passes_between_two_samples_is_seen() -> None:
     assert check.worst < 0.0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=1)  # verdicts so near to a gap take seconds
 @given(seed=seeds)

@@ -70,7 +70,7 @@ def mapped() -> ReachMap:
     return found
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_what_is_reached_keeps_off_what_is_proved() -> None:
     """No cell is both; cells in the block, behind the walls of the room and too far away are proved."""
     found = mapped()
@@ -85,7 +85,7 @@ def test_what_is_reached_keeps_off_what_is_proved() -> None:
     assert np.all(np.isnan(found.gap[~found.reachable]))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_every_pose_of_a_cell_is_sound() -> None:
     """The tip is in the middle of its cell, joints keep their limits, and nothing is touched, by a slow measure."""
     problem = replace(mapped().problem, goal=TipGoal(np.array([0.05, 0.1, 0.1])))
@@ -127,7 +127,7 @@ def test_directions_are_spread_evenly() -> None:
     assert cosines.max() < np.cos(0.3)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_command_writes_record_arrays_and_picture(tmp_path: Path, run: CommandLine) -> None:
     """An arm that is fed into blades is mapped from the motion to its goal; the folder has all of it."""
     done = run("reach", PROBLEMS / "space" / "blade-row.toml", "--out", tmp_path, "--step", "0.35")
@@ -143,7 +143,7 @@ def test_the_command_writes_record_arrays_and_picture(tmp_path: Path, run: Comma
     assert brightness(folder / "reach.png") > 0.1
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_maps_are_the_same_whatever_the_workers(tmp_path: Path, run: CommandLine) -> None:
     """One process and two of them write the same bytes, with directions too; so do results that come out of order."""
     file = tmp_path / "behind.toml"
@@ -168,7 +168,7 @@ def test_slices_show_the_bodies_that_they_cut(at: float, length: float) -> None:
     assert sum(float(np.linalg.norm(np.subtract(line[1], line[0]))) for line in drawn) == pytest.approx(length)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_results_may_come_in_any_order() -> None:
     """A wave whose tasks are done in another order leads to the same map, pose by pose."""
     settings = replace(REACH, drawn=10)

@@ -33,7 +33,7 @@ def random_sweep(seed: int) -> tuple[Sweep, SpaceTask]:
     return Sweep(curve, v + steps), task
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
 def test_slopes_of_rows_are_their_differences(seed: int) -> None:

@@ -36,7 +36,7 @@ def limited(arm: Arm, most: np.ndarray) -> Problem:
     )
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(SEEDS, st.sampled_from([2, 3]), st.sampled_from([2, 6]))
 @settings(max_examples=20)
 def test_mean_torques_in_space_are_within_their_bound(seed: int, degree: int, links: int) -> None:

@@ -115,7 +115,7 @@ def test_a_motion_to_a_pose_of_the_whole_arm() -> None:
     assert motion.configurations[-1] == pytest.approx(goal, abs=1e-9)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
     """Joints inside the guide tube are straight at every moment, also on the smooth path."""
     # A wall with a window of 120 mm; the goal lies behind it, to the side.
@@ -244,7 +244,7 @@ def test_the_tip_passes_the_places_on_the_way() -> None:
     assert np.linalg.norm(tips - via, axis=1).min() < 1.5 * task.unit
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_why_nothing_is_found_names_the_wall() -> None:
     """A goal in a closed box is not reached, and the box is named."""
     # The goal is in a closed box.
@@ -254,7 +254,7 @@ def test_why_nothing_is_found_names_the_wall() -> None:
         find_by_ways(task)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_how_near_the_best_attempt_came_to_a_pose_counts_every_joint() -> None:
     """A pose of the whole arm that lies across a wall is missed by its farthest joint, and not by nothing."""
     goal = np.zeros(24)
@@ -286,7 +286,7 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
     judged(task, BALLS, SpaceMotion.from_poses(curve, poses, "a sampler"))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_ways_through_the_grid_are_cheapest() -> None:
     """As cheap as by Dijkstra; where corners are cut the way stays clear."""

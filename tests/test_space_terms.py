@@ -86,7 +86,7 @@ def test_quantities_of_the_plane_are_refused_by_what_stands_for_them() -> None:
         compile_terms(space_arm(4), [replace(level, expression=lambda q: q.nothing)], [])
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     """The elbow stays where the constraint wants it, exactly, and a cost pulls where nothing forbids."""
     scene = clutter(2, 12)

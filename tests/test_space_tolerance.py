@@ -72,7 +72,7 @@ def near_the_limit(error: ToleratedError) -> FloatArray:
     return trajectory.positions[max(number - 3, 0) : number + 3]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(SEEDS)
 @settings(max_examples=10, deadline=None)
 def test_no_error_of_the_joints_that_is_certified_touches(seed: int) -> None:
@@ -142,7 +142,7 @@ def test_errors_move_links_by_no_more_than_their_levers(seed: int, fed: bool) ->
     assert np.all(np.maximum(away[:-1], away[1:]) <= moved + 1e-12)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_command_writes_what_a_fed_plan_survives(tmp_path: Path, run: CommandLine) -> None:
     """The table, the record with places in space, and a picture; a motion that touches itself sooner says so."""
     folder = write_solution(fed_plan(), tmp_path)

@@ -12,7 +12,7 @@ from ccm_opt.robot.frames import revolute_angles
 from tests.snakes_in_space import least_gaps
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=6, deadline=None)

@@ -30,7 +30,7 @@ def trees(scene: TriangleSoup, leaf: int = 4) -> list[SurfaceTree]:
     return [SurfaceTree(scene.owner[boxes.order], search) for boxes, search in searches]
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=20)
 @given(seed=seeds, count=st.integers(1, 12), reach=reaches)
@@ -98,7 +98,7 @@ def test_slack_lowers_distances_by_no_more(seed: int, count: int, reach: float, 
         assert np.all(lowered >= exact - slack - 1e-12)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=20)
 @given(seed=seeds, count=st.integers(1, 60), reach=reaches)
@@ -123,7 +123,7 @@ def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> 
                 assert NumpySearch(boxes).distances(segment[None], reach, 0.0)[0] == pytest.approx(gap, abs=1e-8)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=20)
 @given(seed=seeds, count=st.integers(1, 200), behind=st.sampled_from((1e-6, 0.01, 0.1)))
 def test_what_planes_leave_is_free(seed: int, count: int, behind: float) -> None:
@@ -206,7 +206,7 @@ def test_fewer_planes_are_the_first_of_more(seed: int, count: int, most: int) ->
         np.testing.assert_array_equal(few.normal, many.normal[first])
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=12)
 @given(seed=seeds, count=st.integers(1, 100), reach=reaches)

@@ -58,7 +58,7 @@ def test_what_is_found_is_certified_and_touches_nothing(seed: int, *, late: bool
     assert late or len(FEW.margins) < len(failures) <= 1 + 3 * len(FEW.margins)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_seed_repeats_its_walks() -> None:
     """Walks are drawn from the task's seed alone: the same one ends as near to the goal, with the same links."""
     ends = []
@@ -67,7 +67,7 @@ def test_a_seed_repeats_its_walks() -> None:
     assert np.array_equal(*ends)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_walks_are_left_out_where_the_tip_has_far_to_go() -> None:
     """Beyond the longest way the tip is led straight on, and that is all; the late turn walks however far it is."""
     task = crowded(clutter(3, 30), replace(FEW, longest_way=0.0))

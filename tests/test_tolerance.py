@@ -181,7 +181,7 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
         assert perturbed_gap(arm, workspace, poses, np.tile(shift, (len(poses), 1))) >= -1e-9
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=5, deadline=None)  # certifies seven errors
 @given(SEEDS, st.sampled_from((4, 12)))
@@ -219,7 +219,7 @@ def test_a_straight_arm_beside_a_wall_has_the_error_of_its_levers() -> None:
     assert "'wall'" in found.where
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_half_as_much_again_along_the_worst_errors_mostly_touches() -> None:
     """Of motions that small errors limit, most touch under 1.5 times the certified errors along the worst direction.
@@ -239,7 +239,7 @@ def test_half_as_much_again_along_the_worst_errors_mostly_touches() -> None:
     assert np.mean(touched) > 0.6
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=6, deadline=None)
 @given(SEEDS, st.sampled_from((4, 12)))

@@ -115,7 +115,7 @@ def free_order(end: TourEnd, bends: list[int]) -> Problem:
     return replace(problem, planner=PlannerOptions(order="free", end=end))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(
     bends=st.lists(st.integers(-30, 30), min_size=2, max_size=5, unique=True),
     end=st.sampled_from(("free", "start")),

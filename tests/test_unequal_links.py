@@ -371,7 +371,7 @@ def test_the_papers_planner_refuses_unequal_links() -> None:
         HillClimbingPlanner().plan(problem)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 def test_the_reach_of_a_tapered_arm_is_mapped() -> None:
     """Many cells are reached, none of which is proved to be out of reach."""

@@ -143,7 +143,7 @@ def drawn_arm(seed: int, *, in_space: bool) -> tuple[Arm, Limits]:
     return arm, limited
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(SEEDS, st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_an_arm_written_as_urdf_is_read_as_the_same_arm(

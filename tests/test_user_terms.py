@@ -144,7 +144,7 @@ def reaching_low() -> Problem:
     return replace(problem, goal=TipGoal(np.array([0.8, 0.1])))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_bound_over_the_whole_motion_holds_at_every_sample() -> None:
     """The plan without the bound breaks it; the plan with it keeps it at all written samples, to 1e-6."""
     problem, middle, low = reaching_low(), slice(8, 17), 0.265

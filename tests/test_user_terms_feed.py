@@ -19,7 +19,7 @@ def problem() -> Problem:
     return make_problem(fed_arm(), make_room(), GOAL)
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_constraint_that_the_leader_would_break_is_kept() -> None:
     """No joint bends farther than the constraint has it, though the joints could, and would without it."""
     bend = Constraint("gentle", lambda q: q.joint_angles, lower=-0.2, upper=0.2)
@@ -30,7 +30,7 @@ def test_a_constraint_that_the_leader_would_break_is_kept() -> None:
     assert held.metrics["tip_error_m"] <= problem().tolerances.position
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_constraint_at_the_goal_decides_how_the_arm_ends() -> None:
     """The middle of the arm ends lower than it would."""
     j = 12

@@ -275,7 +275,7 @@ def test_touching_within_a_micrometre_is_allowed_and_beyond_it_refused() -> None
         assert check_walls(ChainMotion(arm, time, bends), Workspace(ROOM, (wall,))).passed is passed
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=3, deadline=None)
 def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> None:
@@ -375,7 +375,7 @@ def test_falsified_rates_are_refused(field: str, names: set[str]) -> None:
     assert names <= failures(verify(problem, false, joints))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 60))
 def test_velocities_that_accelerations_explain_need_no_allowance_but_rounding(seed: int, count: int) -> None:

@@ -274,7 +274,7 @@ def test_an_open_page_does_not_hold_the_viewer(tmp_path: Path) -> None:
             assert process.wait(4.0) == 0
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:
     """A folder's own motion plays, whatever a plan made now would be; what is no plan is bad input."""
     run = CliRunner().invoke
@@ -307,7 +307,7 @@ def _until(done: Callable[[], bool]) -> None:
     assert done()
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_the_tip_is_driven_braked_and_saved(driven: tuple[ViewerApp, Hands], tmp_path: Path) -> None:
     """A hand moves the tip as the camera sees it; without messages the arm rests; the folder is a plan that passes."""
     app, hands = driven

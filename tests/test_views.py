@@ -161,7 +161,7 @@ def _shares_hit(place: FloatArray, rays: FloatArray, triangles: FloatArray) -> F
     return np.asarray(share[(one >= 0.0) & (other >= 0.0) & (one + other <= 1.0) & (share < 1.0 - 1e-9)])
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 100_000), dimension=st.sampled_from([2, 3]))
 def test_from_all_of_a_view_the_place_is_seen(seed: int, dimension: int) -> None:
@@ -239,7 +239,7 @@ def _failed(problem: Problem, plan: Any) -> set[str]:
     return {check.name for check in checks if not check.passed}
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_plan_of_views_is_rejected_where_it_breaks_a_condition_of_a_view(plan: Any) -> None:
     """The verifier finds each single condition broken, of a stop and of the goal, and the line of sight of both."""
     problem = plan.problem
@@ -282,7 +282,7 @@ def test_an_arm_may_hide_what_it_looks_at() -> None:
     assert free_half_angle(None, motion, 1, centre)[0] > SIGHT_HALF_ANGLE
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 def test_a_spot_in_space_is_looked_at(tmp_path: Path) -> None:
     """A plan in space to a view passes all checks, and its problem is the same after it is written and read."""
     problem = _loaded(SPACE, tmp_path)

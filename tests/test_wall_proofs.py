@@ -50,7 +50,7 @@ def pairs(columns: tuple[IntArray, IntArray]) -> set[tuple[int, int]]:
     return set(zip(columns[0].tolist(), columns[1].tolist(), strict=True))
 
 
-@pytest.mark.drawn(25, of="dear tests")
+@pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @given(
     seed=seeds,

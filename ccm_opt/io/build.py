@@ -45,6 +45,8 @@ from ccm_opt.robot.link_layout import Proportions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
+_BENDS_ROUNDING = math.radians(0.05)
+"""Largest difference of given bends from those of drives that is attributed to digits left out [rad]."""
 _FOLDED_SHARE = 0.95
 """Fraction of the joint limit that a folded arm uses, so that its joints can still move in both directions.
 Heuristic."""
@@ -474,6 +476,8 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
         bends = np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg)
         if arm.sections is not None and len(bends) == len(arm.sections.counts):
             bends = (arm.sections.coupling @ bends.ravel()).reshape(arm.links, 2)
+        elif arm.drives is not None and len(bends) == arm.links:
+            bends = arm.drives.nearest(bends.ravel(), _BENDS_ROUNDING).reshape(arm.links, 2)
         return JointPose(bends, feed)
     if table.segments is not None:
         curve = Configuration.chain(

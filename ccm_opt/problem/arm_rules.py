@@ -30,7 +30,7 @@ from ccm_opt.robot.arc_sections import ArcSections
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.base_axes import MOST_AXES
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.couplings import DriveCoupling
+from ccm_opt.robot.couplings import DRIVES_MISFIT, DriveCoupling
 from ccm_opt.robot.link_layout import Proportions
 
 if TYPE_CHECKING:
@@ -83,10 +83,6 @@ def _proportion_defects(proportions: Proportions, links: int, bends_a_joint: int
             yield f"arm.proportions.{name} must be from 0 to 1 and reach 1, got {values.min():g} to {values.max():g}"
 
 
-_MISFIT = 1e-9
-"""Largest difference of a joint's bend from its share of its drive that is attributed to rounding [rad]."""
-
-
 def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]:
     """Yield a sentence for everything in a problem that drives of several joints do not support."""
     arm, limits = problem.arm, problem.limits
@@ -116,10 +112,10 @@ def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]
         joints = pose.for_joints
         if joints and np.shape(joints.bends) == (arm.links, 2):
             misfit = drives.misfit(np.ravel(joints.bends))
-            if misfit > _MISFIT:
+            if misfit > DRIVES_MISFIT:
                 yield f"{name}.bends differ by up to {np.rad2deg(misfit):.3g}° from those of {what}"
             used = drives.travel_used(np.ravel(joints.bends))
-            if used > 1.0 + _MISFIT:
+            if used > 1.0 + DRIVES_MISFIT:
                 yield f"{name}.bends take {100.0 * used:.4g} % of the travel of a tendon"
 
 

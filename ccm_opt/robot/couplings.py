@@ -12,6 +12,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 
+DRIVES_MISFIT = 1e-9
+"""Largest difference of a joint's bend from its share of its drive that is attributed to rounding [rad]."""
+
 
 class DriveCoupling(ABC):
     """Abstract coupling of the joints of an arm in space to m drives."""
@@ -65,6 +68,17 @@ class DriveCoupling(ABC):
     def misfit(self, bends: FloatArray) -> float:
         """Return by how much bends of the joints, (..., 2 links), differ from the nearest of the drives, at most."""
         return float(np.max(np.abs(bends - self.drives(bends) @ self.coupling.T)))
+
+    def nearest(self, bends: FloatArray, within: float) -> FloatArray:
+        """Return the bends that drives within their limits give next to rounded ones, (2 links,) [rad].
+
+        Bends that fit the drives except for the rounding of floating-point numbers, or differ by more than ``within``
+        [rad] from the nearest, are returned as they are.
+        """
+        if self.misfit(bends) <= DRIVES_MISFIT:
+            return bends
+        found = self.coupling @ np.clip(self.drives(bends), -self.drive_limits, self.drive_limits)
+        return np.asarray(found if np.max(np.abs(found - bends)) <= within else bends)
 
     def travel_used(self, bends: FloatArray) -> float:
         """Return the greatest fraction of its travel by which bends of the joints, (..., 2 links), move a tendon."""
