@@ -24,7 +24,7 @@ from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, failed_check
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.own_units import planning_units
-from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space
+from ccm_opt.planning.plane_in_space import needs_space
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.resuming import known_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
@@ -95,27 +95,15 @@ class _FollowingPlanner:
         """
         planner = self.quick if self.dragging else self.thorough
         if problem.dimension == 3 or needs_space(problem.arm):
-            in_space = problem if problem.dimension == 3 else problem_in_space(problem)
-            planned = planner.planned_in_space(in_space, self._known_for(in_space))
-            path = planned.path if in_space is problem else path_in_plane(planned.path, problem.arm)
+            planned = planner.planned_in_space(problem, self.known)
+            path = planned.path
         else:
             with planning_units(problem) as units:
-                scaled = units.scaled(problem)
-                planned = planner.planned(scaled, None if problem.arm.base_axes else self._known_for(scaled))
+                planned = planner.planned(units.scaled(problem), () if problem.arm.base_axes else self.known)
             path = units.path_in_metres(planned.path, problem.arm)
         self.made += (planned.motion,)
         self.resumed &= planned.resumed
         return path
-
-    def _known_for(self, problem: Problem) -> CurveMotion[Any] | None:
-        """Return the known motion whose tip begins and ends nearest to that of a problem; None without any."""
-        arm = problem.arm
-        ends = np.stack((arm.joint_positions_at(problem.start.configuration(arm))[-1], problem.goal.tip(arm)))
-
-        def distance(motion: CurveMotion[Any]) -> float:
-            return float(np.linalg.norm(arm.joint_positions_at(motion.configurations[[0, -1]])[:, -1] - ends))
-
-        return min(self.known, key=distance, default=None)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ at the end of the mount just touches the floor, and any turn of the base would p
 joints are then held straight, and the arm bends beyond them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -46,7 +46,7 @@ from ccm_opt.planning.path_following import motion_along
 from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
-from ccm_opt.planning.resuming import resumed, resumed_in_space
+from ccm_opt.planning.resuming import nearest_known, resumed, resumed_in_space
 from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
@@ -121,6 +121,10 @@ class PlannedPath:
     motion: CurveMotion[Any]
     resumed: bool = False
 
+    def mapped(self, change: Callable[[JointPath], JointPath]) -> "PlannedPath":
+        """Return the plan with its path changed by a function; the motion stays that of the arm as planned."""
+        return replace(self, path=self.path.mapped(change))
+
 
 @dataclass(frozen=True)
 class MotionPlanner:
@@ -161,21 +165,20 @@ class MotionPlanner:
             raise ProblemError("this planner takes goals for the tip; goal.look_at is taken by ccm_opt.solve")
         if problem.coverage is not None and problem.planner.order == "free":
             raise ProblemError("this planner takes goals for the tip; goal.see is taken by ccm_opt.solve")
+        if self.sampled and problem.arm.feed is not None:
+            raise ProblemError(
+                "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
+            )
         if needs_space(problem.arm):
             if self.terms is not None:
                 raise ProblemError(
                     "constraints and costs are not supported for a planar arm on a feed axis with a tool, bodies "
                     "or locked joints; leave them out"
                 )
-            path = self.plan(problem_in_space(problem))
-            return path.mapped(partial(path_in_plane, arm=problem.arm))
+            return self.planned_in_space(problem).path
         if problem.arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
-        if self.sampled and problem.arm.feed is not None:
-            raise ProblemError(
-                "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
-            )
         if problem.dimension == 2:
             with planning_units(problem) as units:
                 path = self.planned(units.scaled(problem)).path
@@ -184,22 +187,30 @@ class MotionPlanner:
             return self.planned_in_space(problem).path
         return self._along_path(problem, self._space_task(problem)[1], problem.goal.path)
 
-    def planned_in_space(self, problem: Problem, known: SpaceMotion | None = None) -> PlannedPath:
+    def planned_in_space(self, problem: Problem, known: Sequence[SpaceMotion] = ()) -> PlannedPath:
         """Plan a certified motion in space and a smooth path along it.
 
         Args:
-            problem: the problem, without a path for the tip.
-            known: a motion for a slightly different problem, to be adapted; a new motion is searched for if it is None
-                or cannot be adapted.
+            problem: the problem, without a path for the tip; one in the plane is planned as one in space.
+            known: motions for slightly different problems, of which the nearest is adapted; a new motion is searched
+                for if there is none or it cannot be adapted.
 
         Raises:
             ProblemError: the start violates a limit.
             NoPlanFound: no motion was found; gives the reason and advice.
         """
+        arm = problem.arm
+        if arm.dimension == 2:
+            return self.planned_in_space(problem_in_space(problem), known).mapped(partial(path_in_plane, arm=arm))
+        if arm.rigid_bodies:
+            whole = problem_with_tool_links(problem, weighed=True)
+            back = partial(path_without_tool_links, arm=arm, whole=whole.arm)
+            return self.planned_in_space(whole, known).mapped(back)
         problem, task = self._space_task(problem)
-        if known is not None:
+        nearest = nearest_known(known, problem)
+        if nearest is not None:
             with self.stages("motion"):
-                motion = resumed_in_space(known, task)
+                motion = resumed_in_space(nearest, task)
             if motion is not None:
                 with suppress(MotionNotFound), self.stages("smooth path"):
                     return replace(_smoothed(problem, task, (motion,)), resumed=True)
@@ -268,13 +279,13 @@ class MotionPlanner:
             task = task if problem.arm.carrier else replace(task, refuse=partial(self.refuse, problem))
         return problem, task
 
-    def planned(self, problem: Problem, known: Motion | None = None) -> PlannedPath:
+    def planned(self, problem: Problem, known: Sequence[Motion] = ()) -> PlannedPath:
         """Plan a certified motion in the plane and a smooth path along it.
 
         Args:
             problem: the problem, in units of its arm.
-            known: a motion for a slightly different problem, to be adapted; a new motion is searched for if it is None
-                or cannot be adapted.
+            known: motions for slightly different problems, of which the nearest is adapted; a new motion is searched
+                for if there is none or it cannot be adapted.
 
         Raises:
             NoPlanFound: no motion was found; gives the reason and advice.
@@ -288,10 +299,11 @@ class MotionPlanner:
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
         end_poses = EndPoses(near, ends, self.stages, self.terms, self.plane.goal_pose)
-        if known is not None:
+        nearest = nearest_known(known, problem)
+        if nearest is not None:
             with self.stages("motion"):
                 task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)
-                motion = resumed(known, replace(task, deadline=deadline.within(_ADAPTING_SHARE * deadline.left)))
+                motion = resumed(nearest, replace(task, deadline=deadline.within(_ADAPTING_SHARE * deadline.left)))
                 if motion is not None:
                     path = joint_path(task, motion)
                     path = replace(path, goal_pose=end_poses.record(motion.end_pose))

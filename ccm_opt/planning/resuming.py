@@ -5,8 +5,9 @@ deformed one would touch them, and optimised like any other; in space it keeps t
 replanning takes hardly longer than one smooth path.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,7 +22,10 @@ from ccm_opt.planning.section_map import unknowns_through
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tracking import Reference, follow_reference
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
+
+_Known = TypeVar("_Known", bound=CurveMotion[Any])
 
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations [rad, m]."""
@@ -37,6 +41,19 @@ def known_motion(arm: Arm, configurations: FloatArray) -> CurveMotion[Any]:
     fitted = np.stack([curve.fitted(q) for q in configurations])
     fitted[-1] = end
     return CurveMotion(curve, fitted, configurations, "given")
+
+
+def nearest_known(known: Sequence[_Known], problem: Problem) -> _Known | None:
+    """Return the known motion whose tip begins and ends nearest to that of a problem; None without any."""
+    if not known:
+        return None
+    arm = problem.arm
+    ends = np.stack((arm.joint_positions_at(problem.start.configuration(arm))[-1], problem.goal.tip(arm)))
+
+    def distance(motion: _Known) -> float:
+        return float(np.linalg.norm(arm.joint_positions_at(motion.configurations[[0, -1]])[:, -1] - ends))
+
+    return min(known, key=distance)
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
