@@ -62,30 +62,13 @@ class LinkFrames:
             return cls._in_plane(arm, positions)
         if arm.sections is not None:
             return cls._of_arcs(arm, positions)
-        shape = (len(positions), arm.links, 3)
-        frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
-        # The base frame is right-handed: ahead × left = up.
         base = BaseMotion.from_configurations(arm, positions)
-        ahead, left, up = base.ahead, base.left, base.up
-        bends = np.ascontiguousarray(bend_pairs(arm, positions).reshape(len(positions), -1).T)
-        cosines = np.cos(bends)[:, :, None]
-        sines = np.sin(bends)[:, :, None]
-        fixed = None if arm.tool_links is None else arm.tool_links.turns
-        for link in range(arm.links):
-            if fixed is not None:
-                turn = fixed[link]
-                ahead, left, up = (turn[0, k] * ahead + turn[1, k] * left + turn[2, k] * up for k in range(3))
-            frames.first_axes[:, link] = up
-            cosine, sine = cosines[2 * link], sines[2 * link]
-            turned = cosine * ahead + sine * left
-            left = cosine * left - sine * ahead
-            frames.second_axes[:, link] = left
-            cosine, sine = cosines[2 * link + 1], sines[2 * link + 1]
-            # A rotation about left turns up towards ahead, and ahead downwards.
-            ahead = cosine * turned - sine * up
-            up = cosine * up + sine * turned
-            frames.along[:, link] = ahead
-            frames.across[:, link] = up
+        frames = cls(*np.empty((4, len(positions), arm.links, 3)))
+        NativeCall(
+            "link_frames", count=len(positions), links=arm.links, ahead=base.ahead, left=base.left, up=base.up,
+            bends=bend_pairs(arm, positions), fixed=None if arm.tool_links is None else arm.tool_links.turns,
+            first_axes=frames.first_axes, second_axes=frames.second_axes, along=frames.along, across=frames.across,
+        )()  # fmt: skip
         return frames
 
     @classmethod
