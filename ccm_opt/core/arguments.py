@@ -69,21 +69,6 @@ def expect_method(value: object, methods: Sequence[str], what: str, hint: str = 
         raise ProblemError(refusal(value, what, hint))
 
 
-def expect_callable(value: object, what: str, hint: str = "") -> None:
-    """Raise an error if a value is not callable; None is accepted.
-
-    Args:
-        value: the value to check.
-        what: text for the expected kind of value, with an article.
-        hint: advice on what to pass instead; may be empty.
-
-    Raises:
-        ProblemError: the value is not callable.
-    """
-    if value is not None and not callable(value):
-        raise ProblemError(refusal(value, what, hint))
-
-
 def expect_vector(value: object, size: int, what: str) -> FloatArray:
     """Return a vector of finite numbers given by the user, shape (size,).
 

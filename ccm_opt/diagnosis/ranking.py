@@ -40,14 +40,12 @@ REPAIRED_KINDS = {
 def rank_findings(
     findings: tuple[Finding, ...],
     relaxations: tuple[Relaxation, ...] = (),
-    most: int = _FINDINGS,
 ) -> tuple[Finding, ...]:
     """Return findings by importance: proved ones, then those removed by the smallest change, then the others.
 
     Args:
         findings: findings in any order.
         relaxations: relaxations with which the problem was solved, the smallest first.
-        most: maximum number of findings returned.
     """
     mended = [kind for relaxed in relaxations for kind in REPAIRED_KINDS.get(_of_arm(relaxed.key), ())]
 
@@ -60,7 +58,7 @@ def rank_findings(
         return not finding.proved, by_change, kind, -finding.bounds.get("arm.link_length", 0.0)
 
     different = {finding.reason: finding for finding in findings}
-    return tuple(sorted(different.values(), key=place))[:most]
+    return tuple(sorted(different.values(), key=place))[:_FINDINGS]
 
 
 def _of_arm(key: str) -> str:

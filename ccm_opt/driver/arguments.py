@@ -1,11 +1,12 @@
 """Checks of the arguments of public functions, and of the user's constraints and costs."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ccm_opt.core.arguments import expect, expect_callable, expect_method, expect_that, is_whole
+from ccm_opt.core.arguments import expect, expect_method, expect_that, is_whole
 from ccm_opt.core.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.ik.compiled_terms import UserTerms
@@ -40,7 +41,8 @@ def expect_arguments(
     Raises:
         ProblemError: an argument is invalid; the message says what is expected and how to write it.
     """
-    expect_callable(progress, "a function for progress=", "for example progress=print")
+    if progress is not None:
+        expect_that(partial(callable, progress), progress, "a function for progress=", "for example progress=print")
     expect_method(planner, ["plan"], "a planner: an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
     expect_method(
         retimer, ["retime"], "a retimer: an object with retime(problem, path)", "ccm_opt.BuiltInRetimer() is one"

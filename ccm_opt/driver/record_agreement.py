@@ -52,7 +52,6 @@ def record_checks(
     record: RecordedResults,
     checks: tuple[Check, ...],
     room: ClearanceRecord,
-    settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
     """Return the checks that everything recorded about a motion in an output folder agrees with the motion.
 
@@ -64,9 +63,8 @@ def record_checks(
         record: the recorded results.
         checks: checks of the verifier, recomputed.
         room: clearance of the motion over time, recomputed.
-        settings: tolerances of agreement.
     """
-    settings = settings.for_problem(problem)
+    settings = DEFAULT_VERIFICATION.for_problem(problem)
     trajectory, joints = motion.trajectory, motion.joints
     found = [check_keyframes(problem.arm, trajectory, motion.keyframes, settings)]
     figures = dict(motion_figures(problem, trajectory, joints, checks))

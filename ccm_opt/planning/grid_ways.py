@@ -12,6 +12,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_NEAR = 2
+"""Maximum distance from a point's cell, in cells along each axis, at which a free cell is sought."""
 LAYER = 8
 """Number of layers of cells along x that are evaluated together, between two checks of the deadline."""
 
@@ -146,16 +148,11 @@ class TipGrid:
         x, y, z = np.clip(found, 0, np.array(self.gaps.shape) - 1)
         return int(x), int(y), int(z)
 
-    def free_near(self, place: FloatArray, within: int = 2) -> tuple[int, int, int] | None:
-        """Return the indices of the free cell nearest to a point (3,) [m], or None if no cell nearby is free.
-
-        Args:
-            place: the point.
-            within: maximum distance from the point's cell along each axis, in cells.
-        """
+    def free_near(self, place: FloatArray) -> tuple[int, int, int] | None:
+        """Return the indices of the free cell nearest to a point (3,) [m], or None if no cell nearby is free."""
         centre = self.index(place)
         best: tuple[float, tuple[int, int, int]] | None = None
-        for step in product(range(-within, within + 1), repeat=3):
+        for step in product(range(-_NEAR, _NEAR + 1), repeat=3):
             cell = tuple(a + b for a, b in zip(centre, step, strict=True))
             inside = all(0 <= c < n for c, n in zip(cell, self.gaps.shape, strict=True))
             if not inside or self.gaps[cell] <= 0.0:

@@ -54,6 +54,8 @@ that the arm can keep up."""
 
 _FINE = 0.05
 """Spacing of the arc lengths at which links on a track are tabulated, in link lengths."""
+_ARCS_TRIED = 200
+"""Number of evenly spaced samples of a track among which the nearest to a point is found."""
 _LONGEST = 2.0
 """Longest arc of which a link is assumed to be a chord, in link lengths; a half circle over a link has π / 2."""
 
@@ -91,15 +93,14 @@ class TipTrack:
         """Return a mask of the arc lengths (m,) [m] at which a link may follow the track: not before its start."""
         return arcs >= 0.0
 
-    def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
+    def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Return the arc length of the point of the track nearest to a given point, among evenly spaced samples [m].
 
         Args:
             point: the point, shape (d,) [m].
             last: largest arc length that is sampled [m].
-            places: number of samples.
         """
-        candidates = np.linspace(0.0, min(last, self.length), places)
+        candidates = np.linspace(0.0, min(last, self.length), _ARCS_TRIED)
         return nearest_place(self.points, self.arcs, point, candidates)
 
 

@@ -78,11 +78,6 @@ class Coordinates:
         """Index of the drive of each coordinate, shape (c,)."""
         return np.array(self.drives, dtype=np.intp)
 
-    @property
-    def drive_count(self) -> int:
-        """Number of drives: one for every revolute and one for every axis that carries the base."""
-        return self.revolutes + len(self.base_names)
-
     def advance(self, q: FloatArray) -> FloatArray:
         """Return the displacement of the base along the base heading, shape (...) [m]; 0 if the base is fixed.
 

@@ -123,19 +123,18 @@ def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
     return bends
 
 
-def configuration_from_positions(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
+def configuration_from_positions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the configuration with joints and tip at given positions, shape (..., c) [rad, m].
 
     Args:
         arm: the arm.
         positions: positions of joints and tip, shape (..., links + 1, 3) [m]; the first is the base, or lies on its
             feed axis.
-        tolerance: allowed error of the base position and of the link lengths, as a fraction of the link length.
 
     Raises:
         ProblemError: the shape, the base or a link length does not fit the arm.
     """
-    directions, carried = _link_directions(arm, _world_points(arm, positions), tolerance * arm.link_length)
+    directions, carried = _link_directions(arm, _world_points(arm, positions), LENGTH_TOLERANCE * arm.link_length)
     bends = bends_from_directions(arm, directions)
     flat = bends.reshape(*bends.shape[:-2], -1)
     return np.concatenate((flat, carried[..., None] * np.ones(len(arm.base_axes))), axis=-1)

@@ -136,6 +136,10 @@ class CurvatureSegment:
         return float(self.heading_at(np.array(self.length)))
 
 
+_LEAST_TURN = 1e-3
+"""Turn of the heading above which a stretch of one sign of the curvature counts [rad]."""
+_ROUNDED_TURN = 1e-6
+"""Magnitude up to which an angle between two poses counts as zero [rad]."""
 _SIGN_SAMPLES = 32
 """Number of intervals per cubic piece between the headings sampled to find the signs of the curvature. Heuristic."""
 
@@ -154,21 +158,9 @@ class SegmentType(StrEnum):
     LEFT_RIGHT = "left-right"
     RIGHT_LEFT = "right-left"
 
-    @property
-    def mirrored(self) -> "SegmentType":
-        """Type of the segment's mirror image, with left and right exchanged."""
-        return SegmentType("-".join(_OTHER_SIDE[word] for word in self.value.split("-")))
 
-
-_OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
-
-
-def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
+def classify(segment: CurvatureSegment) -> SegmentType:
     """Return the type of a curve segment, given by the signs of its curvature.
-
-    Args:
-        segment: the segment.
-        least_turn: turn of the heading above which a stretch of one sign counts [rad].
 
     Raises:
         ProblemError: the curvature changes sign more than once; the segment must be divided first.
@@ -177,7 +169,7 @@ def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType
     heading = segment.heading_at(arc)
     turning = heading[np.concatenate(([0], _extrema(heading), [len(arc) - 1]))]
     turns = np.diff(turning)
-    signs = np.sign(turns[np.abs(turns) > least_turn]).astype(int)
+    signs = np.sign(turns[np.abs(turns) > _LEAST_TURN]).astype(int)
     stretches = [int(sign) for k, sign in enumerate(signs) if k == 0 or sign != signs[k - 1]]
     name = "-".join("left" if sign > 0 else "right" for sign in stretches) or "straight"
     if len(stretches) > 2:
@@ -201,7 +193,6 @@ def select_segment_type(
     base_heading: float | None,
     tip: FloatArray,
     tip_heading: float | None,
-    tolerance: float = 1e-6,
 ) -> SegmentType:
     """Return the simplest type of curve segment that joins two poses, without computing a curve (section 2.1).
 
@@ -219,7 +210,6 @@ def select_segment_type(
         base_heading: heading at the base [rad], or None if the base may turn.
         tip: position of the tip, shape (2,) [m]; different from the base.
         tip_heading: heading at the tip [rad], or None if the tip may have any heading.
-        tolerance: magnitude up to which an angle counts as zero [rad].
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
     direction = vector_heading(chord)
@@ -230,8 +220,8 @@ def select_segment_type(
         alpha = beta or 0.0
     if beta is None:
         beta = alpha
-    first = _sign(alpha, tolerance)
-    last = _sign(beta, tolerance)
+    first = _sign(alpha)
+    last = _sign(beta)
     if first == last:
         return {0: SegmentType.STRAIGHT, 1: SegmentType.LEFT, -1: SegmentType.RIGHT}[first]
     return SegmentType.LEFT_RIGHT if first > last else SegmentType.RIGHT_LEFT
@@ -283,8 +273,8 @@ def end_angle(kind: SegmentType, ratio: float) -> float:
     return float(brentq(lambda a: j0(a) - ratio, 0.0, _FIRST_ZERO_OF_J0))
 
 
-def _sign(angle: float, tolerance: float) -> int:
-    return 0 if abs(angle) <= tolerance else (1 if angle > 0 else -1)
+def _sign(angle: float) -> int:
+    return 0 if abs(angle) <= _ROUNDED_TURN else (1 if angle > 0 else -1)
 
 
 def _extrema(heading: FloatArray) -> IntArray:

@@ -239,11 +239,9 @@ class Certificate:
     settings: CertificateSettings = DEFAULT_CERTIFICATE
 
     @classmethod
-    def allowing_contact(
-        cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
-    ) -> "Certificate":
+    def allowing_contact(cls, arm: Arm, workspace: Workspace) -> "Certificate":
         """Return a certificate that tolerates slight contact if the arm has non-zero width."""
-        return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
+        return cls(arm, workspace, -allowed_contact(arm, workspace, DEFAULT_CERTIFICATE))
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Return the intervals of a piecewise-linear motion that are not certified.

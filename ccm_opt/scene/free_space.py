@@ -32,14 +32,11 @@ from ccm_opt.scene.corridor import Corridor, Route
 from ccm_opt.scene.corridor_maker import CorridorMaker
 from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.narrow_gates import (
-    Bottleneck,
     Chain,
     EdgeMetric,
     GateRuns,
     chains_between,
     min_plus,
-    missing_link,
-    narrowest_passage,
     straight_through_gates,
 )
 from ccm_opt.scene.sleeve import taut_string
@@ -450,10 +447,6 @@ class FreeSpace:
         """
         return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
 
-    def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
-        """Return whether two polylines (m, 2) and (k, 2) [m] with the same ends are homotopic in free space."""
-        return self.sleeve_of(one) == self.sleeve_of(other)
-
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
         """Return the shortest path homotopic to a polyline, with the same ends.
 
@@ -520,17 +513,6 @@ class FreeSpace:
         moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > ROUNDING
         path = route.taut[int(moved[0]) : len(route.taut) - int(moved[1])]
         return self.corridor_maker.corridor_along(route, path if len(path) > 1 else np.repeat(path, 2, axis=0))
-
-    def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
-        """Return the narrowest passage on the shortest route between two points (2,) [m].
-
-        If the points are not connected, return the gap between the components of free space that contain them.
-        """
-        ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
-        routes = shortest_routes(self._metric, ends, free, 1)
-        if not routes:
-            return missing_link(self.workspace, self.triangulation, int(ends[0]), int(ends[1]))
-        return narrowest_passage(self.workspace, self.triangulation, routes[0].sleeve)
 
 
 def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Narrow gates of planar free space, chains of triangles between junctions, and widths between walls.
+"""Narrow gates of planar free space, and chains of triangles between junctions.
 
 A link is stiff. Through a gate hardly wider than the arm, a link passes only at a right angle to the gate, and so must
 the link that follows; a shortest path, which bends right in the gate, would lead the link in at a slant.
@@ -288,48 +288,7 @@ def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], no
     return Chain(tuple(triangles), neighbours[triangles[-1]].index(triangles[-2]), exit_edge, lengths)
 
 
-@dataclass(frozen=True)
-class Bottleneck:
-    """The narrowest passage between a start and a goal in planar free space.
-
-    Attributes:
-        connected: whether a route exists.
-        width: width of the free passage for the arm's axis [m]; 0 if not connected.
-        place: middle of the narrowest passage, or of the gap between the components, shape (2,) [m].
-        walls: names of the two walls nearest to ``place``.
-    """
-
-    connected: bool
-    width: float
-    place: FloatArray
-    walls: tuple[str, ...]
-
-
-def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[int, ...]) -> Bottleneck:
-    """Return the narrowest edge crossed by a sequence of triangles as a bottleneck; infinite width for one triangle."""
-    edges = mesh.portals(sleeve)
-    if len(edges) == 0:
-        place = mesh.centroids[sleeve[0]]
-        return Bottleneck(connected=True, width=np.inf, place=place, walls=nearest_walls(workspace, place))
-    widths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
-    place = edges[np.argmin(widths)].mean(axis=0)
-    return Bottleneck(connected=True, width=float(widths.min()), place=place, walls=nearest_walls(workspace, place))
-
-
-def missing_link(workspace: Workspace, mesh: Triangulation, start: int, goal: int) -> Bottleneck:
-    """Return the shortest gap between the components of free space that contain two triangles, with width 0."""
-    around = [_component(mesh, mesh.components[triangle]) for triangle in (start, goal)]
-    place = shapely.get_coordinates(shapely.shortest_line(*around)).mean(axis=0)
-    return Bottleneck(connected=False, width=0.0, place=place, walls=nearest_walls(workspace, place))
-
-
 def nearest_walls(workspace: Workspace, place: FloatArray, count: int = 2) -> tuple[str, ...]:
     """Return the names of the walls nearest to a point (2,) [m], nearest first."""
     order = np.argsort(workspace.apart(shapely.Point(place)), kind="stable")
     return tuple(workspace.walls[k].name for k in order[:count])
-
-
-def _component(mesh: Triangulation, number: int) -> shapely.Geometry:
-    """Return all triangles of one connected component as a geometry."""
-    triangles: shapely.Geometry = shapely.multipolygons(shapely.polygons(mesh.corners[mesh.components == number]))
-    return triangles

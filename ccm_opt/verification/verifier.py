@@ -106,15 +106,12 @@ def verify(
     return tuple(checks)
 
 
-def left_unchecked(
-    problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
-) -> tuple[str, ...]:
+def left_unchecked(problem: Problem, trajectory: JointTrajectory) -> tuple[str, ...]:
     """Return remarks on what a reader might assume was checked but was not, clearances above all; usually empty.
 
     Args:
         problem: the problem that the motion solves.
         trajectory: the motion, which passes every check.
-        settings: settings of the verifier.
 
     Returns:
         One clause per unchecked clearance.
@@ -129,7 +126,7 @@ def left_unchecked(
     # In space, crossing links are rejected however close they are along the arm, so only the plane needs a remark.
     if arm.self_collision and arm.dimension == 2:
         motion = motion_of(arm, trajectory.time, trajectory.positions)
-        crossing = crossing_near_links(motion, settings.for_problem(problem))
+        crossing = crossing_near_links(motion, DEFAULT_VERIFICATION.for_problem(problem))
         if crossing:
             remarks.append(f"{crossing}: links so near along the arm are not checked against each other")
     return tuple(remark for remark in remarks if remark)

@@ -59,17 +59,15 @@ _CAUSES = {
 }
 
 
-def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
-    """Yield sentences about the clearance of a motion, the most important first.
+_MOST_STRETCHES = 3
+"""Maximum number of time intervals below the preferred clearance that are mentioned, those with the largest
+shortfall."""
 
-    Args:
-        room: clearance of the motion over time.
-        units: units of lengths.
-        most: maximum number of time intervals below the preferred clearance that are mentioned; if there are more,
-            those with the largest shortfall.
-    """
+
+def clearance_sentences(room: ClearanceRecord, units: PageUnits) -> Iterator[str]:
+    """Yield sentences about the clearance of a motion over time, the most important first."""
     yield _least_gap(room, units)
-    worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]
+    worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:_MOST_STRETCHES]
     for part in sorted(worst, key=lambda part: part.begin):
         yield _short_stretch(part, units)
     left = len(room.short) - len(worst)

@@ -50,13 +50,13 @@ _NEAR = 3.0
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 
+_MOST_ROWS = 6
+"""Maximum number of active constraints of a goal pose that a page lists."""
 BindingRow = tuple[str, float, str]
 """An active constraint of a pose: (constraint in words, decrease of cost if relaxed by one unit, this unit)."""
 
 
-def binding_rows(
-    solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
-) -> list[BindingRow]:
+def binding_rows(solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits) -> list[BindingRow]:
     """Return the active constraints of a goal pose with the largest multipliers; those of one link and wall are merged.
 
     Args:
@@ -64,14 +64,13 @@ def binding_rows(
         record: record of the optimisation (NLP) of the goal pose.
         points: positions of joints and tip of n links, shape (n + 1, 2) [m].
         units: units of the page.
-        most: maximum number of constraints returned.
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
         words, gain, unit = _row(solution, record, name, multiplier, points, units)
         merged[words, unit] = merged.get((words, unit), 0.0) + gain
     strongest = sorted(merged.items(), key=lambda item: -item[1])
-    return [(words, gain, unit) for (words, unit), gain in strongest[:most]]
+    return [(words, gain, unit) for (words, unit), gain in strongest[:_MOST_ROWS]]
 
 
 def _row(

@@ -8,7 +8,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import vector_heading, whole_turns, wrap
-from ccm_opt.planning.baseline.distance import Distance, DistanceWeights, Precision, TipPose
+from ccm_opt.planning.baseline.distance import Distance, Precision, TipPose
 from ccm_opt.planning.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, climb, end_of, run
 from ccm_opt.planning.baseline.operators import Moves, Operator, Shapes
 from ccm_opt.planning.baseline.world import World
@@ -174,7 +174,6 @@ def scm_0(
     goal: TipPose,
     *,
     precision: Precision | None = None,
-    weights: DistanceWeights | None = None,
     most_steps: int = 600,
     push: float = 0.0,
     patience: float = np.inf,
@@ -188,7 +187,6 @@ def scm_0(
         start: configuration of the arm.
         goal: goal of the tip.
         precision: tolerances of the tip at the goal; default values if None.
-        weights: weights of the distance function; default values if None.
         most_steps: maximum number of moves.
         push: weight of the repulsive potential of obstacles; 0 for pure hill climbing.
         patience: number of moves without progress after which the climb ends; unlimited for pure hill climbing.
@@ -204,7 +202,7 @@ def scm_0(
             all improving moves are blocked.
     """
     here = start
-    distance = Distance(goal, start.length, weights or DistanceWeights(), precision=precision or Precision())
+    distance = Distance(goal, start.length, precision=precision or Precision())
 
     def objective(shapes: Shapes) -> np.ndarray:
         positions, headings = world.tips(shapes)

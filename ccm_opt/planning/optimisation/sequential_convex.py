@@ -281,20 +281,13 @@ class _Iterate(Generic[SweepType]):
         return replace(self, damping=raised, prices=prices)
 
 
-def sequential_convex(
-    program: MotionProgram[SweepType],
-    unknowns: FloatArray,
-    rounds: int,
-    enough: Callable[[SweepType], bool] | None = None,
-) -> FloatArray:
+def sequential_convex(program: MotionProgram[SweepType], unknowns: FloatArray, rounds: int) -> FloatArray:
     """Optimise a certified motion by sequential convex programming; return the keyframes of the certified result.
 
     Args:
         program: limits and objective of the motion.
         unknowns: unknowns at the keyframes of a certified motion, shape (K + 1, p).
         rounds: maximum number of steps.
-        enough: function that returns whether a motion is good enough to stop; if None, the steps end when they gain
-            little.
 
     Returns:
         Unknowns at the keyframes, shape (K + 1, p).
@@ -325,8 +318,7 @@ def sequential_convex(
         # Where the rows did not predict the outcome of the step, try a shorter one.
         iterate = following if better else iterate.refused(following.damping, following.prices)
         patience = settings.patience if better and iterate.motion.shortfall <= 0.0 else settings.patience_in_want
-        done = idle >= patience if enough is None else enough(iterate.motion.sweep)
-        if done or program.deadline.passed():
+        if idle >= patience or program.deadline.passed():
             break
     return iterate.motion.sweep.unknowns
 

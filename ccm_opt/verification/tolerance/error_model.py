@@ -322,16 +322,15 @@ def _distance_from_line(vectors: FloatArray, normals: FloatArray) -> FloatArray:
     return lengths_of(vectors - heights * along)
 
 
-def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: float = 0.0) -> FloatArray:
+def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float) -> FloatArray:
     """Return bounds on the distances by which joint errors displace the links of a pose, shape (links,) [m].
 
     Args:
         arm: the arm.
         points: positions of joints, base first, and tip, shape (links + 1, d) [m].
         size: error of every bend [rad].
-        inside: depth in the guide tube beyond which a joint has no error, as for ``ErrorLevers`` [m].
     """
     links = np.arange(arm.links)
     pairs = Pairs(np.zeros_like(links), links, links)
-    levers = ErrorLevers(arm, joint_errors(arm), inside)
+    levers = ErrorLevers(arm, joint_errors(arm), 0.0)
     return size * levers.of_pairs(points[None], np.zeros((1, arm.links + 1)), pairs, of_links=False)
