@@ -18,7 +18,8 @@ from ccm_opt.core.native import NativeCall
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import CompiledFunction, InverseDynamics
 from ccm_opt.ik.tip_roll import TipRoll
-from ccm_opt.io.robot_models import mjcf_text, urdf_text
+from ccm_opt.io.mjcf_models import mjcf_text
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.planning import sampled_poses
 from ccm_opt.planning.curve_map import CurveMap, poses_with
 from ccm_opt.planning.goal import GoalPose

@@ -20,7 +20,8 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
     joint_states,
 )
 from ccm_opt.dynamics.simulation.controller import CompiledLoop
-from ccm_opt.io.robot_models import mjcf_text, urdf_text
+from ccm_opt.io.mjcf_models import mjcf_text
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.jacobians import tip_jacobian

@@ -18,7 +18,7 @@ from ccm_opt.io.controller_points import number_rows
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.records import arrays_npz, bend_arrays, solution_arrays
-from ccm_opt.io.robot_models import urdf_text
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.frames import revolute_angles
 

@@ -10,7 +10,9 @@ import pytest
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, MassMatrix, joint_states
-from ccm_opt.io.robot_models import FRAME_INERTIA, FRAME_MASS, UNLIMITED_EFFORT, mjcf_text, urdf_text
+from ccm_opt.io.mjcf_models import mjcf_text
+from ccm_opt.io.robot_models import FRAME_INERTIA, FRAME_MASS
+from ccm_opt.io.urdf_models import UNLIMITED_EFFORT, urdf_text
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import joint_names, joint_positions_3d, revolute_angles

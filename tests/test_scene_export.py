@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.robot_models import mjcf_text, scene_meshes, triangles_stl, urdf_text
+from ccm_opt.io.mjcf_models import mjcf_text
+from ccm_opt.io.robot_models import scene_meshes, triangles_stl
 from ccm_opt.io.scene_solids import SolidScene, convex_parts, prism_mesh, solid_scene
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.frames import revolute_angles

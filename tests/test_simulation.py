@@ -15,7 +15,7 @@ from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.controller import gains, hermite, inertia_at_most, step_reference
 from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
-from ccm_opt.io.robot_models import mjcf_text
+from ccm_opt.io.mjcf_models import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.arm import Arm

@@ -21,9 +21,10 @@ from ccm_opt.diagnosis.sizes import Proofs, size_of
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, InverseDynamics
+from ccm_opt.io.mjcf_models import mjcf_text
 from ccm_opt.io.problem_data import arm_table
-from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.io.tool_tables import box_capsules
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Limits, Problem

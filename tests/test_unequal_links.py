@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
+from ccm_opt.io.mjcf_models import mjcf_text
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner
 from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.problem import Problem

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemFileError
-from ccm_opt.io.robot_models import roll_pitch_yaw, urdf_text
 from ccm_opt.io.urdf_bodies import Rounded, containing_radius, standing_out
+from ccm_opt.io.urdf_models import roll_pitch_yaw, urdf_text
 from ccm_opt.problem import Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed

@@ -18,10 +18,12 @@ from pathlib import Path
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
+from ccm_opt.io.mjcf_models import mjcf_text
 from ccm_opt.io.problem_data import KEPT_MESHES, stored_meshes
 from ccm_opt.io.records import arrays_npz, solution_arrays, solution_json
-from ccm_opt.io.robot_models import URDF_MESHES, mjcf_text, scene_meshes, urdf_text
+from ccm_opt.io.robot_models import URDF_MESHES, scene_meshes
 from ccm_opt.io.scene_solids import solid_scene
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 

@@ -31,7 +31,8 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
 )
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
-from ccm_opt.io.robot_models import mjcf_text, urdf_text
+from ccm_opt.io.mjcf_models import mjcf_text
+from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.arm import Arm
