@@ -237,3 +237,56 @@ PUBLIC void followable_way(FollowQuery *q)
         }
     }
 }
+
+typedef struct {
+    int64_t count, samples;   /* positions of a joint; samples of the track */
+    int64_t ahead, window;    /* samples of a window among which the nearest one is sought, and all of them */
+    double link;              /* length of the link */
+    const double *track;      /* (samples, 3) */
+    const int64_t *first;     /* (count,) sample at which the window of each position begins, maybe before the track */
+    const double *joints;     /* (count, 3) */
+    int64_t *nearest;         /* (count,) sample that is nearest to each position */
+    double *chords;           /* (count, 3) direction to the first sample beyond it that is a link away */
+} LinkChords;
+
+static int64_t sample_of(const LinkChords *q, int64_t place)
+{
+    return place < 0 ? 0 : place < q->samples ? place : q->samples - 1;
+}
+
+static double distance(const double *a, const double *b)
+{
+    double off[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return sqrt(dot(off, off));
+}
+
+PUBLIC void link_chords(LinkChords *q)
+{
+    for (int64_t t = 0; t < q->count; t++) {
+        const double *joint = q->joints + 3 * t;
+        double least = INFINITY, away = 0.0, before = 0.0, aim[3];
+        int64_t nearest = 0, beyond;
+        for (int64_t k = 0; k < q->ahead; k++) {
+            double here = distance(q->track + 3 * sample_of(q, q->first[t] + k), joint);
+            if (here < least) {
+                least = away = here;
+                nearest = k;
+            }
+        }
+        for (beyond = nearest + 1; beyond < q->window; beyond++) {
+            before = away;
+            away = distance(q->track + 3 * sample_of(q, q->first[t] + beyond), joint);
+            if (away >= q->link) break;
+        }
+        /* Where the track ends too soon, aim at its end. */
+        if (beyond == q->window) beyond--;
+        double grown = away - before, share = (q->link - before) / (grown > 0.0 ? grown : 1.0);
+        share = share > 0.0 ? share < 1.0 ? share : 1.0 : 0.0;
+        const double *from = q->track + 3 * sample_of(q, q->first[t] + beyond - 1);
+        const double *to = q->track + 3 * sample_of(q, q->first[t] + beyond);
+        for (int k = 0; k < 3; k++) aim[k] = (1.0 - share) * from[k] + share * to[k] - joint[k];
+        double length = fmax(sqrt(dot(aim, aim)), 1e-12);
+        for (int k = 0; k < 3; k++) q->chords[3 * t + k] = aim[k] / length;
+        q->nearest[t] = sample_of(q, q->first[t] + nearest);
+    }
+}

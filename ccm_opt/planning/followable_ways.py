@@ -336,12 +336,10 @@ def slid_along(
     limits *= arm.limit_shares
     for joint, link in enumerate(arm.lengths.tolist()):
         free = shares(feeds + arm.joint_places[joint] - arm.hole)[:, None]
-        window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)
-        nearest, chord = _chord(places[window], points[-1], link)
+        nearest, chord = _chords(places, first - _BACK, points[-1], link)
         directions = _turned(directions, chord, free[:, 0] * limits[joint])
         points.append(points[-1] + link * directions)
-        here = window[np.arange(len(feeds)), nearest]
-        first = np.where(free[:, 0] > 0.0, here, first) + round(link / spacing)
+        first = np.where(free[:, 0] > 0.0, nearest, first) + round(link / spacing)
     return configuration_from_positions(arm, np.stack(points, axis=1))
 
 
@@ -372,28 +370,23 @@ def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatA
     return np.linspace(start, last, max(2, int(np.ceil((last - start) / step)) + 1))
 
 
-def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatArray, FloatArray]:
+def _chords(places: FloatArray, first: IntArray, joints: FloatArray, link: float) -> tuple[IntArray, FloatArray]:
     """Return, for k positions of a joint, the nearest track points' indices (k,) and the next link's directions (k, 3).
 
     The link points to the first track point after the nearest one that is a link length away from the joint.
 
     Args:
-        window: consecutive points of the track for each position, shape (k, m, 3) [m].
+        places: points of the track, shape (m, 3) [m].
+        first: index of the point with which the search begins, shape (k,).
         joints: positions of the joint at k feeds, shape (k, 3) [m].
         link: length of a link [m].
     """
-    away = np.linalg.norm(window - joints[:, None], axis=2)
-    rows = np.arange(len(joints))
-    nearest = np.argmin(away[:, :_AHEAD], axis=1)
-    behind = np.arange(window.shape[1]) <= nearest[:, None]
-    beyond = np.argmax((away >= link) & ~behind, axis=1)
-    # Where the track ends too soon, aim at its end.
-    beyond = np.where(beyond == 0, window.shape[1] - 1, beyond)
-    before = beyond - 1
-    grown = away[rows, beyond] - away[rows, before]
-    share = np.clip((link - away[rows, before]) / np.where(grown > 0.0, grown, 1.0), 0.0, 1.0)[:, None]
-    aim = (1.0 - share) * window[rows, before] + share * window[rows, beyond] - joints
-    return nearest, aim / np.maximum(np.linalg.norm(aim, axis=1), 1e-12)[:, None]
+    nearest, chords = np.empty(len(joints), dtype=np.int64), np.empty((len(joints), 3))
+    NativeCall(
+        "link_chords", count=len(joints), samples=len(places), ahead=_AHEAD, window=_AHEAD + _BACK, link=link,
+        track=places, first=first, joints=joints, nearest=nearest, chords=chords,
+    )()  # fmt: skip
+    return nearest, chords
 
 
 def _prolonged(track: ArmTrack, arcs: FloatArray) -> FloatArray:

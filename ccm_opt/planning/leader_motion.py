@@ -23,9 +23,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import file_length, short_length
+from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.curve_map import FEED_A_SPAN
 from ccm_opt.planning.followable_ways import slid_along
@@ -144,56 +145,40 @@ def _smoothed(arm: Arm, slide: FloatArray, weight: float) -> FloatArray:
     """
     if weight == np.inf or arm.links > _MOST_SMOOTHED:
         return slide
-    count, bends = len(slide), 2 * arm.links
-    unit = arm.length / NOMINAL_LINKS
-    step = (slide[-1, -1] - slide[0, -1]) / unit / (count - 1)
-    differences = np.diff(np.eye(count), 2, axis=0) / step**2
-    uneven = differences.T @ differences
-    free = slide[:, :bends] != 0.0
+    bends = slice(0, 2 * arm.links)
+    free = slide[:, bends] != 0.0
     free[[0, -1]] = False
-    place = arm.joint_positions_at(slide)[:, 1:]
+    if not np.any(free):
+        return slide
+    index = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
+    width = _bandwidth(index)
+    unit = arm.length / NOMINAL_LINKS
+    step = (slide[-1, -1] - slide[0, -1]) / unit / (len(slide) - 1)
+    place = arm.joint_positions_at(slide)
     smooth = slide.copy()
     for _ in range(_SMOOTHINGS):
-        across, slopes = _across(arm, smooth)
-        rows = slopes.reshape(count, -1, bends) / unit
-        off = np.einsum("kmij,kmj->kmi", across, arm.joint_positions_at(smooth)[:, 1:] - place).reshape(count, -1, 1)
-        gradient = uneven @ smooth[:, :bends] + weight * (rows.transpose(0, 2, 1) @ off)[..., 0] / unit
-        blocks = weight * rows.transpose(0, 2, 1) @ rows
-        matrix = np.zeros((2 * bends + 1, count, bends))
-        for below in range(bends):
-            both = free[:, below:] * free[:, : bends - below]
-            matrix[below, :, : bends - below] = both * np.diagonal(blocks, -below, axis1=1, axis2=2)
-        for later in range(3):
-            both = free[later:] * free[: count - later]
-            matrix[later * bends, : count - later] += both * np.diagonal(uneven, -later)[:, None]
-        matrix[0, ~free] = 1.0
-        change = solveh_banded(matrix.reshape(len(matrix), -1), (-gradient * free).ravel(), lower=True)
-        smooth[:, :bends] += change.reshape(count, bends)
+        matrix, gradient = np.zeros((np.count_nonzero(free), width + 1)), np.zeros(np.count_nonzero(free))
+        NativeCall(
+            "smoothing_program", count=len(slide), links=arm.links, width=width, uneven=step**-4, pull=weight / unit**2,
+            bends=smooth[:, bends], index=index, points=arm.joint_positions_at(smooth), place=place,
+            frames=arm.link_rotations(smooth), base=arm.base_rotation, matrix=matrix, gradient=gradient,
+            slopes=np.empty((3, 2 * arm.links)),
+        )()  # fmt: skip
+        smooth[:, bends][free] -= solveh_banded(matrix.T, gradient, overwrite_ab=True, lower=True)
     return smooth
 
 
-def _across(arm: Arm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return projections perpendicular to the arm at joints beyond the base and at the tip, and projected Jacobians.
+def _bandwidth(index: IntArray) -> int:
+    """Return by how much two free bends that a smoothing program couples differ in their indices at most.
 
     Args:
-        arm: arm in space.
-        q: configurations, shape (K, c) [rad, m].
-
-    Returns:
-        Projections, shape (K, links, 3, 3), and derivatives of the projected displacements with respect to the bends,
-        shape (K, links, 3, 2 links) [m].
+        index: index of each bend in K keyframes among the free ones, −1 where it is kept, shape (K, m).
     """
-    points, frames = arm.joint_positions_at(q), arm.link_rotations(q)
-    before = np.concatenate((np.broadcast_to(arm.base_rotation, frames[:, :1].shape), frames[:, :-1]), axis=1)
-    axes = np.stack((before[..., 2], frames[..., 1]), axis=2).reshape(len(q), 2 * arm.links, 3)
-    levers = points[:, 1:, None] - np.repeat(points[:, :-1], 2, axis=1)[:, None]
-    beyond = np.arange(arm.links)[:, None] >= np.arange(2 * arm.links) // 2
-    turned = np.where(beyond[..., None], np.cross(axes[:, None], levers), 0.0)
-    along = frames[..., 0].copy()
-    along[:, :-1] += frames[:, 1:, :, 0]
-    along /= np.linalg.norm(along, axis=-1, keepdims=True)
-    across = np.eye(3) - along[..., :, None] * along[..., None, :]
-    return across, across @ turned.transpose(0, 1, 3, 2)
+    width = int(np.max(np.count_nonzero(index >= 0, axis=1))) - 1
+    for later in (1, 2):
+        apart = np.where(index[:-later] >= 0, index[later:] - index[:-later], 0)
+        width = max(width, int(np.max(apart, initial=0)))
+    return width
 
 
 def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) -> JointPath | None:
