@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from scipy.spatial import cKDTree
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.io.drawing import ImportOptions, import_scene
 from ccm_opt.io.reading import load_problem
+from ccm_opt.io.scans import read_scan
 
 from .conftest import PROBLEMS
 from .test_user_terms_examples import residuals
@@ -19,7 +21,10 @@ from .test_user_terms_examples import run as run_example
 
 JOBS = PROBLEMS / "jobs"
 EXAMPLES = PROBLEMS.parent / "examples"
-POSSIBLE = ("wing-box", "hot-cell", "turbine-stages", "tank-baffles", "tank-looks", "tank-coverage", "floor-plan")
+POSSIBLE = (
+    *("wing-box", "hot-cell", "turbine-stages", "tank-baffles", "tank-looks", "tank-coverage", "floor-plan"),
+    "pipe-gallery",
+)
 BY_EXAMPLE = "five-views"
 """That is solved with a cost and without in an example, below."""
 IMPOSSIBLE = ("wing-box-too-thick", "hot-cell-out-of-reach", "tank-baffles-too-weak", "tank-baffles-closed")
@@ -118,6 +123,15 @@ def test_the_drawing_is_the_one_that_its_example_draws(
     assert all(shapely.equals_exact(a.core, b.core, 1e-6) for a, b in zip(shipped, drawn, strict=True))
     assert run("problems", "turbine-stages", "--out", tmp_path / "copy")[0] == 0
     assert {file.name for file in (tmp_path / "copy").iterdir()} == {"turbine-stages.toml", "turbine-stages.dxf"}
+
+
+def test_the_scan_is_the_one_that_its_example_makes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shipped and freshly made points are equal but for rounding."""
+    monkeypatch.setattr("sys.argv", ["scan", str(tmp_path)])
+    runpy.run_path(str(EXAMPLES / "15_scan_a_pipe_gallery.py"), run_name="__main__")
+    shipped, made = (read_scan(folder / "pipe-gallery.ply").points for folder in (JOBS, tmp_path))
+    assert cKDTree(shipped).query(made)[0].max() < 1e-3
+    assert abs(len(shipped) - len(made)) < 10
 
 
 @pytest.mark.drawn(2, of="examples")

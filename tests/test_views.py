@@ -23,6 +23,7 @@ from ccm_opt.driver.views import SampledViews, ViewPlanner
 from ccm_opt.problem import LookAt, Obstacle, PlaneShape, Problem, Tolerances
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.verification.sight import SIGHT_HALF_ANGLE, free_half_angle
 from ccm_opt.verification.tool_chain import motion_of
 from ccm_opt.verification.verifier import verify
@@ -204,6 +205,33 @@ def test_a_place_behind_a_thin_sheet_is_hidden(dimension: int) -> None:
         place = np.array([x, 0.02, 0.01][:dimension])
         assert np.any(SampledViews.of(problem, LookAt(place, (0.4, 0.55), 1.0)).seeing) == seen
         assert (free_half_angle(surfaces, _looking(tip, place), 1, place)[0] >= SIGHT_HALF_ANGLE) == seen
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_scanned_surface_is_seen_but_past_what_was_scanned_before_it(dimension: int) -> None:
+    """The balls about a place on a scanned wall do not hide it; one of the same scan on the line of sight does."""
+    place, tip = np.array([0.55, 0.02, 0.01][:dimension]), np.array([0.2, 0.0, 0.0][:dimension])
+    grid = np.stack(np.meshgrid(*[np.arange(-0.5, 0.5, 0.02)] * (dimension - 1)), axis=-1).reshape(-1, dimension - 1)
+    wall = np.column_stack((np.full(len(grid), 0.55), grid))
+    bare = _scene(np.random.default_rng(0), dimension, np.zeros((0, 2, dimension)))
+    for before, seen in ((0.5, False), (0.95, False), (0.0, True)):
+        points = np.vstack((wall, place + before * (tip - place)))
+        scan = (
+            PlaneShape(shapely.MultiPoint(points), 0.015)
+            if dimension == 2
+            else MeshBody.of_points(points, radius=0.015)
+        )
+        problem = replace(bare, workspace=replace(bare.workspace, obstacles=(Obstacle("scan", scan),)))
+        errors = problem.workspace.surface_errors
+        surfaces = CheckedSurfaces.from_workspace(problem.workspace)
+        looking = _looking(tip, place)
+        assert (free_half_angle(surfaces, looking, 1, place, errors)[0] >= SIGHT_HALF_ANGLE) == seen
+        assert free_half_angle(surfaces, looking, 1, place)[0] == 0.0
+    look_at = LookAt(place, (0.3, 0.4), 1.0, np.eye(dimension)[0] * -1.0, 0.8)
+    views = list(SampledViews.of(problem, look_at).chosen(problem.start))
+    assert views
+    for view in views:
+        assert free_half_angle(surfaces, _looking(view.goal.position, place), 1, place, errors)[0] >= SIGHT_HALF_ANGLE
 
 
 def _scene(rng: np.random.Generator, dimension: int, boxes: FloatArray | None = None) -> Problem:

@@ -23,8 +23,9 @@ surface."""
 ROUNDED = 5e-5
 """Fraction of the line of sight itself, at the place, that does not count. Derived: half of what verifiers omit."""
 ERRORS = 3.0
-"""Length of the line of sight, at the place, within which a surface does not count, in multiples of the surface's
-error. Derived: less than what verifiers leave out."""
+"""Length of the line of sight, at the place, within which a surface does not count, and distance from the place within
+which the points of a scan are taken to be of the surface that it lies on, in multiples of the surface's error. Derived:
+less than what verifiers leave out."""
 _PIECES_AT_END = 16
 """Number of pieces of the line of sight between the end of the cone and its own."""
 PIECES = 48
@@ -82,6 +83,19 @@ def clear_tips(problem: Problem, tree: SurfaceTree, tips: FloatArray) -> BoolArr
     return np.asarray(clear & ~inside)
 
 
+def hiding_surfaces(workspace: Workspace, place: FloatArray) -> TriangleSoup:
+    """Return the surfaces that may hide a place (d,): all but points of scans that the surface there may have given."""
+    soup = workspace.triangle_soup
+    scanned = np.all(soup.triangles == soup.triangles[:, :1], axis=(1, 2))
+    near = (
+        np.linalg.norm(soup.triangles[:, 0] - in_space(place), axis=1) < ERRORS * workspace.surface_errors[soup.owner]
+    )
+    kept = ~(scanned & near)
+    if np.all(kept):
+        return soup
+    return TriangleSoup(soup.triangles[kept], soup.rounding[kept], soup.owner[kept], soup.names)
+
+
 def crossed(tree: SurfaceTree, place: FloatArray, tips: FloatArray) -> BoolArray:
     """Return a mask of the tip positions (m, d) whose lines of sight cross a surface but at the place, shape (m,)."""
     lines = np.stack((in_space(place + END * (tips - place)), in_space(tips)), axis=1)
@@ -113,17 +127,25 @@ def sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: flo
     return np.min(rooms, axis=1), np.argmin(rooms, axis=1)
 
 
-def room_at_end(workspace: Workspace, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
+def room_at_end(
+    soup: TriangleSoup, errors: FloatArray, place: FloatArray, tips: FloatArray, most: float
+) -> tuple[FloatArray, IntArray]:
     """Return the rooms of lines of sight, without a cone, next to the place, and the obstacle that limits each.
 
-    Arguments and rooms are those of ``sight_room``; the end counts up to a rounding of the place, and for surfaces
-    with errors up to a few times these.
+    Rooms and the other arguments are those of ``sight_room``; the end counts up to a rounding of the place, and for
+    surfaces with errors up to a few times these.
+
+    Args:
+        soup: surfaces that may hide the place.
+        errors: how far the true surface of each of their owners may be from it [m].
+        place: the place, shape (d,) [m].
+        tips: tip positions, shape (m, d) [m].
+        most: radius above which more does not matter [m].
     """
     rooms, limiting = np.full(len(tips), np.inf), np.zeros(len(tips), dtype=np.intp)
     if len(tips) == 0:
         return rooms, limiting
     away = np.linalg.norm(tips - place, axis=1)
-    soup = workspace.triangle_soup
     middle, reach = in_space(place), END * (float(np.max(away)) + most) + soup.rounding[:, None]
     near = np.all(
         (soup.triangles.min(axis=1) <= middle + reach) & (soup.triangles.max(axis=1) >= middle - reach), axis=1
@@ -131,7 +153,7 @@ def room_at_end(workspace: Workspace, place: FloatArray, tips: FloatArray, most:
     for owner in np.unique(soup.owner[near]):
         mine = np.flatnonzero(near & (soup.owner == owner))
         part = TriangleSoup(soup.triangles[mine], soup.rounding[mine], soup.owner[mine], soup.names)
-        first = np.clip(ERRORS * float(workspace.surface_errors[owner]) / away, ROUNDED, END)
+        first = np.clip(ERRORS * float(errors[owner]) / away, ROUNDED, END)
         shares = np.geomspace(first, END, _PIECES_AT_END + 1, axis=1)
         ends = place + shares[:, :, None] * (tips - place)[:, None]
         segments = np.stack((in_space(ends[:, :-1]), in_space(ends[:, 1:])), axis=2).reshape(-1, 2, 3)

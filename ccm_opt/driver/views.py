@@ -25,6 +25,7 @@ from ccm_opt.driver.sight_lines import (
     clear_tips,
     crossed,
     hidden_by_arm,
+    hiding_surfaces,
     line_pieces,
     room_at_end,
     sight_room,
@@ -36,6 +37,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import rotation_to_axis
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME
 
@@ -167,7 +169,7 @@ class SampledViews:
         posed: problem as given; its start and goal do not matter.
         problem: the same problem, whose arm has its tool as links.
         look_at: the place, and how the arm has to look at it.
-        tree: distances from the obstacles.
+        tree: distances from the surfaces that may hide the place.
         tips: tip positions, shape (m, d) [m].
         beyond: distance by which each is too far from the base [m]; at most 0 if it is within reach, shape (m,).
         clear: mask of the positions within reach where the tip keeps clear of the obstacles, shape (m,).
@@ -196,29 +198,34 @@ class SampledViews:
             look_at: the place, and how the arm has to look at it.
         """
         posed, problem = problem, problem_with_tool_links(problem)
-        tree = problem.workspace.surface_tree
+        hiding = hiding_surfaces(problem.workspace, look_at.place)
         for count in _DIRECTIONS[problem.dimension]:
-            views = cls._among(posed, problem, look_at, tree, count)
+            views = cls._among(posed, problem, look_at, hiding, count)
             if np.any(views.seeing):
                 break
         return views
 
     @classmethod
-    def _among(cls, posed: Problem, problem: Problem, look_at: LookAt, tree: SurfaceTree, count: int) -> "SampledViews":
-        """Return the views along a number of lines of sight, at several distances each."""
+    def _among(
+        cls, posed: Problem, problem: Problem, look_at: LookAt, hiding: TriangleSoup, count: int
+    ) -> "SampledViews":
+        """Return the views along a number of lines of sight, past surfaces that may hide the place."""
+        workspace = problem.workspace
+        every = workspace.surface_tree
+        tree = every if hiding is workspace.triangle_soup else SurfaceTree.from_triangles(hiding)
         tips, off = sampled_tips(look_at, count)
         away = np.linalg.norm(tips - look_at.place, axis=1)
         beyond = beyond_reach(problem.arm, tips)
         clear = beyond <= 0.0
-        clear[clear] = clear_tips(problem, tree, tips[clear])
+        clear[clear] = clear_tips(problem, every, tips[clear])
         least, most = look_at.distance
         turn = np.sin(_OFF_AXIS * 0.5 * look_at.field_of_view)
         room = np.minimum.reduce((away - least, most - away, away * turn, away * np.sin(look_at.angle - off)))
         lit, limiting = np.full(len(tips), -np.inf), np.full(len(tips), PIECES)
         free = np.flatnonzero(clear)[~crossed(tree, look_at.place, tips[clear])]
         lit[free], limiting[free] = sight_room(tree, look_at.place, tips[free], float(np.max(room)))
-        at_end, hiding = room_at_end(problem.workspace, look_at.place, tips[free], float(np.max(room)))
-        limiting[free] = np.where(at_end < lit[free], -1 - hiding, limiting[free])
+        at_end, owner = room_at_end(hiding, workspace.surface_errors, look_at.place, tips[free], float(np.max(room)))
+        limiting[free] = np.where(at_end < lit[free], -1 - owner, limiting[free])
         lit[free] = np.minimum(lit[free], at_end)
         return cls(posed, problem, look_at, tree, tips, beyond, clear, np.minimum(room, lit), limiting)
 
@@ -283,7 +290,7 @@ class SampledViews:
         if not len(enclosed(self.problem.workspace, place[None], self.problem.arm.tip_radius)):
             return
         far = 2.0 * float(np.linalg.norm(np.ptp(self.tips, axis=0))) + self.problem.arm.length
-        near = self.tree.nearest(np.repeat(in_space(place)[None, None], 2, axis=1), far)
+        near = self.problem.workspace.surface_tree.nearest(np.repeat(in_space(place)[None, None], 2, axis=1), far)
         owner = int(near.owner[0])
         error = ERRORS * float(self.problem.workspace.surface_errors[owner])
         if near.gap[0] <= max(ROUNDED * self.look_at.distance[0], error):

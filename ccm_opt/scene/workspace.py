@@ -240,7 +240,7 @@ class Workspace:
         for obstacle in self.obstacles:
             shape = cast("PlaneShape | Body", obstacle.shape)
             if isinstance(shape, PlaneShape):
-                found.append(shape.rounding if shape.scan is not None else 0.0)
+                found.append(shape.rounding if isinstance(shape.core, shapely.MultiPoint) else 0.0)
             else:
                 found.append(shape.rounding if shape.kind == "mesh" else shape.error)
         return np.array([*found, 0.0])

@@ -3,7 +3,8 @@
 The line of sight runs from the tip to the place. It is free if it and a cone about it, with its apex at the place,
 touch neither obstacles nor the arm. The place usually lies on a surface, so that the last hundredth of the cone, where
 it is thinner than the errors of meshes, does not count; of the line itself, only a rounding of the place does not
-count, and, for surfaces with errors, a few times these.
+count, and, for surfaces with errors, a few times these. Points of a scan that are as near to the place are taken to be
+of the surface that it lies on.
 """
 
 import numpy as np
@@ -137,7 +138,7 @@ def free_half_angles(
     if surfaces is not None:
         blind = np.zeros(len(surfaces.names)) if errors is None else _ERRORS * errors[: len(surfaces.names)]
         counted = np.where(line, shares[:-1] * away, np.inf).ravel()
-        _to_surfaces(surfaces, start, end, gaps, names, counted, blind)
+        _to_surfaces(surfaces, start, end, np.repeat(places, form[1], axis=0), gaps, names, counted, blind)
     bare = np.zeros(arm.links, dtype=bool) if arm.tool_links is None else arm.tool_links.bare
     for link in np.flatnonzero(~bare):
         one, other = points[link], points[link + 1]
@@ -162,6 +163,7 @@ def _to_surfaces(
     surfaces: CheckedSurfaces,
     start: FloatArray,
     end: FloatArray,
+    place: FloatArray,
     gaps: FloatArray,
     names: npt.NDArray[np.object_],
     away: FloatArray,
@@ -173,10 +175,12 @@ def _to_surfaces(
         surfaces: bounding-box tree of the surfaces.
         start: starts of the pieces, shape (k, d) [m].
         end: ends of the pieces, shape (k, d) [m].
+        place: the place that each is towards, shape (k, d) [m].
         gaps: gaps that are lowered, shape (k,) [m].
         names: names of what is nearest to each piece, shape (k,).
         away: distance of each piece from the place, infinite if all surfaces count, shape (k,) [m].
-        blind: distance from the place within which each obstacle does not count, by its number [m].
+        blind: distance from the place within which each obstacle does not count, by its number, nor do the points of a
+            scan at all [m].
     """
     piece = np.arange(len(start))
     node = np.zeros(len(start), dtype=np.intp)
@@ -187,7 +191,10 @@ def _to_surfaces(
         single = surfaces.is_single(node)
         if np.any(single):
             owner = surfaces.owner[node[single] - surfaces.offsets[-2]]
-            counts = away[piece[single]] >= blind[owner]
+            corners = surfaces.edge_parts(node[single])
+            beside = np.linalg.norm(corners[:, 0] - place[piece[single]], axis=1) < blind[owner]
+            scanned = np.all(corners == corners[:, :1], axis=(1, 2))
+            counts = (away[piece[single]] >= blind[owner]) & ~(scanned & beside)
             mine, parts = piece[single][counts], node[single][counts]
             apart = surfaces.separations(parts, start[mine], end[mine])[0] - surfaces.rounding[parts]
             for k in np.argsort(-apart):
