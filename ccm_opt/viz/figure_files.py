@@ -101,6 +101,10 @@ def label_axes(axes: Axes, problem: Problem) -> None:
         label_axis(axis, letter, problem.length_unit)
 
 
+_TICK_INCHES = 0.4
+"""Least distance of the labels of ticks [in]."""
+
+
 def label_axis(axis: Axis, words: str, unit: LengthUnit) -> None:
     """Label one axis, and its ticks, in a unit of length.
 
@@ -113,7 +117,11 @@ def label_axis(axis: Axis, words: str, unit: LengthUnit) -> None:
     low, high = axis.get_view_interval()
     if metres != 1.0:
         # Ticks at round numbers of that unit, which need not be round in metres.
-        ticks = MaxNLocator(6, steps=_ROUND).tick_values(low / metres, high / metres)
+        box = axis.axes.get_window_extent()
+        inches = (box.width if axis.axis_name == "x" else box.height) / axis.axes.figure.dpi
+        ticks = MaxNLocator(min(6, max(2, int(inches / _TICK_INCHES))), steps=_ROUND).tick_values(
+            low / metres, high / metres
+        )
         axis.set_ticks([metres * tick for tick in ticks if low <= metres * tick <= high])
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / metres:.6g}"))
     axis.set_label_text(f"{words} [{unit}]")

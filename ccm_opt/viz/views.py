@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
@@ -189,15 +190,17 @@ class Sheet:
 def draw_axes_cross(axes: Axes, side: Side) -> None:
     """Draw the directions of the coordinate axes in the lower left corner of a view of space."""
     size = 26.0
+    aside = 1.3 * size * max(-float(np.min(side(np.eye(3))[:, 0])), 0.0)
+    origin = axes.transAxes + ScaledTranslation(aside / 72.0, 0.0, axes.figure.dpi_scale_trans)
     for name, direction in zip("xyz", np.eye(3), strict=True):
         across, up = side(direction)
         axes.annotate(
-            "", xy=(0.0, 0.0), xycoords="axes fraction", xytext=(size * across, size * up),
+            "", xy=(0.0, 0.0), xycoords=origin, xytext=(size * across, size * up),
             textcoords="offset points", arrowprops={"arrowstyle": "<-", "color": style.BOUNDARY, "linewidth": 0.8},
             annotation_clip=False,
         )  # fmt: skip
         axes.annotate(
-            name, xy=(0.0, 0.0), xycoords="axes fraction", xytext=(1.3 * size * across, 1.3 * size * up),
+            name, xy=(0.0, 0.0), xycoords=origin, xytext=(1.3 * size * across, 1.3 * size * up),
             textcoords="offset points", ha="center", va="center", fontsize=style.FONT_SIZE - 1, annotation_clip=False,
         )  # fmt: skip
 
