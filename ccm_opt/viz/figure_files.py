@@ -118,7 +118,7 @@ def label_axis(axis: Axis, words: str, unit: LengthUnit) -> None:
     if metres != 1.0:
         # Ticks at round numbers of that unit, which need not be round in metres.
         box = axis.axes.get_window_extent()
-        inches = (box.width if axis.axis_name == "x" else box.height) / axis.axes.figure.dpi
+        inches = (box.width if axis is axis.axes.xaxis else box.height) / axis.axes.figure.dpi
         ticks = MaxNLocator(min(6, max(2, int(inches / _TICK_INCHES))), steps=_ROUND).tick_values(
             low / metres, high / metres
         )
