@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import UnreachableGoal, sentences
-from ccm_opt.diagnosis.axis_paths import polyline_length, tight_passages
+from ccm_opt.core.polyline import path_length
+from ccm_opt.diagnosis.axis_paths import tight_passages
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.contact import within_torque_limits
@@ -218,7 +219,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     longer = replace(problem, arm=replace(arm, link_length=1.15 * string / 12))
     shortest = ways_of(longer).shortest
     assert shortest is not None
-    assert polyline_length(shortest) <= 1.1 * string
+    assert path_length(shortest) <= 1.1 * string
     assert failed(longer) == ()
 
 

@@ -16,7 +16,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.length_words import place as at
-from ccm_opt.core.polyline import leg_lengths
+from ccm_opt.core.polyline import path_length
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.gaps import Gaps, beside, depth_beyond
 from ccm_opt.diagnosis.named_goals import NamedTipGoal
@@ -238,11 +238,6 @@ def _is_detour(paths: AxisPaths) -> bool:
     return paths.shortest_is_proved and paths.least > (1.0 + _DETOUR) * straight
 
 
-def polyline_length(path: FloatArray) -> float:
-    """Return the length of a polyline given by its corners (m, d) [m]."""
-    return float(leg_lengths(path).sum())
-
-
 def path_corners(path: FloatArray | None) -> tuple[tuple[float, ...], ...]:
     """Convert the corners of an axis path to tuples of coordinates, as findings store them; empty for None."""
     return () if path is None else tuple(point(place) for place in path)
@@ -405,7 +400,7 @@ def _stiff(paths: AxisPaths) -> Iterator[Finding]:
     arm = paths.problem.arm
     path = paths.shortest
     # In space the path found may be longer than the arm and lead round another side than one that the arm can follow.
-    if path is None or (polyline_length(path) > paths.arm.length and not paths.shortest_is_proved):
+    if path is None or (path_length(path) > paths.arm.length and not paths.shortest_is_proved):
         return
     # Angles near half a turn are capped, since tangent and cosine degenerate there.
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(most_turn(arm, arm.joint_limit), 0.99 * np.pi))

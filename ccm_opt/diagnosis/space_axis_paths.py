@@ -11,7 +11,8 @@ from scipy.sparse import csgraph
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.diagnosis.axis_paths import AxisPaths, WidestPath, polyline_length
+from ccm_opt.core.polyline import path_length
+from ccm_opt.diagnosis.axis_paths import AxisPaths, WidestPath
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.gaps import SurfaceGaps, beside
@@ -143,7 +144,7 @@ class SpaceAxisPaths(AxisPaths):
     @property
     def least(self) -> float:
         """Length of ``shortest``, an upper bound on the least length of wide enough axis paths [m]; 0 without one."""
-        return 0.0 if self.shortest is None else polyline_length(self.shortest)
+        return 0.0 if self.shortest is None else path_length(self.shortest)
 
     def all_longer_than(self, length: float) -> bool:
         """Return whether it is proved that every wide enough axis path is longer than a length [m]."""

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.polyline import points_at
 from ccm_opt.planning.ends import GapsAtSamples
 from ccm_opt.planning.tool_problem import motion_with_tool_links, problem_with_tool_links
 from ccm_opt.problem import Problem
@@ -222,7 +223,7 @@ class _Room:
             pair = np.array([place.link - 1]), np.array([place.second_link - 1])
             return float(arm.link_margins(*pair, self.wanted)[0])
         # The numbers of links do not tell their bodies apart.
-        q = np.array([np.interp(place.time, self.trajectory.time, column) for column in self.trajectory.positions.T])
+        q = points_at(self.trajectory.positions, self.trajectory.time, place.time)
         return float(self._self_gaps(chain_points(arm, q[None]))[0].wanted[0])
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:

@@ -19,6 +19,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CancelledWithPlan
+from ccm_opt.core.polyline import points_at
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.clearance_over_time import clearance_over_time
@@ -125,7 +126,7 @@ def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: Clearan
     for part in room.short:
         if part.cause != "passage":
             continue
-        pose = np.array([np.interp(part.nearest.time, trajectory.time, column) for column in trajectory.positions.T])
+        pose = points_at(trajectory.positions, trajectory.time, part.nearest.time)
         bound = gap_between_walls(problem, problem.arm.joint_positions_at(pose), room.wanted)
         if bound is not None:
             yield bound

@@ -20,6 +20,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
+from ccm_opt.core.polyline import points_at
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares, free_before
@@ -247,7 +248,7 @@ class CurveMap(CurveUnknowns):
         left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
         places = self.places(float(np.sum(q[2 * self.arm.links :])))
         grid = places if self.affine else np.union1d(self.offset_at, places)
-        last = _interpolated(grid, places, left) * (grid <= places[-1])[:, None]
+        last = points_at(left, places, grid) * (grid <= places[-1])[:, None]
         both = self._on_grid(grid, last[None], np.append(self._full_from, _first_bent(places, left)))
         return both, np.append(v, 1.0)
 
@@ -265,7 +266,7 @@ class CurveMap(CurveUnknowns):
             The map, ``own`` in it, shape (m, p + b'), and ``others`` in it, shape (k, p + b').
         """
         grid = np.union1d(self.offset_at, other.offset_at)
-        appended = np.stack([_interpolated(grid, other.offset_at, blend) for blend in other.blends])
+        appended = np.stack([points_at(blend, other.offset_at, grid) for blend in other.blends])
         both = self._on_grid(grid, appended, np.concatenate((self._full_from, other._full_from[1:])))  # noqa: SLF001 - its own kind
         shared = len(self.scale)
         after = np.pad(own, ((0, 0), (0, len(other.blends))))
@@ -280,7 +281,7 @@ class CurveMap(CurveUnknowns):
             appended: bends of the further blends at these arc lengths, shape (k, m, 2) [rad].
             full_from: arc length of the first bent joint of the offset and of all blends, shape (1 + b + k,) [m].
         """
-        offset, *blends = (_interpolated(grid, self.offset_at, values) for values in (self.offset, *self.blends))
+        offset, *blends = (points_at(values, self.offset_at, grid) for values in (self.offset, *self.blends))
         return replace(self, offset=offset, offset_at=grid, blends=np.array([*blends, *appended]), full_from=full_from)
 
     @cached_property
@@ -453,7 +454,7 @@ class CurveMap(CurveUnknowns):
         first = self._full_from[number]
         if not np.isfinite(first):
             return np.zeros((*places.shape, 2))
-        turns = _interpolated(places, self.offset_at, self.blends[number - 1] if number else self.offset)
+        turns = points_at(self.blends[number - 1] if number else self.offset, self.offset_at, places)
         if not self.affine:
             # Between a joint in the guide tube and the first bent one outside, turns grow from where they are allowed
             # to. Each blend has limits of its own, so that further blends leave motions as they are.
@@ -546,11 +547,6 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
         return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf
     outside = places[places > straight]
     return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
-
-
-def _interpolated(places: FloatArray, at: FloatArray, values: FloatArray) -> FloatArray:
-    """Return bends (m, 2) [rad], given at arc lengths ``at`` (m,), at other ones of any shape (...), (..., 2)."""
-    return np.stack([np.interp(places, at, of_axis) for of_axis in values.T], axis=-1)
 
 
 def _first_bent(at: FloatArray, values: FloatArray) -> float:

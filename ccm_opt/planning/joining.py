@@ -15,6 +15,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import points_at
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
@@ -294,7 +295,7 @@ class _Shortening:
         time = chain_time(chain, self.pace)
         moving = np.append(True, np.diff(time) > 0.0)
         at = np.linspace(0.0, time[-1], count + 1)
-        even = np.column_stack([np.interp(at, time[moving], column) for column in chain[moving].T])
+        even = points_at(chain[moving], time[moving], at)
         even[[0, -1]] = chain[[0, -1]]
         return even if self.tube is None else self.tube.straightened(even)
 

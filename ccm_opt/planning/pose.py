@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray
+from ccm_opt.core.polyline import leg_lengths, path_length
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
@@ -52,7 +53,7 @@ class Pose:
     @property
     def length(self) -> float:
         """Total length of the links [m]."""
-        return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
+        return path_length(self.points)
 
     @property
     def swinging(self) -> FloatArray:
@@ -60,8 +61,7 @@ class Pose:
 
         Components are along the axes of each link's frame that are perpendicular to the link.
         """
-        lengths = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        across = self.frames[:, :, 1:] / lengths[:, None, None]
+        across = self.frames[:, :, 1:] / leg_lengths(self.points)[:, None, None]
         return np.asarray(across.transpose(0, 2, 1) @ np.diff(self.moving, axis=0))
 
     @property

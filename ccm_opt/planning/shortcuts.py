@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.core.polyline import arc_lengths, points_at
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned
@@ -72,8 +72,8 @@ class Shortcuts:
             arcs: length of the motion up to each keyframe, shape (K,) [rad].
             at: lengths at which the m shortcuts begin and end, shape (m, 2) [rad].
         """
-        start = _at(way, arcs, at[:, 0])
-        end = _at(way, arcs, at[:, 1])
+        start = points_at(way, arcs, at[:, 0])
+        end = points_at(way, arcs, at[:, 1])
         saved = at[:, 1] - at[:, 0] - np.linalg.norm(end - start, axis=1)
         worth = saved > self.saved * arcs[-1]
         free = np.zeros(len(at), dtype=bool)
@@ -88,14 +88,6 @@ class Shortcuts:
         if len(self.unproved(new)):
             return way
         return np.vstack((before, start[best], end[best], after))
-
-
-def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the link headings of a motion at given lengths ``at`` along it, interpolated linearly, shape (m, links).
-
-    ``way`` holds the link headings at the keyframes (K, links), ``arcs`` their lengths along the motion (K,).
-    """
-    return np.column_stack([np.interp(at, arcs, column) for column in way.T])
 
 
 def dense(way: FloatArray, turn: float) -> FloatArray:

@@ -21,13 +21,14 @@ from ccm_opt.planning.random_tip_paths import WALKS, find_by_walks, is_walked
 from ccm_opt.planning.refinement import coarse_task, taken_over
 from ccm_opt.planning.rrt_connect import CONNECT, FEW_LINKS
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
+from ccm_opt.planning.sampled_run import SAMPLED_ROUNDS
 from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.tree_search import search_by_trees
-from ccm_opt.planning.way_strategies import SAMPLED_ROUNDS, SpaceRun
+from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 

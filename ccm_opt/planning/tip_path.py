@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths
 
 SAMPLES = 400
 """Number of samples of the path per arm length. Heuristic: their chords deviate by less than a millionth of the length
@@ -27,8 +28,7 @@ class TipPath:
 
     @cached_property
     def _curve(self) -> CubicSpline:
-        chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        return CubicSpline(np.concatenate(([0.0], np.cumsum(chords))), self.points, bc_type="natural")
+        return CubicSpline(arc_lengths(self.points), self.points, bc_type="natural")
 
     @cached_property
     def _parameter(self) -> CubicSpline:

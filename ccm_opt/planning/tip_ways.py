@@ -4,19 +4,21 @@ Many lengths are given in nominal links, each a twenty-fourth of the arm's lengt
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
 
-from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths, path_length, points_at, without_repeats
 from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
 from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
-from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
+from ccm_opt.planning.grid_ways import TipGrid, shortened
 from ccm_opt.planning.guides import ONTO_TRACK, ArmTrack
 from ccm_opt.planning.link_chains import CHAIN_GAPS, LinkChains
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.tip_grids import FAR, TipGrids, cells_in_cube, closed_about, prices_near
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares
 
@@ -46,16 +48,10 @@ _PRICES = ((3.0, 1.0), (1.0, 0.0))
 grid cells are free."""
 _CELLS = (200_000, 1_500_000, 8_000_000)
 """Numbers of cells of the grids in which paths are sought, the coarse one first."""
-_FINEST = 0.12
-"""Minimum size of grid cells, in nominal links."""
 _NEARNESS = (3.0, 20.0)
 """Relative extra costs of a path along a wall, tried in turn."""
 _CLOSE = 0.4
 """Fraction of the planning margin that steps keep after the full margin has failed."""
-_FAR = 2.0
-"""Distance from walls above which a grid path has no extra cost, in nominal links."""
-_AROUND = 4.0
-"""Distance by which paths may extend beyond all obstacles of the scene, in nominal links."""
 
 _CLOSE_ONTO_TRACK = 3.0
 """Weight with which all joints are pulled onto the tip's track if the usual weight fails because walls block the arm;
@@ -96,9 +92,6 @@ _DETOUR_PRICE = 4.0
 """Relative extra cost of a path near one that has failed."""
 _DETOURS = 3
 """Maximum number of paths through one grid that are sought away from earlier paths."""
-_BEHIND_HOLE = np.array((0.75, 1.5))
-"""Depth and radius of the region before the end of the guide tube that is closed to paths, in nominal links.
-Heuristic."""
 _SPARE_LENGTH = 2.0
 """Allowed excess of the length of a path over the feed that is left, in nominal links."""
 
@@ -172,8 +165,6 @@ class SpaceTipWays:
     joints: FloatArray | None = None
     out: float = 0.0
     _followed: list[FloatArray] = field(default_factory=list)  # followable paths tried so far
-    _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
-    _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # cell sizes of grids already searched [m]
     _seen: list[FloatArray] = field(default_factory=list)  # paths through them
     _seen_chains: list[FloatArray] = field(default_factory=list)
@@ -182,6 +173,11 @@ class SpaceTipWays:
     def start(self) -> FloatArray:
         """Position of the tip at which it can leave its initial straight path, shape (3,) [m]."""
         return self.tip + self.straight * self.heading
+
+    @cached_property
+    def grids(self) -> TipGrids:
+        """Grids in which the paths are sought."""
+        return TipGrids(self.task, self.start, self.goal, max(_APPROACHES))
 
     def first(self) -> Iterator[TipWay]:
         """Yield the tip paths that are tried first: the straight path and, for a fed arm, paths that it can follow."""
@@ -216,7 +212,7 @@ class SpaceTipWays:
 
         Yields nothing if a grid with the same cell size has been searched before.
         """
-        size = self._grid(cells, _GRID_MARGINS[-1]).cell
+        size = self.grids.grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
         self._tried.add(size)
@@ -258,9 +254,9 @@ class SpaceTipWays:
             seen.append(way.places)
             if not known and self._followable_band(way):
                 yield TipWay("behind the tip", self._joined([way.places]), _CLOSE, ONTO_TRACK)
-            grid = _closed_about(grid, way.worst, _CLOSED * task.unit)
+            grid = closed_about(grid, way.worst, _CLOSED * task.unit)
             if known:
-                grid = _closed_about(grid, way.worst, 2.0 * _CLOSED * task.unit)
+                grid = closed_about(grid, way.worst, 2.0 * _CLOSED * task.unit)
 
     @cached_property
     def _band(self) -> Callable[[FloatArray], ElasticWay | None] | None:
@@ -323,7 +319,7 @@ class SpaceTipWays:
             shares = np.where(arm.limit_shares > 0.0, arm.limit_shares, 1.0)
             joint = np.searchsorted(-arm.places_from_tip[:-1], places - self._longest_followed, side="left")
             limits *= np.minimum.accumulate(shares[::-1])[::-1][np.minimum(joint, arm.links - 1)]
-        return LinkChains.in_box(arm, self.task.tree, self._box, limits, exact=False)
+        return LinkChains.in_box(arm, self.task.tree, self.grids.box, limits, exact=False)
 
     def _passages(self, cells: int) -> TipGrid:
         """Return the grid from whose paths elastic bands are made; a cell is free if a path may pass anywhere in it.
@@ -333,12 +329,12 @@ class SpaceTipWays:
         """
         task = self.task
         far = _PASSAGE * task.unit
-        distances = self._distances(cells, self._longest_followed, task.kept + task.margin + _FAR * task.unit)
+        distances = self.grids.distances(cells, self._longest_followed, task.kept + task.margin + FAR * task.unit)
         kept = max(task.kept - 0.5 * distances.cell, 0.25 * distances.cell)
-        grid = self._closed_behind(TipGrid.from_distances(distances, kept, far, task.deadline))
+        grid = self.grids.closed_behind(TipGrid.from_distances(distances, kept, far, task.deadline))
         radius = _TURNED * task.unit
-        grid = _closed_about(grid, self.start, radius, -self.heading)
-        return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
+        grid = closed_about(grid, self.start, radius, -self.heading)
+        return grid if self.direction is None else closed_about(grid, self.goal, radius, self.direction)
 
     def _sharp_turns(self, grid: TipGrid) -> FloatArray:
         """Return the relative extra cost of cells near start and goal that the arm can only reach by too sharp a bend.
@@ -358,7 +354,7 @@ class SpaceTipWays:
         prices = np.zeros(grid.gaps.shape)
         for end, direction in ((self.start, self.heading), (self.goal, self.direction)):
             if direction is not None:
-                block, places = _cube(grid, end, radius + tube)
+                block, places = cells_in_cube(grid, end, radius + tube)
                 apart = places - end
                 along = apart @ direction
                 across = np.sqrt(np.maximum(np.sum(apart**2, axis=-1) - along**2, 0.0))
@@ -397,9 +393,9 @@ class SpaceTipWays:
         task = self.task
         nearness, margin = price
         radius, beside = allowance
-        grid = self._grid(cells, margin, beside, self._longest_followed)
+        grid = self.grids.grid(cells, margin, beside, self._longest_followed)
         avoided = self._followed
-        dear = _prices(grid, avoided, _DETOUR_PRICE) if avoided else None
+        dear = prices_near(grid, avoided, _DETOUR_PRICE) if avoided else None
         prices = grid.prices(nearness, dear)
         search = FollowableWays(grid, prices, radius, task.unit, task.deadline)
         most = self._longest_followed
@@ -413,7 +409,7 @@ class SpaceTipWays:
             part = search.between(WayEnd(parts[-1][-1], heading), goal, most)
             if part is None:
                 return None
-            most -= float(np.sum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
+            most -= path_length(part)
             heading = part[-1] - part[-2]
             heading /= np.linalg.norm(heading)
             parts.append(part)
@@ -466,8 +462,8 @@ class SpaceTipWays:
         task = self.task
         if task.deadline.passed():
             return None
-        grid = self._grid(cells, margin)
-        dear = None if avoided is None else _prices(grid, avoided, _DETOUR_PRICE)
+        grid = self.grids.grid(cells, margin)
+        dear = None if avoided is None else prices_near(grid, avoided, _DETOUR_PRICE)
         places = [self.start, *self._ends(approach)]
         inner = places[:-1] if len(places) > 2 and self.direction is not None and approach > 0.0 else places
         parts = []
@@ -485,158 +481,8 @@ class SpaceTipWays:
         """Length of the longest path that the arm can be fed along, up to where the straight approach begins [m]."""
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
-    def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
-        """Return the grid whose free cells leave the tip a fraction of the planning margin and a further clearance.
-
-        Args:
-            cells: approximate number of cells.
-            margin: fraction of the planning margin.
-            beside: further clearance [m].
-            longest: length of the longest path that is sought, up to where the approach begins [m]; cells on no such
-                path count as closed.
-        """
-        key = (cells, margin, beside, longest)
-        if key not in self._grids:
-            task = self.task
-            far = _FAR * task.unit
-            around = task.kept + beside
-            # Distances up to the whole margin will be needed later.
-            distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
-            grid = TipGrid.from_distances(distances, around + margin * task.margin, far, task.deadline)
-            self._grids[key] = self._closed_behind(grid)
-        return self._grids[key]
-
-    def _closed_behind(self, grid: TipGrid) -> TipGrid:
-        """Return a grid in which a cylinder around the end of the guide tube, on the side of the base, is closed.
-
-        No arm turns back through its tube. The grid is unchanged if the base is fixed, or if the start, the goal or a
-        via point lies in that cylinder.
-        """
-        arm = self.task.arm
-        if arm.feed is None:
-            return grid
-        hole = arm.base + arm.hole * arm.direction
-        depth, wide = _BEHIND_HOLE * self.task.unit
-
-        def behind(places: FloatArray) -> BoolArray:
-            apart = places - hole
-            along = apart @ arm.direction
-            return np.asarray((along < 0.0) & (along > -depth) & (np.sum(apart**2, axis=-1) - along**2 < wide**2))
-
-        if np.any(behind(np.stack((self.start, self.goal, *self.task.via)))):
-            return grid
-        return _closed_where(grid, hole, depth + wide, behind)
-
-    def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
-        """Return the distances of the cells of a grid from surfaces, exact at least up to ``reach`` [m], cached.
-
-        ``cells`` and ``longest`` are as in ``_grid``.
-        """
-        known = self._known.get((cells, longest))
-        if known is None or known.reach < reach:
-            task = self.task
-            approaches = _APPROACHES
-            approach = max(approaches) * max(1.0, task.arm.link_length / task.unit) * task.unit
-            ways = WaysBetween(self.start, self.goal, longest + approach) if np.isfinite(longest) else None
-            low, high = self._box
-            finest = _FINEST * task.unit
-            known = GridDistances.over(task.tree, (low, high), cells, reach, finest, task.deadline, ways)
-            self._known[cells, longest] = known
-        return known
-
-    @cached_property
-    def _box(self) -> FloatArray:
-        """Bounding box for all tip paths, lower and upper corner, shape (2, 3) [m].
-
-        It is the box of the scene, ends and via points, extended by four nominal links and clipped to the box that the
-        tip can reach; it always contains start and goal.
-        """
-        task = self.task
-        places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
-        found = np.vstack([np.atleast_2d(place) for place in places])
-        wide = _AROUND * task.unit
-        low = np.maximum(found.min(axis=0) - wide, task.box[0])
-        high = np.minimum(found.max(axis=0) + wide, task.box[1])
-        # The box includes the start and the goal, even if they are out of reach.
-        ends = np.stack((self.start, self.goal))
-        return np.stack((np.minimum(low, ends.min(axis=0)), np.maximum(high, ends.max(axis=0))))
-
     def _joined(self, parts: list[FloatArray]) -> FloatArray:
-        corners = np.vstack([np.atleast_2d(part) for part in (self.tip, *parts)])
-        apart = np.linalg.norm(np.diff(corners, axis=0), axis=1) > 1e-9
-        return corners[np.concatenate(([True], apart))]
-
-
-def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
-    """Return the relative extra cost of each cell, in the grid's shape: ``price`` near paths to be avoided, else 0.
-
-    The first and last fifth of each path are left out, since all paths share their ends.
-    """
-    prices = np.zeros(grid.gaps.shape)
-    for way in avoided:
-        lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
-        s = np.arange(0.0, float(np.sum(lengths)), grid.cell)
-        arcs = np.concatenate(([0.0], np.cumsum(lengths)))
-        # Not the ends, which all paths have in common.
-        middle = s[len(s) // 5 : len(s) - len(s) // 5]
-        places = np.stack([np.interp(middle, arcs, column) for column in way.T], axis=1)
-        reach = max(1, round(grid.far / grid.cell))
-        for x, y, z in {grid.index(place) for place in places}:
-            block = tuple(slice(max(0, c - reach), c + reach + 1) for c in (x, y, z))
-            prices[block] = price
-    return prices
-
-
-def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatArray | None = None) -> TipGrid:
-    """Return a copy of a grid in which the cells within a radius of a point, or those on one side of it, are closed.
-
-    Args:
-        grid: the grid.
-        place: the point, shape (3,) [m].
-        radius: the radius [m].
-        side: direction to the side on which cells more than half a cell away are closed, shape (3,); None for all
-            round.
-    """
-
-    def near(places: FloatArray) -> BoolArray:
-        apart = places - place
-        closed = np.sum(apart**2, axis=-1) < radius**2
-        if side is not None:
-            closed &= apart @ side > 0.5 * grid.cell
-        return np.asarray(closed)
-
-    return _closed_where(grid, place, radius, near)
-
-
-def _closed_where(
-    grid: TipGrid, middle: FloatArray, reach: float, closed: Callable[[FloatArray], BoolArray]
-) -> TipGrid:
-    """Return a copy of a grid in which the cells within a cube that fulfil a condition are closed.
-
-    Args:
-        grid: the grid.
-        middle: centre of the cube, shape (3,) [m].
-        reach: half of the side of the cube [m].
-        closed: function from cell centres (..., 3) to a mask of the cells to be closed.
-    """
-    about, places = _cube(grid, middle, reach)
-    gaps = grid.gaps.copy()
-    gaps[about][closed(places)] = 0.0
-    return replace(grid, gaps=gaps)
-
-
-def _cube(grid: TipGrid, middle: FloatArray, reach: float) -> tuple[tuple[slice, slice, slice], FloatArray]:
-    """Return the slices that select the cells of a grid in a cube, and the centres of these cells, (nx, ny, nz, 3) [m].
-
-    Args:
-        grid: the grid.
-        middle: middle of the cube, shape (3,) [m].
-        reach: half of the cube's side [m].
-    """
-    low, high = (grid.index(middle + way * reach) for way in (-1.0, 1.0))
-    x, y, z = (slice(a, b + 1) for a, b in zip(low, high, strict=True))
-    axes = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
-    return (x, y, z), np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return without_repeats(np.vstack([np.atleast_2d(part) for part in (self.tip, *parts)]), 1e-9)
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
@@ -644,7 +490,7 @@ def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
     share = np.linspace(0.0, 1.0, 33)
 
     def places(corners: FloatArray) -> FloatArray:
-        arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))))
-        return np.stack([np.interp(share * arcs[-1], arcs, column) for column in corners.T], axis=1)
+        arcs = arc_lengths(corners)
+        return points_at(corners, arcs, share * arcs[-1])
 
     return bool(np.max(np.linalg.norm(places(way) - places(other), axis=1)) < unit)

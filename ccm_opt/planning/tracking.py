@@ -14,7 +14,7 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound
-from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.core.polyline import arc_lengths, points_at
 from ccm_opt.planning.continuation import Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import PoseLed
@@ -70,7 +70,7 @@ class Reference:
             u: path parameter of the reference.
             pose: current pose.
         """
-        missing = np.array([np.interp(u, self.u, column) for column in self.unknowns.T]) - pose.v
+        missing = points_at(self.unknowns, self.u, u) - pose.v
         rows = turn_rows(space.arm, pose)
         turn = rows @ missing
         most = float(np.max(np.abs(turn)))
@@ -235,7 +235,7 @@ def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> Floa
     """
     share = shares_of(motion, slowness)
     s = np.linspace(0.0, 1.0, _PLACES)
-    q = np.column_stack([np.interp(s, share, column) for column in motion.configurations.T])
+    q = points_at(motion.configurations, share, s)
     u = np.union1d(np.linspace(0.0, 1.0, _STEPS), user.breaks)
     missed = np.stack([_missed(user, q, float(place)) for place in u], axis=1)
     price = _PRICE * missed + np.abs(s[:, None] - u[None, :])

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import points_at
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     ClearanceLimit,
@@ -152,8 +153,7 @@ def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPla
     Returns:
         The place, shape (d,) with d = 2 or 3 [m].
     """
-    at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
-    points = problem.arm.joint_positions_at(np.array(at))
+    points = problem.arm.joint_positions_at(points_at(trajectory.positions, trajectory.time, near.time))
     if problem.dimension == 3:
         return _nearest_on_axis(problem, points, near)
     first = shapely.LineString(points[near.link - 1 : near.link + 1])

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.frames import bends_from_revolutes, drive_torque_limits, drive_torques
 from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
@@ -361,8 +362,7 @@ def phase_data(solution: Solution) -> dict[str, object]:
 def path_and_speed(solution: Solution) -> tuple[FloatArray, FloatArray]:
     """Return path length in joint space [rad] and path speed [rad/s] at T samples of a plan, each of shape (T,)."""
     trajectory = solution.trajectory
-    steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)
-    return np.concatenate(([0.0], np.cumsum(steps))), np.linalg.norm(trajectory.bend_velocities, axis=1)
+    return arc_lengths(trajectory.bend_angles), np.linalg.norm(trajectory.bend_velocities, axis=1)
 
 
 def speed_at_velocity_limits(speed: FloatArray, shares: list[LimitShare], moving: float) -> FloatArray:

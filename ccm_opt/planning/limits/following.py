@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import points_at, without_repeats
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.robot.arm import Arm
@@ -85,8 +86,7 @@ def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
     # A tip inside the tube leads nothing.
     leading = feeds[1:] + arm.length > arm.hole
     path = np.concatenate((hole[None], joints[0][outside], joints[1:, -1][leading]))
-    far = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-3 * arm.link_length
-    return path[np.concatenate(([True], far))]
+    return without_repeats(path, 1e-3 * arm.link_length)
 
 
 def _feeds(arm: Arm, poses: FloatArray) -> FloatArray:
@@ -130,7 +130,7 @@ class FollowingLimit(LimitOf[CurveUnknowns]):
         """
         per = max(1, -(-_POSES // max(len(q) - 1, 1)))
         along = np.linspace(0.0, len(q) - 1.0, per * (len(q) - 1) + 1)
-        samples = np.column_stack([np.interp(along, np.arange(len(q)), column) for column in q.T])
+        samples = points_at(q, np.arange(float(len(q))), along)
         away = np.zeros(len(samples))
         found = distances_from_leader(self.arm, samples)
         if found is not None:

@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import points_at
 from ccm_opt.planning.limits.limit import Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 from ccm_opt.planning.pose import CurveUnknowns
@@ -331,7 +332,7 @@ def resampled(
     """
     places = np.linspace(0.0, 1.0, intervals + 1)
     for _ in range(rounds + 1):
-        keyframes = restored(np.column_stack([np.interp(places, u, column) for column in coordinates.T]))
+        keyframes = restored(points_at(coordinates, u, places))
         legs = failures(keyframes)
         if len(legs) == 0:
             return keyframes, places

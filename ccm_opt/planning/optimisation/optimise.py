@@ -15,6 +15,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import points_at
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.optimisation.objective import decimated, resampled, subdivided
 from ccm_opt.planning.optimisation.program import KeyframeProgram
@@ -261,7 +262,7 @@ def thinned(
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
     # Insert keyframes where the task requires them.
     along = np.union1d(np.arange(len(labelled)), task.marks(motion))
-    labelled = np.column_stack([np.interp(along, np.arange(len(labelled)), column) for column in labelled.T])
+    labelled = points_at(labelled, np.arange(float(len(labelled))), along)
     ends = np.unique((0, *np.searchsorted(along, task.marks(motion)), len(along) - 1))
 
     def failing(some: FloatArray) -> IntArray:
