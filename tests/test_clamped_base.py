@@ -7,7 +7,7 @@ import pytest
 
 import ccm_opt
 from ccm_opt.core.errors import NoPlanFound
-from ccm_opt.planning.planner import clamped_joints, with_clamped_base
+from ccm_opt.planning.clamped_base import clamped_joints, with_clamped_base
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import RigidPlacement
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.servoing import spline_values
+from ccm_opt.planning.servo_state import spline_values
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
 from ccm_opt.robot.base_axes import Feed

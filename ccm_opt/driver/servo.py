@@ -22,14 +22,16 @@ from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, verified
 from ccm_opt.dynamics.retiming.motion_limits import DriveEffort
 from ccm_opt.dynamics.retiming.timed_path import TimedPath
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.planning.clamped_base import with_clamped_base
 from ccm_opt.planning.ends import refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.passage_widths import MARGINS
-from ccm_opt.planning.planner import MotionPlanner, with_clamped_base
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.section_map import unknowns_through
-from ccm_opt.planning.servoing import Cut, ServoState, TipServo, TipVelocity, knot_values, spline_values
+from ccm_opt.planning.servo_state import Cut, ServoState, TipVelocity, knot_values, spline_values
+from ccm_opt.planning.servoing import TipServo
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.planning.step import StepperOf
 from ccm_opt.planning.tool_problem import own_coordinates, problem_with_tool_links

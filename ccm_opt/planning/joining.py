@@ -16,12 +16,13 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import points_at
+from ccm_opt.planning.clamped_base import with_clamped_base
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.own_units import OwnUnits, planning_units
-from ccm_opt.planning.planner import MotionPlanner, with_clamped_base
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task

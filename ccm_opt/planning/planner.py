@@ -5,10 +5,6 @@ curve by the NLP, tip paths, the certified motion of the links and a smooth path
 the search, the goal configuration by the NLP, the optimisation and the smooth path.
 
 To replan, a known motion is adapted to the new goal (see ``resuming``).
-
-In space the default mount is as long as the arm's radius. Where such an arm stands perpendicular to a floor, the disc
-at the end of the mount just touches the floor, and any turn of the base would press its rim into the floor. The first
-joints are then held straight, and the arm bends beyond them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,6 +20,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import MotionNotFound, NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.clamped_base import annotate_clamped_base, with_clamped_base
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
 from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
@@ -51,7 +48,6 @@ from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
     CurvePlannerSettings,
-    SpaceCertificateSettings,
     SpaceMotionSettings,
 )
 from ccm_opt.planning.smooth_path import joint_path
@@ -63,9 +59,7 @@ from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.contact_finder import CertificateSettings
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _SHARE_IN_THE_PLANE = 0.9
 """Fraction of the time limit that the search in the plane may use. Heuristic: the rest is for timing and checks."""
@@ -86,10 +80,6 @@ _LOOKS = 5
 """Number of samples per keyframe at which the clearance that a path lacks is measured. Heuristic."""
 _CONTACT_SHARE = 0.5
 """Fraction of the problem's contact tolerance up to which planning accepts penetration. Heuristic."""
-_STRAIGHT = 1e-9
-"""Bend below which a joint counts as straight [rad]."""
-_SQUARE = 1e-6
-"""Largest 1 - cos of the angle to a wall's normal at which the mount counts as perpendicular to the wall."""
 
 
 @dataclass(frozen=True)
@@ -548,55 +538,3 @@ def turn_per_link(problem: Problem) -> float:
     """Return the turn of a joint at the mean speed limit while the base travels one link length at its own [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
-
-
-def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
-    """Return the problem with its first joints held straight as part of the mount, if a wall clamps the arm's base.
-
-    Args:
-        problem: the problem in space, with one goal.
-        tree: bounding volume hierarchy of its surfaces.
-    """
-    count = clamped_joints(problem, tree)
-    arm = problem.arm
-    clamped = replace(arm, mount_length=float(arm.joint_places[count]), clamped_joints=count)
-    return replace(problem, arm=clamped) if count else problem
-
-
-def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
-    """Return the number of joints, counted from the base, that a wall at the mount's end forces to stay straight.
-
-    It is 0 for an arm on a feed axis, and also if no wall perpendicular to the mount is within clearance of its end, or
-    if the start or the goal bends one of these joints.
-    """
-    arm = problem.arm
-    first, share = arm.mount_end
-    count = max(1, int(np.ceil(first + share - _STRAIGHT)))
-    if arm.tool_links is not None and not np.all(arm.tool_links.own[:count]):
-        return 0  # bodies on these links must not touch walls
-    ends = [q for pose in (problem.start, problem.goal) if (q := pose.whole(arm)) is not None]
-    bent = np.any(np.abs(np.stack(ends)[:, : 2 * count]) >= _STRAIGHT)
-    if arm.base_axes or share >= 1.0 - _STRAIGHT or count >= arm.links or bent:
-        return 0
-    points = arm.joint_positions_at(problem.start.configuration(arm))
-    along = points[first + 1] - points[first]
-    end = points[first] + share * along
-    # Without the gap that certificates require beyond the clearance, no turn of the base can be certified.
-    spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
-    reach = float(arm.radii[first]) + problem.workspace.clearance + spare
-    near = tree.nearest(np.stack((end, end))[None], reach)
-    if near.owner[0] < 0 or near.gap[0] >= reach:
-        return 0
-    # Only a wall behind the end of the mount and perpendicular to it clamps the base.
-    away = end - near.point[0]
-    square = away @ along >= (1.0 - _SQUARE) * np.linalg.norm(along) * np.linalg.norm(away)
-    return count if square else 0
-
-
-def annotate_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
-    """Return the failure, with added advice on how to unclamp the base if it is clamped."""
-    if not problem.arm.clamped_joints:
-        return failure
-    found = failure.diagnosis
-    own = "raise arm.mount_length: the arm stands flush on a wall, so that the base cannot turn"
-    return type(failure)(replace(found, advice=(own, *found.advice)))
