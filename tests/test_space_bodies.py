@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
+from ccm_opt.scene.bodies import CYLINDER_SIDES, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 ANGLES = st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3).map(np.array)
@@ -36,7 +36,7 @@ def test_prism_contains_its_cylinder(start: FloatArray, way: FloatArray, radius:
     walls = np.abs(normals @ axis) < 0.5
     from_axis = np.einsum("ij,ij->i", normals[walls], triangles[walls, 0] - start)
     assert np.allclose(from_axis, radius, atol=1e-9)
-    sides = cylinder.settings.cylinder_sides
+    sides = CYLINDER_SIDES
     area = sides * radius**2 * np.tan(np.pi / sides)
     assert volume(triangles) == pytest.approx(area * float(np.linalg.norm(way)))
     corners = triangles.reshape(-1, 3) - start

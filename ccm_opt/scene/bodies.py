@@ -3,7 +3,7 @@
 A body has ``triangles``, shape (m, 3, 3) [m], and ``rounding`` [m]: it is contained in the set of points within
 ``rounding`` of a triangle, together with the volume that the triangles enclose. Boxes, spheres, capsules and meshes are
 represented exactly; a cylinder is represented by its circumscribed prism, which protrudes by at most
-``SceneSettings.cylinder_error`` radii, its ``error``. Bodies are solid, except meshes that the user declares to be
+``CYLINDER_ERROR`` radii, its ``error``. Bodies are solid, except meshes that the user declares to be
 surfaces only.
 """
 
@@ -101,27 +101,11 @@ def _about(axis: int, angle: float) -> FloatArray:
     return turn
 
 
-@dataclass(frozen=True)
-class SceneSettings:
-    """Settings for the conversion of bodies to triangles.
-
-    Attributes:
-        cylinder_sides: number of sides of the prism around a cylinder. Heuristic: the prism protrudes by at most 0.21 %
-            of the radius, and has 188 triangles.
-    """
-
-    cylinder_sides: int = 48
-
-    @property
-    def cylinder_error(self) -> float:
-        """Distance by which the prism protrudes from its cylinder, as a fraction of the cylinder's radius."""
-        return float(1.0 / np.cos(np.pi / self.cylinder_sides) - 1.0)
-
-
-SCENE = SceneSettings()
-"""Default settings for the conversion of bodies to triangles."""
-
-
+CYLINDER_SIDES = 48
+"""Number of sides of the prism around a cylinder. Heuristic: it protrudes by at most 0.21 % of the radius, and has 188
+triangles."""
+CYLINDER_ERROR = float(1.0 / np.cos(np.pi / CYLINDER_SIDES) - 1.0)
+"""Distance by which the prism protrudes from its cylinder, as a fraction of the cylinder's radius."""
 BOX_FACES = np.array(
     [
         *([0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6]),
@@ -374,20 +358,18 @@ class CylinderBody(_Solid):
         start: centre of one end, shape (3,) [m].
         end: centre of the other end, shape (3,) [m].
         radius: radius [m].
-        settings: number of sides of the prism.
     """
 
     start: FloatArray
     end: FloatArray
     radius: float
-    settings: SceneSettings = SCENE
     kind: ClassVar[Literal["cylinder"]] = "cylinder"
     places: ClassVar[tuple[str, ...]] = ("start", "end")
 
     @property
     def error(self) -> float:
         """Largest distance by which the prism protrudes from the cylinder [m]."""
-        return self.radius * self.settings.cylinder_error
+        return self.radius * CYLINDER_ERROR
 
     def placed(self, placement: RigidPlacement) -> "CylinderBody":
         """Return the cylinder moved by a rigid motion."""
@@ -396,7 +378,7 @@ class CylinderBody(_Solid):
     @cached_property
     def triangles(self) -> FloatArray:
         """Triangles of the circumscribed prism, shape (4 sides − 4, 3, 3) [m]."""
-        sides = self.settings.cylinder_sides
+        sides = CYLINDER_SIDES
         ring = self._ring(sides)
         lower = self.start + ring
         upper = self.end + ring
@@ -418,7 +400,7 @@ class CylinderBody(_Solid):
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
         angles = 2.0 * np.pi / sides * np.arange(sides)[:, None]
-        corner = self.radius * (1.0 + self.settings.cylinder_error)
+        corner = self.radius * (1.0 + CYLINDER_ERROR)
         return np.asarray(corner * (np.cos(angles) * across + np.sin(angles) * np.cross(axis, across)))
 
 

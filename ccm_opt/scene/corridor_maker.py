@@ -28,7 +28,6 @@ from ccm_opt.core.polygons import (
     without_short_edges,
 )
 from ccm_opt.scene.corridor import ConvexRegion, Corridor, Route
-from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.sleeve import TautString
 from ccm_opt.scene.triangulation import Partition, Triangulation, merge
 
@@ -102,13 +101,11 @@ class Cover:
         candidates: regions in order along the string; the span of each meets that of the next.
         taut: the taut string.
         slack: distance by which the string may leave the regions, and by which it may miss the portals [m].
-        settings: settings for the choice of portals.
     """
 
     candidates: Sequence[RegionSpan]
     taut: TautString
     slack: float = 0.0
-    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 
     @cached_property
     def _links(self) -> dict[tuple[int, int], "Link"]:
@@ -417,12 +414,10 @@ class CorridorMaker:
         triangulation: triangulation of free space.
         slack: distance by which the taut string may leave the regions at cut corners [m]; must be less than the
             inflation of the obstacles, so that no obstacle fits in between.
-        settings: settings for the choice of regions.
     """
 
     triangulation: Triangulation
     slack: float = 0.0
-    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 
     @cached_property
     def partition(self) -> Partition:
@@ -459,10 +454,10 @@ class CorridorMaker:
             portals.
         """
         edges = self.triangulation.portals(route.sleeve)
-        taut = TautString.through(edges, route.taut if path is None else path, self.settings)
+        taut = TautString.through(edges, route.taut if path is None else path)
         # Portals need not be wider than the route allows; if no edge is crossed, any width suffices.
         narrowest = float(np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=np.inf))
-        cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack, self.settings)
+        cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack)
         kept = cover.sequence(_PORTAL_WIDTH * narrowest)
         return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
 

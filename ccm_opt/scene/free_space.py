@@ -419,7 +419,7 @@ class FreeSpace:
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
         """Maker of corridors in free space, which caches convex cells and the regions grown from them."""
-        return CorridorMaker(self.triangulation, _CORNER_SLACK * self.inflation, self.settings)
+        return CorridorMaker(self.triangulation, _CORNER_SLACK * self.inflation)
 
     @cached_property
     def _metric(self) -> EdgeMetric:

@@ -19,7 +19,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, UnreachableGoal
 from ccm_opt.core.polygons import cross
 from ccm_opt.core.polyline import arc_lengths, leg_lengths, points_at
-from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
+from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE
 from ccm_opt.scene.triangulation import WALL, Triangulation
 
 _STATIONS = 200
@@ -289,20 +289,16 @@ class TautString:
         path: vertices, shape (k, 2) [m].
         edges: left and right ends of the n edges crossed, shape (n, 2, 2) [m].
         crossings: arc length at which each edge is crossed, not decreasing, shape (n,) [m].
-        settings: settings of free space.
     """
 
     path: FloatArray
     edges: FloatArray
     crossings: FloatArray
-    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 
     @classmethod
-    def through(
-        cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
-    ) -> "TautString":
+    def through(cls, edges: FloatArray, path: FloatArray) -> "TautString":
         """Build a taut string with vertices ``path`` (k, 2) that crosses given triangle edges (n, 2, 2) [m]."""
-        return cls(path, edges, _crossings(edges, path), settings)
+        return cls(path, edges, _crossings(edges, path))
 
     @cached_property
     def knots(self) -> FloatArray:
