@@ -82,6 +82,13 @@ def test_exactly_the_selected_layers_are_read(wanted: set[str] | None, without: 
     assert sum(int(item.what.split("(")[1].split()[0]) for item in skipped) == 2 * (4 - len(read))
 
 
+def test_a_name_of_a_layer_that_some_programs_refuse_is_read(tmp_path: Path) -> None:
+    """LibreCAD writes any character into names of layers; the shapes are read, and the name selects them."""
+    path = dxf(tmp_path, lambda _document, space: box(space, 0.0, "plates"))
+    path.write_text(path.read_text().replace("plates", 'plates "A/B"'))
+    assert import_scene(path, ImportOptions(layers=('plates "A/B"',))).drawing.layers == (('plates "A/B"', 1),)
+
+
 def test_what_cannot_be_read_does_not_matter_on_a_layer_that_is_not_wanted(tmp_path: Path) -> None:
     """A solid in space refuses a drawing, unless its layer is left out."""
 

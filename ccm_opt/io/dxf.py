@@ -215,7 +215,9 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
             raise ProblemError(f"the DXF file is damaged: {message} Save it again from a CAD program.")
     # The parser repairs an undefined block by deleting its references; here that is a lost obstacle.
     lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
-    for defect in [*auditor.errors, *lost]:
+    # Other programs allow names of layers that AutoCAD does not; shapes are read all the same.
+    errors = [error for error in auditor.errors if error.code != AuditError.INVALID_LAYER_NAME]
+    for defect in [*errors, *lost]:
         named = re.search(r"\b([A-Z][A-Z0-9_]+)\(#", defect.message)
         kind = defect.entity.dxftype() if defect.entity is not None else named[1] if named else ""
         if kind not in IGNORED:
