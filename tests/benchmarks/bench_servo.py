@@ -4,8 +4,8 @@
 
 Random hands of smooth velocity drive the tip from the ends of the plans of the shipped jobs, whose meshes are cut until
 there are so many triangles, and of the same arms without obstacles ("free"). The arm is braked at random moments. Every
-motion is checked by the verifier and by coal, at poses so dense that no joint moves by a millimetre between two. One
-line of JSON for each drive. Set OMP_NUM_THREADS=1.
+motion is checked by the verifier and by coal, at poses so dense that no joint moves by a millimetre between two; rates
+are differences of its positions. One line of JSON for each drive. Set OMP_NUM_THREADS=1.
 """
 
 # ruff: noqa: T201 - a benchmark prints its figures
@@ -20,6 +20,7 @@ import numpy as np
 import ccm_opt
 from ccm_opt.cli.compare.space_clutter import JOBS
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.scene.workspace import Workspace
 from tests.benchmarks.bench_triangles import problem_of, refined
 from tests.benchmarks.space_sweep import sweep_in_space
@@ -29,7 +30,7 @@ SPEED = 0.05
 SMOOTH = (0.97, 0.97)
 """Of its velocity and acceleration, what is left after a tick of 10 ms."""
 BRAKES = 0.01
-"""Probability of braking in a tick."""
+"""Probability of braking in a tick, unless told."""
 
 
 def main() -> None:
@@ -39,6 +40,7 @@ def main() -> None:
     parser.add_argument("--triangles", type=int, default=0)
     parser.add_argument("--jobs", nargs="+", choices=list(JOBS), default=list(JOBS))
     parser.add_argument("--hands", nargs="+", type=int, default=[0])
+    parser.add_argument("--brakes", type=float, default=BRAKES)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     for job in options.jobs:
@@ -49,16 +51,16 @@ def main() -> None:
         empty = replace(problem, workspace=Workspace(bounds=None, obstacles=(), clearance=0.0))
         for hand in options.hands:
             for name, scene in ((job, meshed), (f"{job}, free", empty)):
-                line = json.dumps({"job": name, "hand": hand} | driven(scene, hand, options.ticks))
+                line = json.dumps({"job": name, "hand": hand} | driven(scene, hand, options.ticks, options.brakes))
                 print(line, flush=True)
                 if options.out is not None:
                     with options.out.open("a", encoding="utf-8") as file:
                         file.write(line + "\n")
 
 
-def driven(problem: Problem, hand: int, ticks: int) -> dict[str, object]:
+def driven(problem: Problem, hand: int, ticks: int, brakes: float) -> dict[str, object]:
     """Return the figures of one drive, swept."""
-    servo, figures = random_drive(problem, hand, ticks)
+    servo, figures = random_drive(problem, hand, ticks, brakes)
     begin = time.process_time()
     solution = servo.solution()
     seen = sweep_in_space(solution.problem, solution.trajectory)
@@ -68,11 +70,24 @@ def driven(problem: Problem, hand: int, ticks: int) -> dict[str, object]:
         "poses": seen.poses,
         "wall_gap_mm": round(1e3 * seen.wall_gap, 4),
         "violations": seen.violations,
+        "rates_used": rates_used(problem, solution.trajectory),
         "checking_s": round(time.process_time() - begin, 2),
     }
 
 
-def random_drive(problem: Problem, hand: int, ticks: int) -> tuple[ccm_opt.Servo, dict[str, object]]:
+def rates_used(problem: Problem, trajectory: JointTrajectory) -> list[float]:
+    """Return the greatest mean velocity and acceleration between samples, as fractions of their limits."""
+    limits = problem.limits.of_coordinates(problem.arm.coordinates)
+    steps = np.diff(trajectory.time)[:, None]
+    velocities = np.diff(trajectory.positions, axis=0) / steps
+    accelerations = 2.0 * np.diff(velocities, axis=0) / (steps[1:] + steps[:-1])
+    pairs = ((velocities, limits.velocity), (accelerations, limits.acceleration))
+    return [round(float(np.max(np.abs(rates) / limit)), 4) for rates, limit in pairs]
+
+
+def random_drive(
+    problem: Problem, hand: int, ticks: int, brakes: float = BRAKES
+) -> tuple[ccm_opt.Servo, dict[str, object]]:
     """Return a servo that a random hand has driven for some ticks, and what that cost."""
     random = np.random.default_rng(hand)
     servo = ccm_opt.Servo(problem)
@@ -89,13 +104,14 @@ def random_drive(problem: Problem, hand: int, ticks: int) -> tuple[ccm_opt.Servo
         wall.append(time.perf_counter() - begun[1])
         lost.append(step.lost)
         free.append(not any("limit" in reason or "range" in reason or "stretched" in reason for reason in step.reasons))
-        if random.uniform() < BRAKES:
+        if random.uniform() < brakes:
             servo.brake()
             braked += 1
     quantiles = (50.0, 99.0, 99.9, 100.0)
     return servo, {
         "links": problem.arm.links,
         "ticks": len(cpu),
+        "ticks_braking": servo.ticks - len(cpu),
         "cpu_ms": (1e3 * np.percentile(cpu, quantiles)).round(2).tolist(),
         "wall_ms": (1e3 * np.percentile(wall, quantiles)).round(2).tolist(),
         "lost_mean": round(float(np.mean(lost)), 4),
