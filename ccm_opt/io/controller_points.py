@@ -7,7 +7,6 @@ neighbouring samples allow this, the motion is slowed down slightly. A plan of l
 accelerations, so its points also have accelerations and are interpolated by quintics.
 """
 
-import itertools
 import json
 import logging
 import math
@@ -22,7 +21,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.coordinates import Coordinates, DriveLimits
 from ccm_opt.robot.frames import drive_torque_limits, drive_torques
 from ccm_opt.robot.points import MovingPoint, point_at_arc_length
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
@@ -178,8 +177,7 @@ def controller_points(
     for _ in range(_ATTEMPTS):
         slower, states = slowed(problem, plan, joints, factor)
         choice = _Choice(problem, slower, tolerance, smooth=smooth)
-        samples = choice.samples()
-        needed = max(choice.used(i, j) for i, j in itertools.pairwise(samples.tolist()))
+        samples, needed = choice.samples()
         found = points_at(slower, states, samples, factor, smooth=smooth)
         if needed <= 1.0:
             limits, deviation = message_checks(problem, plan, found.message, samples, factor, spare)
@@ -251,31 +249,32 @@ class _Choice:
     tolerance: float
     smooth: bool
 
-    def samples(self) -> IntArray:
-        """Return the indices of the chosen samples, shape (P,).
+    def samples(self) -> tuple[IntArray, float]:
+        """Return the indices of the chosen samples, shape (P,), and the maximum used between two of them.
 
         Where no polynomial over several samples respects limits and tolerance, neighbouring samples are chosen.
         """
-        chosen = [0]
+        chosen, most = [0], 0.0
         for end in self._corners[1:]:
             while chosen[-1] < end:
-                chosen.append(self._farthest(chosen[-1], int(end)))
-        return np.array(chosen, dtype=np.intp)
+                farthest, used = self._farthest(chosen[-1], int(end))
+                chosen.append(farthest)
+                most = max(most, used)
+        return np.array(chosen, dtype=np.intp), most
 
-    def _farthest(self, first: int, end: int) -> int:
+    def _farthest(self, first: int, end: int) -> tuple[int, float]:
         """Return the index of a sample to which a polynomial from sample ``first`` respects limits and tolerance.
 
         It is found by bisection up to sample ``end``, so approximately the farthest. If there is none, the result is
-        ``first + 1``.
+        ``first + 1``. The second value is what the polynomial uses.
         """
-        good = first + 1
-        bad = tried = min(first + _FARTHEST, end)
-        if self.used(first, tried) <= 1.0:
-            return tried
-        while bad - good > 1:
-            tried = (good + bad) // 2
-            good, bad = (tried, bad) if self.used(first, tried) <= 1.0 else (good, tried)
-        return good
+        good, bad, tried = first + 1, min(first + _FARTHEST, end), min(first + _FARTHEST, end)
+        used = {}
+        while tried not in used:
+            used[tried] = self.used(first, tried)
+            good, bad = (tried, bad) if used[tried] <= 1.0 else (good, tried)
+            tried = max((good + bad) // 2, first + 1)
+        return good, used[good]
 
     @cached_property
     def _corners(self) -> IntArray:
@@ -302,6 +301,14 @@ class _Choice:
         slack[plan.coordinates.bends] = np.maximum(of_bends, settings.bend_tolerance)
         low, high = arm.lower_limits - 0.5 * slack, arm.upper_limits + 0.5 * slack
         return np.minimum(low, np.min(plan.positions, axis=0)), np.maximum(high, np.max(plan.positions, axis=0))
+
+    @cached_property
+    def _limits(self) -> DriveLimits:
+        return self.problem.limits.of_coordinates(self.plan.coordinates)
+
+    @cached_property
+    def _effort_limits(self) -> FloatArray:
+        return self.problem.limits.of_drives(self.problem.arm.coordinates).effort
 
     @cached_property
     def _limited_points(self) -> list[tuple[MovingPoint, float, float]]:
@@ -331,7 +338,7 @@ class _Choice:
             controls = np.arange(1, len(controls))[:, None] * controls[1:]
         q, v, a = curve[:3]
 
-        limits = self.problem.limits.of_coordinates(plan.coordinates)
+        limits = self._limits
         shares = [np.max(np.abs(v) / limits.velocity), np.sqrt(np.max(np.abs(a) / limits.acceleration))]
         if self.smooth:
             shares.append(np.cbrt(np.max(np.abs(curve[3]) / limits.jerk)))
@@ -353,8 +360,7 @@ class _Choice:
         return used if used > 1.0 else max(used, *self._efforts_used(q, v, a))
 
     def _efforts_used(self, *states: FloatArray) -> tuple[float, float]:
-        problem = self.problem
-        limits = problem.limits.of_drives(problem.arm.coordinates).effort
+        problem, limits = self.problem, self._effort_limits
         if not np.any(np.isfinite(limits)):
             return 0.0, 0.0
         torques, on_axes = drive_efforts(problem.arm, problem.simulation.gravity, *states)

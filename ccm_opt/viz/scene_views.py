@@ -180,9 +180,9 @@ class SceneViews:
         bounds = self.problem.workspace.bounds
         if bounds is None:
             return
-        corners = side(_corners(bounds))
+        seen = side(corners(bounds))
         edges = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
-        lines = [corners[list(edge)] for edge in edges]
+        lines = [seen[list(edge)] for edge in edges]
         axes.add_collection(LineCollection(lines, colors=style.BOUNDARY, linewidths=0.6, alpha=0.5, zorder=0.5))
 
 
@@ -235,11 +235,11 @@ def view_window(side: Side, window: FloatArray) -> FloatArray:
         side: projection to the picture plane.
         window: lower and upper corner of the box, shape (2, d) with d = 2 or 3 [m].
     """
-    seen = side(_corners(window))
+    seen = side(corners(window))
     return np.stack((seen.min(axis=0), seen.max(axis=0)))
 
 
-def _corners(box: FloatArray) -> FloatArray:
+def corners(box: FloatArray) -> FloatArray:
     """Return all corners, shape (2^d, d), of an axis-parallel box given by two opposite corners, shape (2, d) [m]."""
     dimension = box.shape[1]
     counted = np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1
@@ -262,7 +262,7 @@ def work_box(problem: Problem, points: FloatArray, ends: FloatArray | None = Non
     sides = np.array([[-1.0], [1.0]])
     if extent is not None and problem.arm.coordinates.base_names:
         ahead = problem.arm.base_rotation[:, 0]
-        behind = float(np.min(_corners(extent) @ ahead)) - _NEAR * float(np.max(np.ptp(extent, axis=0)))
+        behind = float(np.min(corners(extent) @ ahead)) - _NEAR * float(np.max(np.ptp(extent, axis=0)))
         near = shown[shown @ ahead >= behind]
         shown = near if len(near) else shown
     box = box_about(np.concatenate((shown, goals)))

@@ -350,7 +350,8 @@ class ViewerApp:
                 self._status.content = f"**Not planned.** {answer}"
                 return
             if not answer.current:
-                self._status.content = f"**No plan; the last one is shown.** {answer.reason}"
+                reason, _, _ = answer.reason.partition("; ")  # what else was tried would fill the panel
+                self._status.content = f"**No plan; the last one is shown.** {reason}"
                 return
             plan = live.plan
             self._show(plan, self.time / max(self.frames.duration, TINY) * plan.trajectory.duration)

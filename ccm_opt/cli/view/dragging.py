@@ -182,7 +182,8 @@ class Handles:
         upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
             HANDLE,
-            scale=0.2,
+            scale=VIEW.handle,
+            fixed=True,
             active_axes=(True, arm.dimension == 3, True),
             disable_rotations=direction is None,
             depth_test=False,

@@ -11,6 +11,7 @@ import numpy as np
 
 from ccm_opt.cli.view.hand import PATIENCE, Asked, Hands
 from ccm_opt.cli.view.scene import Scene, rotation_matrix
+from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError
 from ccm_opt.driver.servo import Servo, ServoStep, Twist
@@ -228,7 +229,8 @@ class DriveControls:
         arm = self._scene.frames.problem.arm
         self._handle = self._scene.server.scene.add_transform_controls(
             _HANDLE,
-            scale=0.2,
+            scale=VIEW.handle,
+            fixed=True,
             active_axes=(True, arm.dimension == 3, True),
             disable_rotations=True,
             depth_test=False,
@@ -264,8 +266,8 @@ class DriveControls:
         if self._hands.asked() is None:
             lines.append(f"**stopped**: no message from the page for {PATIENCE} s")
         elif commanded and step.reasons:
-            lost = f"{min(step.lost, 1.0):.0%} of the velocity"
+            lost = f"{100.0 * min(step.lost, 1.0):.0f} % of the velocity"
             if step.lost_turn > step.lost:
-                lost = f"{min(step.lost_turn, 1.0):.0%} of the turn"
+                lost = f"{100.0 * min(step.lost_turn, 1.0):.0f} % of the turn"
             lines += [f"**{lost} is lost**", *(f"- {reason}" for reason in step.reasons)]
         self._words.content = "\n\n".join(lines)

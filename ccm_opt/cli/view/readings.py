@@ -7,6 +7,7 @@ import viser
 from viser import uplot
 
 from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.viz.document import PageUnits
 
@@ -53,8 +54,10 @@ class Readings:
         frames = self._frames
         units = PageUnits.of_page(frames.problem)
         torque = "torque [% of limit]" if frames.problem.limits.torque is not None else "torque [N m]"
+        # The gaps that matter are small beside those of an arm that is still outside.
+        top = min(VIEW.gaps * frames.problem.default_gap, frames.problem.arm.length)
         return [
-            (f"gap [{units.name}]", np.minimum(frames.least_gaps, frames.problem.arm.length) / units.metres),
+            (f"gap, up to {units.length(top)}", np.minimum(frames.least_gaps, top) / units.metres),
             (torque, frames.largest_torques),
         ]
 

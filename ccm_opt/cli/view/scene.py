@@ -21,6 +21,7 @@ from ccm_opt.scene.surfaces import within
 from ccm_opt.scene.tool_links import own_joints
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
+from ccm_opt.viz.scene_views import corners, viewing_side, work_box
 from ccm_opt.viz.sight import goal_sights
 
 LAYERS = {
@@ -32,6 +33,9 @@ LAYERS = {
     "names": "/names",
 }
 """Paths in the scene of the layers that can be switched on and off, by name."""
+_UP = np.array([0.0, 0.0, 1.0])
+_IN_FRONT = np.array([0.1, -0.97, 0.22]) / np.linalg.norm([0.1, -0.97, 0.22])
+"""Direction from planar scenes to the camera."""
 _IN_SPACE = ("start", "poses on the way", "names")
 """Names of the layers that exist for arms in space."""
 
@@ -99,24 +103,27 @@ class Scene:
         return placed + np.array([0.0, behind, 0.0]) if behind else placed
 
     def look(self, client: viser.ClientHandle) -> None:
-        """Place the camera of a connected browser in front of the workspace, or in space in front of the motion."""
-        workspace = self.frames.problem.workspace
-        if workspace.dimension == 3:
-            seen = self.world(self.frames.points).reshape(-1, 3)
-            towards = 1.2 * np.array([0.35, -0.85, 0.4])
+        """Place the camera of a connected browser so that the workspace, or in space the work, fills its window."""
+        problem, camera = self.frames.problem, client.camera
+        if problem.dimension == 3:
+            work = np.concatenate((self.frames.points[:, -1], self.frames.points[-1]))
+            seen, ahead = corners(work_box(problem, self.frames.points, work)), viewing_side(work).ahead
         else:
-            seen = self.world(np.reshape(workspace.boundary.bounds, (2, 2)))
-            towards = np.array([0.12, -1.0, 0.25])
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        middle = 0.5 * (low + high)
-        # In a window that is higher than wide, the scene fits in only from farther away, and the panel covers the lower
-        # part.
-        narrow = min(client.camera.aspect, 1.0)
-        sight = max(float(np.max(high - low)), 0.5) / narrow * towards
-        if narrow < 1.0:
-            middle[2] -= VIEW.above_panel * np.tan(0.5 * client.camera.fov) * np.linalg.norm(sight)
-        client.camera.position = middle + sight
-        client.camera.look_at = middle
+            seen, ahead = corners(np.reshape(problem.workspace.boundary.bounds, (2, 2))), _IN_FRONT
+        seen = self.world(seen)
+        middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+        across = np.cross(_UP, ahead)
+        across /= np.linalg.norm(across)
+        x, y, near = np.stack((across, np.cross(ahead, across), ahead)) @ (seen - middle).T
+        # In a window that is higher than wide, the panel covers the lower part.
+        low, high = np.tan(0.5 * camera.fov) * np.array(VIEW.above_panel if camera.aspect < 1.0 else VIEW.in_window)
+        wide = np.tan(0.5 * camera.fov) * VIEW.in_window[1] * camera.aspect
+        # From there on every corner is seen within the edges of that part of the window.
+        within = 2.0 * np.maximum(y + high * near, -y - low * near) / (high - low)
+        distance = float(np.max(np.maximum(near + np.abs(x) / wide, within)))
+        middle -= 0.5 * (low + high) * distance * np.cross(ahead, across)
+        camera.position = middle + distance * ahead
+        camera.look_at = middle
 
     def draw(self) -> None:
         """Draw the whole scene: workspace, goals and motion."""

@@ -26,7 +26,11 @@ class ViewSettings:
         names: size of names, as a fraction of viser's.
         letter: width of a letter of a name [pixels].
         line: height of a name [pixels].
-        above_panel: height of the scene's middle above that of a narrow window, as a fraction of half its height.
+        in_window: lower and upper edge of the part of a window that the scene fills, as fractions of half its height
+            above its middle; the upper one holds for its width too.
+        above_panel: likewise in a window that is higher than wide, whose lower part is covered by the panel.
+        handle: size of the handle that is dragged [pixels].
+        gaps: largest gap in the chart of gaps, in preferred clearances.
         poses: number of intermediate poses displayed.
         quiet: wall time without dragging after which a shorter plan is sought from scratch [s].
         anew: CPU time limit of the search from scratch [s].
@@ -45,7 +49,10 @@ class ViewSettings:
     names: float = 0.8
     letter: float = 7.0
     line: float = 20.0
-    above_panel: float = 0.54
+    in_window: tuple[float, float] = (-0.85, 0.85)
+    above_panel: tuple[float, float] = (0.26, 0.92)
+    handle: float = 90.0
+    gaps: float = 6.0
     poses: int = 12
     quiet: float = 1.0
     anew: float = 3.0
