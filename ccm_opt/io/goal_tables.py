@@ -58,6 +58,14 @@ class SegmentTable(Table):
         return knots
 
 
+_FEED = Field(
+    default=None,
+    description=(
+        "Feed of the whole-arm pose: position of the base on the feed axis. Default: the lower end of its range."
+    ),
+)
+
+
 class PoseTable(Table):
     """Table of a pose of a whole planar arm, given by exactly one of ``shape``, ``joints_deg`` and ``segments``."""
 
@@ -79,12 +87,7 @@ class PoseTable(Table):
             "heading of the last link (default: free)."
         ),
     )
-    feed: Length | None = Field(
-        default=None,
-        description=(
-            "Feed of the whole-arm pose: position of the base on the feed axis. Default: the lower end of its range."
-        ),
-    )
+    feed: Length | None = _FEED
 
 
 TOLERANCE_KEYS = ("position_tolerance", "heading_tolerance_deg", "direction_tolerance_deg")
@@ -98,31 +101,52 @@ VIEW_NEEDS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("share", "spacing", "within"), ("see",)),
 }
 """For each key about what is looked at, the keys of which it requires one; the first four require each other."""
-_LOOK_AT = (
-    "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from where, is "
-    "left to the planner. Needs `distance` and `field_of_view_deg`."
+_LOOK_AT = Field(
+    default=None,
+    description=(
+        "Place that the tip looks at, in place of `position` ([how](pose-and-reach.md#looking-at-a-place)); from "
+        "where, is left to the planner. Needs `distance` and `field_of_view_deg`."
+    ),
 )
-_DISTANCE = "`[least, greatest]` distance of the tip from what it looks at."
-_FIELD_OF_VIEW = (
-    "Full angle of the field of view about the direction of the last link, or of the tool: what is seen lies within "
-    "half of it."
+_DISTANCE = Field(default=None, description="`[least, greatest]` distance of the tip from what it looks at.")
+_FIELD_OF_VIEW = Field(
+    default=None,
+    description=(
+        "Full angle of the field of view about the direction of the last link, or of the tool: what is seen lies "
+        "within half of it."
+    ),
 )
-_NORMAL = "Outward normal of the surface at the place that is looked at. Default: any."
-_ANGLE = (
-    "Largest angle between `normal`, or that of the surface to either side with `see`, and the line of sight. "
-    "Default: 90."
+_NORMAL = Field(default=None, description="Outward normal of the surface at the place that is looked at. Default: any.")
+_ANGLE = Field(
+    default=None,
+    description=(
+        "Largest angle between `normal`, or that of the surface to either side with `see`, and the line of sight. "
+        "Default: 90."
+    ),
 )
-_SEE = (
-    'Names of obstacles, or `"room"`, whose surfaces are seen from as few views as possible, in place of `position` '
-    "([how](pose-and-reach.md#seeing-a-surface)). Needs `share`, `spacing`, `distance`, `field_of_view_deg` and "
-    '`planner.order = "free"`.'
+_SEE = Field(
+    default=None,
+    description=(
+        'Names of obstacles, or `"room"`, whose surfaces are seen from as few views as possible, in place of '
+        "`position` ([how](pose-and-reach.md#seeing-a-surface)). Needs `share`, `spacing`, `distance`, "
+        '`field_of_view_deg` and `planner.order = "free"`.'
+    ),
 )
-_SHARE = "With `see`: least share of the surfaces that is seen, above 0 and at most 1."
-_SPACING = "With `see`: longest edge of the pieces into which surfaces are divided; each is seen or not."
-_WITHIN = "With `see`: box in which pieces count. Default: everywhere."
+_SHARE = Field(default=None, description="With `see`: least share of the surfaces that is seen, above 0 and at most 1.")
+_SPACING = Field(
+    default=None,
+    description="With `see`: longest edge of the pieces into which surfaces are divided; each is seen or not.",
+)
+_WITHIN = Field(default=None, description="With `see`: box in which pieces count. Default: everywhere.")
 SurfaceNames: TypeAlias = Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)]
 """Names of surfaces."""
 Share: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+_POSITION_TOLERANCE = Field(
+    default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
+)
+Pause: TypeAlias = Annotated[float, Field(ge=0.0, description="Time at rest at this goal before the next leg [s].")]
 
 
 class GoalTable(PoseTable):
@@ -144,30 +168,20 @@ class GoalTable(PoseTable):
     roll_tolerance_deg: ClassVar[float] = Tolerances.roll
 
     position: Point | None = Field(default=None, description="Position of the tip.")
-    look_at: Point | None = Field(
-        default=None,
-        description=_LOOK_AT,
-    )
-    distance: Distances | None = Field(default=None, description=_DISTANCE)
-    field_of_view_deg: FieldOfView | None = Field(
-        default=None,
-        description=_FIELD_OF_VIEW,
-    )
-    normal: PlaneDirection | None = Field(default=None, description=_NORMAL)
-    angle_deg: RightAngle | None = Field(default=None, description=_ANGLE)
-    see: SurfaceNames | None = Field(default=None, description=_SEE)
-    share: Share | None = Field(default=None, description=_SHARE)
-    spacing: PositiveLength | None = Field(default=None, description=_SPACING)
-    within: Box | None = Field(default=None, description=_WITHIN)
-    position_tolerance: PositiveLength = Field(
-        default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
-    )
+    look_at: Point | None = _LOOK_AT
+    distance: Distances | None = _DISTANCE
+    field_of_view_deg: FieldOfView | None = _FIELD_OF_VIEW
+    normal: PlaneDirection | None = _NORMAL
+    angle_deg: RightAngle | None = _ANGLE
+    see: SurfaceNames | None = _SEE
+    share: Share | None = _SHARE
+    spacing: PositiveLength | None = _SPACING
+    within: Box | None = _WITHIN
+    position_tolerance: PositiveLength = _POSITION_TOLERANCE
     heading_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.heading, description="Largest deviation of the last link from the goal's heading."
     )
-    pause: Annotated[float, Field(ge=0.0)] = Field(
-        default=0.0, description="Time at rest at this goal before the next leg [s]."
-    )
+    pause: Pause = 0.0
 
 
 def _positions_of_axes(values: list[float], info: ValidationInfo) -> list[list[float]]:
@@ -202,12 +216,7 @@ class SpacePoseTable(Table):
         default=None,
         description=("`[[a, b], …]`, the two bends of each joint: about its z-axis, then about its new y-axis."),
     )
-    feed: Length | None = Field(
-        default=None,
-        description=(
-            "Feed of the whole-arm pose: position of the base on the feed axis. Default: the lower end of its range."
-        ),
-    )
+    feed: Length | None = _FEED
     axes: AxisPositions | None = Field(
         default=None,
         description="Positions of `arm.base.axes` in the whole-arm pose. Default: 0 each, or the limit next to it.",
@@ -241,21 +250,15 @@ class SpaceGoalTable(SpacePoseTable):
             "link, points there ([how](arms.md#roll-at-the-goal)). Default: any roll."
         ),
     )
-    look_at: SpacePoint | None = Field(
-        default=None,
-        description=_LOOK_AT,
-    )
-    distance: Distances | None = Field(default=None, description=_DISTANCE)
-    field_of_view_deg: FieldOfView | None = Field(
-        default=None,
-        description=_FIELD_OF_VIEW,
-    )
-    normal: Direction | None = Field(default=None, description=_NORMAL)
-    angle_deg: RightAngle | None = Field(default=None, description=_ANGLE)
-    see: SurfaceNames | None = Field(default=None, description=_SEE)
-    share: Share | None = Field(default=None, description=_SHARE)
-    spacing: PositiveLength | None = Field(default=None, description=_SPACING)
-    within: Corners | None = Field(default=None, description=_WITHIN)
+    look_at: SpacePoint | None = _LOOK_AT
+    distance: Distances | None = _DISTANCE
+    field_of_view_deg: FieldOfView | None = _FIELD_OF_VIEW
+    normal: Direction | None = _NORMAL
+    angle_deg: RightAngle | None = _ANGLE
+    see: SurfaceNames | None = _SEE
+    share: Share | None = _SHARE
+    spacing: PositiveLength | None = _SPACING
+    within: Corners | None = _WITHIN
     path: Annotated[list[SpacePoint], Field(min_length=2)] | None = Field(
         default=None,
         description=(
@@ -270,15 +273,11 @@ class SpaceGoalTable(SpacePoseTable):
             "which opening. Default: none."
         ),
     )
-    position_tolerance: PositiveLength = Field(
-        default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
-    )
+    position_tolerance: PositiveLength = _POSITION_TOLERANCE
     direction_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.heading, description="Largest deviation of the last link from the goal's direction."
     )
     roll_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.roll, description="Largest roll about the goal's direction away from `up`."
     )
-    pause: Annotated[float, Field(ge=0.0)] = Field(
-        default=0.0, description="Time at rest at this goal before the next leg [s]."
-    )
+    pause: Pause = 0.0

@@ -39,6 +39,13 @@ class PlanePlacementTable(Table):
     rotation_deg: Degrees = Field(default=0.0, description="Rotation about this origin, counter-clockwise.")
 
 
+_NAME = Field(
+    default=None,
+    description="Name, unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … in the order of the file.",
+)
+_CLEARANCE = Field(default=0.0, description="Required clearance between the arm's surface and every obstacle.")
+
+
 class ObstacleTable(Table):
     """Table of a planar obstacle: one of ``polygon`` (with holes), ``box``, ``circle``, ``wall`` and ``points``."""
 
@@ -47,12 +54,7 @@ class ObstacleTable(Table):
         needs={**dict.fromkeys(("point_radius", "error", "scale", "pose"), ("points",)), "points": ("point_radius",)},
     )
 
-    name: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None,
-        description=(
-            "Name, unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … in the order of the file."
-        ),
-    )
+    name: Annotated[str, Field(min_length=1)] | None = _NAME
     polygon: Ring | None = Field(
         default=None, description="Corners of a simple polygon, in order, clockwise or counter-clockwise."
     )
@@ -176,9 +178,7 @@ class WorkspaceTable(SceneTable):
         ),
     )
     boundary: Ring | None = Field(default=None, description="Corners of the workspace, a simple polygon.")
-    clearance: NonNegativeLength = Field(
-        default=0.0, description="Required clearance between the arm's surface and every obstacle."
-    )
+    clearance: NonNegativeLength = _CLEARANCE
 
 
 class SpaceObstacleTable(Table):
@@ -195,12 +195,7 @@ class SpaceObstacleTable(Table):
         },
     )
 
-    name: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None,
-        description=(
-            "Name, unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … in the order of the file."
-        ),
-    )
+    name: Annotated[str, Field(min_length=1)] | None = _NAME
     mesh: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
         description=(
@@ -292,6 +287,4 @@ class SpaceWorkspaceTable(Table):
             "`[[xmin, ymin, zmin], [xmax, ymax, zmax]]` of the workspace, whose sides act as walls. Default: unbounded."
         ),
     )
-    clearance: NonNegativeLength = Field(
-        default=0.0, description="Required clearance between the arm's surface and every obstacle."
-    )
+    clearance: NonNegativeLength = _CLEARANCE

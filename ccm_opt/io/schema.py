@@ -104,19 +104,20 @@ class BaseTable(Table):
 
 
 _BODIES = "`[[arm.bodies]]`: rigid bodies on links ([what they are](problem-file.md#tools-and-bodies-on-links))."
+_TOOL = Field(
+    default=None,
+    description=(
+        "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; goals "
+        "are for the end of the link."
+    ),
+)
 
 
 class PlaneArmTable(ArmTable):
     """Table of a planar arm, with its tool and other bodies."""
 
     bodies: list[PlaneLinkBodyTable] = Field(default=[], description=_BODIES)
-    tool: PlaneToolTable | None = Field(
-        default=None,
-        description=(
-            "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; "
-            "goals are for the end of the link."
-        ),
-    )
+    tool: PlaneToolTable | None = _TOOL
 
 
 class SpaceArmTable(ChainTable):
@@ -125,13 +126,7 @@ class SpaceArmTable(ChainTable):
     base: BaseTable = Field(description="`{ position = [x, y, z], direction = [x, y, z], up = [x, y, z] }`.")
     axes: Literal["zyx"] = Field(default="zyx", description="Order of a ball joint's revolutes; the third stays at 0.")
     bodies: list[SpaceLinkBodyTable] = Field(default=[], description=_BODIES)
-    tool: SpaceToolTable | None = Field(
-        default=None,
-        description=(
-            "Rigid tool on the last link ([what it is](problem-file.md#tools-and-bodies-on-links)). Default: none; "
-            "goals are for the end of the link."
-        ),
-    )
+    tool: SpaceToolTable | None = _TOOL
     coupling: Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)] | None = Field(
         default=None,
         description=(
