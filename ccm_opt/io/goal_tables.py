@@ -146,7 +146,7 @@ Share: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
 _POSITION_TOLERANCE = Field(
     default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
 )
-Pause: TypeAlias = Annotated[float, Field(ge=0.0, description="Time at rest at this goal before the next leg [s].")]
+_PAUSE = Field(default=0.0, description="Time at rest at this goal before the next leg [s].")
 
 
 class GoalTable(PoseTable):
@@ -181,7 +181,7 @@ class GoalTable(PoseTable):
     heading_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.heading, description="Largest deviation of the last link from the goal's heading."
     )
-    pause: Pause = 0.0
+    pause: Annotated[float, Field(ge=0.0)] = _PAUSE
 
 
 def _positions_of_axes(values: list[float], info: ValidationInfo) -> list[list[float]]:
@@ -280,4 +280,4 @@ class SpaceGoalTable(SpacePoseTable):
     roll_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.roll, description="Largest roll about the goal's direction away from `up`."
     )
-    pause: Pause = 0.0
+    pause: Annotated[float, Field(ge=0.0)] = _PAUSE

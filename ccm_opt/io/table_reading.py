@@ -22,7 +22,6 @@ from ccm_opt.io.arm_rules import (
 )
 from ccm_opt.io.arm_tables import ArmTable
 from ccm_opt.io.build import (
-    build_arm,
     build_boundary,
     build_coverage,
     build_options,
@@ -31,6 +30,7 @@ from ccm_opt.io.build import (
     build_workspace,
     pose_feed,
 )
+from ccm_opt.io.build_arm import build_arm
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.goal_tables import PoseTable, SpaceGoalTable, SpacePoseTable
 from ccm_opt.io.issues import Issues, KeyPath, lookup

@@ -12,7 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, in_unit, words_in
-from ccm_opt.io.build import each_revolute
+from ccm_opt.io.build_arm import each_revolute
 from ccm_opt.io.drawing import read_drawing, resolve_file
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.mesh_obstacles import read_mesh_file

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from functools import partial
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.dynamics.retiming.joined_motions import joined, reversed_trajectory
 from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, Revolutes
-from ccm_opt.dynamics.retiming.timing import joined, retime, reversed_trajectory
+from ccm_opt.dynamics.retiming.timing import retime
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.problem.solution import JointPath, JointTrajectory

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.core.errors import Diagnosis, RetimingError
+from ccm_opt.dynamics.retiming.joined_motions import chained
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
 from ccm_opt.dynamics.retiming.profile import path_rows
 from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, TimedPath
-from ccm_opt.dynamics.retiming.timing import chained
 from ccm_opt.problem import Limits
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm

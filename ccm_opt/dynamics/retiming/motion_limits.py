@@ -5,7 +5,7 @@ within ±1, or a bound on ṡ alone (Pham and Pham 2018, section III). The optim
 the check of samples applies the limit itself, and is decisive.
 
 TOPP-RA does not control s⃛, so in the fastest motion only the part of the jerk due to the shape of the path is limited;
-``speed_optimizer.smoothed`` does the rest.
+``smoothing.smoothed`` does the rest.
 
 An effort τ(q, q̇, q̈) is linear in the accelerations and quadratic in the velocities, so that three evaluations of
 inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0) − d, c = τ(q, 0, 0), with d
