@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.errors import ProblemError, ProblemFileError
-from ccm_opt.io.drawing import ImportOptions, divided
+from ccm_opt.io.drawing import ImportOptions
 from ccm_opt.io.drawing import import_scene as import_drawing
+from ccm_opt.io.drawn_obstacles import divided
 from ccm_opt.io.dxf_pieces import Piece, joined_pieces
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
@@ -655,7 +656,7 @@ assert "ezdxf" not in sys.modules
 from ccm_opt.io.drawing import import_scene
 from ccm_opt.io.shapes import Shape
 from ccm_opt.io.drawing import ImportOptions
-from ccm_opt.io.drawing import divided
+from ccm_opt.io.drawn_obstacles import divided
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert "ezdxf" not in sys.modules
 """

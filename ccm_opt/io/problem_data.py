@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.arm_tables import SECTION_KEYS, FeedTable, InertiaTable, SectionTable, TendonTable
-from ccm_opt.io.drawing import obstacle_table
+from ccm_opt.io.drawn_obstacles import obstacle_table
 from ccm_opt.io.goal_tables import GoalTable, SpaceGoalTable
 from ccm_opt.io.option_tables import (
     GainsTable,

@@ -17,7 +17,7 @@ from ccm_opt.core.arguments import Arguments, expect, expect_that, finite_array
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
-from ccm_opt.io.drawing import obstacle_table
+from ccm_opt.io.drawn_obstacles import obstacle_table
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.option_tables import PlannerTable, VerificationTable
 from ccm_opt.io.problem_data import (
