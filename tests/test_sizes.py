@@ -19,7 +19,7 @@ from ccm_opt.cli.sizing import front_lines, size_sentence
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.diagnosis.sizes import SIZES, Proofs, size_of
 from ccm_opt.driver.settings import DEFAULT_SETTINGS
-from ccm_opt.driver.sizing import _Search
+from ccm_opt.driver.size_search import SizeSearch
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.size_files import front_files
 from ccm_opt.problem import Problem
@@ -137,10 +137,10 @@ def test_a_search_ends_at_the_hardest_value(monkeypatch: pytest.MonkeyPatch) -> 
     """An arm with room to grow is made no thicker than the thickest of the search, beyond which nothing is tried."""
     problem = fence()
     solution = make_solution(problem, np.zeros(12))
-    monkeypatch.setattr("ccm_opt.driver.sizing.held", lambda *_: solution)
-    monkeypatch.setattr("ccm_opt.driver.sizing._room_to_grow", lambda _: 1.0)
+    monkeypatch.setattr("ccm_opt.driver.size_search.held", lambda *_: solution)
+    monkeypatch.setattr("ccm_opt.driver.size_search.room_to_grow", lambda _: 1.0)
     trials: list[SizeTrial] = []
-    search = _Search(problem, SIZES["radius"], 1.0, pytest.fail, lambda _: None, 1, DEFAULT_SETTINGS, trials)
+    search = SizeSearch(problem, SIZES["radius"], 1.0, pytest.fail, lambda _: None, 1, DEFAULT_SETTINGS, trials)
     search.proved = None
     search.keep(0.03, solution, long=True)
     assert search.easy == search.hardest == pytest.approx(0.08)

@@ -1,11 +1,10 @@
 """Search for the arm that is needed: least length, fewest links, greatest radius, best place of the base."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import get_args
 
 import numpy as np
@@ -14,281 +13,24 @@ from ccm_opt.core.arguments import expect, expect_that, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import (
     CancelledWithPlan,
-    Diagnosis,
-    MotionNotFound,
     NoPlanFound,
     ProblemError,
     UnreachableGoal,
-    VerificationError,
 )
 from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.core.length_words import words_in
-from ccm_opt.core.progress import Progress, Stages
-from ccm_opt.diagnosis.ranking import no_axis_path_error, rank_findings
-from ccm_opt.diagnosis.relaxation import with_short_limit
-from ccm_opt.diagnosis.sizes import SIZES, Proofs, Size, size_of
+from ccm_opt.core.progress import Progress
+from ccm_opt.diagnosis.sizes import SIZES, size_of
 from ccm_opt.driver.arguments import expect_arguments, expect_workers, refuse_free_order
-from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.solution_assembly import described
-from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, verified
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.driver.size_search import Attempt, SizeSearch, attempt, held
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Solution
-from ccm_opt.problem.solution.sizes import ArmSize, SizeFront, SizeName, SizeTrial, TrialOutcome
+from ccm_opt.problem.solution.sizes import ArmSize, SizeFront, SizeName, SizeTrial
 
-_SHARE = 0.01
-"""Relative precision of a size: by so much the next smaller one that was tried differs. Heuristic."""
 _BETTER = 0.02
 """Share by which another place of the base, or another radius, must be better. Heuristic."""
-_SHORT = 0.2
-"""Share of the time limit that a trial has until the border is reached. Heuristic."""
-_AHEAD = (0.0, 0.25, 0.5, 1.0)
-"""Where easier values are tried until one has a plan, as shares of the way to the easiest. Heuristic."""
-_BEYOND_PROOF = 0.1
-"""Where the first value is tried if the given one is proved impossible, as a share of the way. Heuristic."""
-_PROOF_TIME = 8.0
-"""CPU time limit of one proof [s]. Heuristic, like that of the search for ways in space."""
 _FRONT = (0.5, 0.75, 1.0, 1.25, 1.5)
 """Radii of the trade-off with the length, as multiples of the given one. Heuristic."""
-_GAP_KEPT = 0.999
-"""Share of the clearance of a plan by which the arm is made thicker to verify the plan again. Heuristic."""
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    """Result of a trial: the plan, or the reason why there is none and whether it is proved; with the CPU time [s]."""
-
-    solution: Solution | None
-    reason: str
-    proved: bool
-    cpu: float
-
-
-def attempt(settings: Settings, problem: Problem) -> _Attempt:
-    """Return the result of solving a problem within its time limit."""
-    begun = time.process_time()
-    solution, reason, proved = None, "", False
-    try:
-        solution = solve(problem, explain=False, settings=settings)
-    except NoPlanFound as error:
-        reason, proved = error.diagnosis.reason, error.diagnosis.proved
-    except VerificationError as error:
-        reason = "the verifier rejects the plan: " + "; ".join(error.failures)
-    except ProblemError as error:
-        reason = str(error)
-    return _Attempt(solution, reason, proved, time.process_time() - begun)
-
-
-def held(problem: Problem, solution: Solution, settings: Settings = DEFAULT_SETTINGS) -> Solution | None:
-    """Return a plan of one arm as that of another with the same links; None if the verifier rejects it.
-
-    Args:
-        problem: problem that differs in the arm's radius.
-        solution: plan of the other arm.
-        settings: settings of all stages of planning.
-    """
-    trajectory = solution.trajectory
-    joints = joint_states(problem.arm, trajectory, InverseDynamics(problem.arm, problem.simulation.gravity))
-    try:
-        checks = verified(problem, trajectory, joints, settings.verification)
-    except VerificationError:
-        return None
-    # The spare was certified for the other arm and does not carry over.
-    path = replace(solution.path, spare=0.0)
-    return described(problem, VerifiedPlan(path, trajectory, joints, checks, TermResults()), Stages(), settings)
-
-
-@dataclass
-class _Search:
-    """Search for one size of an arm at one place, between what is proved impossible and what has a plan.
-
-    Attributes:
-        problem: the problem, with the arm at its place.
-        size: the size.
-        limit: CPU time limit of a long trial [s].
-        run: runs trials of problems, and yields each with its result.
-        tell: called with text for the last trial.
-        width: number of trials at a time.
-        settings: settings of all stages of planning.
-        trials: record of all trials.
-        mount: length of the mount of the thickest arm for which proofs are to hold; 0 for that of the search [m].
-        easy: hardest value with a plan; not a number until one is known.
-        best: the plan.
-        best_is_long: whether the plan was found with the problem's own options.
-        failed: records of the values without a plan, by value.
-    """
-
-    problem: Problem
-    size: Size
-    limit: float
-    run: Callable[[Sequence[Problem]], Sequence[_Attempt]]
-    tell: Callable[[str], None]
-    width: int
-    settings: Settings
-    trials: list[SizeTrial]
-    mount: float = 0.0
-    easy: float = np.nan
-    best: Solution | None = None
-    best_is_long: bool = False
-    failed: dict[float, SizeTrial] = field(default_factory=dict)
-
-    @property
-    def given(self) -> float:
-        """Value in the problem."""
-        return self.size.parameter.read(self.problem)
-
-    def at(self, value: float) -> Problem:
-        """Return the problem with another value."""
-        return self.size.at(self.problem, value)
-
-    def words(self, value: float) -> str:
-        """Return text for a value, with its unit."""
-        return SizeTrial.of(self.at(value), "not found").words(self.size.name)
-
-    @cached_property
-    def hardest(self) -> float:
-        """Value beyond which no harder one is tried."""
-        return self.size.farthest(self.problem, self.size.hardest)
-
-    @cached_property
-    def easiest(self) -> float:
-        """Value beyond which no easier one is tried."""
-        return self.size.farthest(self.problem, self.size.nearest)
-
-    @cached_property
-    def proofs(self) -> Proofs:
-        """Proofs for values and all beyond them."""
-        mount = max(self.mount, self.at(self.hardest).arm.mount_length)
-        return Proofs(self.problem, self.size, self.hardest, mount, _PROOF_TIME)
-
-    @cached_property
-    def proved(self) -> float | None:
-        """Easiest value for which it is proved that there is no plan, nor for any beyond; None without a proof.
-
-        Raises:
-            UnreachableGoal: it is proved for all values.
-        """
-        self.tell("proofs")
-        if self.proofs.holds(self.easiest)[0]:
-            most = self.words(self.easiest)
-            findings = rank_findings(self.proofs.findings(self.easiest))
-            why = findings[0].reason if findings else no_axis_path_error(self.at(self.easiest)).diagnosis.reason
-            raise UnreachableGoal(Diagnosis(f"even {most} {self.size.beyond}: {why}", "sizes", findings=findings))
-        return self.proofs.easiest(self.easiest, 0.5 * _SHARE)
-
-    @cached_property
-    def bound(self) -> SizeTrial | None:
-        """Record of the easiest value that is proved impossible, with the reason; None without a proof."""
-        if self.proved is None:
-            return None
-        changed = self.at(self.proved)
-        findings = rank_findings(self.proofs.findings(self.proved))
-        reason = findings[0].reason if findings else no_axis_path_error(changed).diagnosis.reason
-        return SizeTrial.of(changed, "impossible", reason)
-
-    @property
-    def hard(self) -> float:
-        """Easiest value, beyond that of the plan, without a plan; or the hardest that may be tried."""
-        known = [each for each in self.failed if self.size.harder(each, self.easy)]
-        known.append(self.hardest if self.proved is None else self.proved)
-        return max(known, key=lambda each: self.size.parameter.easier * each)
-
-    def attempt(self, values: Sequence[float], *, long: bool = False) -> None:
-        """Solve the problem for several values and keep the plan of the hardest."""
-        limit = self.limit if long else _SHORT * self.limit
-        options = replace(self.problem.planner, time_limit=limit)
-        problems = [
-            replace(changed, planner=options) if long else with_short_limit(changed, limit)
-            for changed in map(self.at, values)
-        ]
-        for value, problem, found in zip(values, problems, self.run(problems), strict=True):
-            if found.solution is None:
-                outcome: TrialOutcome = "impossible" if found.proved else "not found"
-                record = SizeTrial.of(problem, outcome, found.reason, found.cpu, limit)
-                self.failed[value] = record
-            else:
-                record = SizeTrial.of(problem, "verified", "", found.cpu, limit)
-                self.failed.pop(value, None)
-                self.keep(value, found.solution, long=long)
-            self.trials.append(record)
-            self.tell(f"{record.words(self.size.name)}: {record.outcome}")
-
-    def keep(self, value: float, solution: Solution, *, long: bool) -> None:
-        """Keep a plan if its value is harder than that of the plan known, and verify it for a thicker arm."""
-        if self.best is not None and not self.size.harder(value, self.easy) and not (long and value == self.easy):
-            return
-        self.easy, self.best, self.best_is_long = value, solution, long
-        thicker = self.size.rounded(self.problem, value + _GAP_KEPT * _room_to_grow(solution))
-        if self.size.harder(thicker, self.hardest):
-            thicker = self.hardest
-        if self.size.name != "radius" or not self.size.harder(thicker, value):
-            return
-        again = held(self.at(thicker), solution, self.settings)
-        if again is not None:
-            self.trials.append(SizeTrial.of(again.problem, "verified"))
-            self.easy, self.best, self.best_is_long = thicker, again, False
-
-    def begin(self) -> None:
-        """Find a first plan, at the given value or at an easier one.
-
-        Raises:
-            NoPlanFound: no plan was found.
-        """
-        proved = self.proved
-        first = self.given
-        if proved is not None and not self.size.harder(proved, first):
-            first = proved + _BEYOND_PROOF * (self.easiest - proved)
-        values = [self.size.rounded(self.problem, first + share * (self.easiest - first)) for share in _AHEAD]
-        values = list(dict.fromkeys(values))
-        for long in (False, True):
-            for value in values:
-                self.attempt([value], long=long)
-                if self.best is not None:
-                    return
-        last = self.failed[values[-1]]
-        words = " and ".join(self.words(value) for value in (values[0], values[-1]))
-        reason = f"no plan was found between {words}, each trial within {self.limit:.3g} s: {last.reason}"
-        raise MotionNotFound(Diagnosis(reason, "sizes"))
-
-    def narrow(self, share: float = _SHARE, *, long: bool = False) -> None:
-        """Halve the interval between the plan and what has none, until it is narrow; by short trials, or long ones."""
-        while self.size.harder(self.hard, self.easy) and not self.size.close(self.easy, self.hard, share):
-            hard = self.hard
-            parts = np.arange(1, self.width + 1) / (self.width + 1)
-            values = [self.size.rounded(self.problem, float(self.easy + part * (hard - self.easy))) for part in parts]
-            known = {*self.failed, self.easy, hard}
-            fresh = [each for each in dict.fromkeys(values) if each not in known]
-            if not fresh:
-                return
-            self.attempt(fresh, long=long)
-
-    def confirm(self) -> None:
-        """Try the next value with all time; if there is a plan, search again with all time for every value."""
-        following = self.hard
-        known = self.failed.get(following)
-        if following in {self.proved, self.easy} or (known is not None and known.outcome == "impossible"):
-            return
-        self.attempt([following], long=True)
-        if self.easy == following or self.size.harder(self.easy, following):
-            self.failed = {value: each for value, each in self.failed.items() if each.outcome == "impossible"}
-            self.narrow(long=True)
-
-    def result(self, trials: Sequence[SizeTrial], **places: int) -> ArmSize:
-        """Return the size, with a plan made anew with the problem's own options where that succeeds."""
-        assert self.best is not None  # noqa: S101 - said by who asks
-        if not self.best_is_long:
-            self.attempt([self.easy], long=True)
-            self.failed.pop(self.easy, None)
-        following = self.bound if self.hard == self.proved else self.failed.get(self.hard)
-        return ArmSize(self.size.name, self.best, following, self.bound, tuple(trials), **places)
-
-
-def _room_to_grow(solution: Solution) -> float:
-    """Return by how much the links of a plan could be thicker without contact [m]."""
-    gaps = {check.name: check.worst - check.limit for check in solution.checks}
-    # Links that are thicker by an amount come closer to each other by twice as much.
-    return max(min(gaps.get("wall clearance", 0.0), 0.5 * gaps.get("self-collision", np.inf)), 0.0)
 
 
 @dataclass(frozen=True)
@@ -311,7 +53,7 @@ class _Sizing:
     settings: Settings
     processes: list[Executor] = field(default_factory=list)
 
-    def search(self, problem: Problem, trials: list[SizeTrial], mount: float = 0.0) -> _Search:
+    def search(self, problem: Problem, trials: list[SizeTrial], mount: float = 0.0) -> SizeSearch:
         """Return a search for the size of a problem's arm, whose trials are added to a list.
 
         Args:
@@ -322,7 +64,7 @@ class _Sizing:
         size = size_of(problem, self.find)
         limit = problem.planner.time_limit if self.limit is None else self.limit
         width = self.workers if isinstance(self.workers, int) else 1 if isinstance(self.workers, ThisProcess) else 4
-        return _Search(problem, size, limit, self._run, self._tell, width, self.settings, trials, mount)
+        return SizeSearch(problem, size, limit, self._run, self._tell, width, self.settings, trials, mount)
 
     @contextmanager
     def started(self) -> Iterator[None]:
@@ -334,7 +76,7 @@ class _Sizing:
             self.processes.append(executor)
             yield
 
-    def _run(self, problems: Sequence[Problem]) -> list[_Attempt]:
+    def _run(self, problems: Sequence[Problem]) -> list[Attempt]:
         if self.processes:
             try:
                 return list(self.processes[0].map(partial(attempt, self.settings), problems))
@@ -343,7 +85,7 @@ class _Sizing:
         crew = self.workers if not isinstance(self.workers, int) else ThisProcess()
         if isinstance(self.workers, int) and self.workers > 1:
             crew = LocalWorkers(min(self.workers, len(problems)))
-        results: dict[int, _Attempt] = {}
+        results: dict[int, Attempt] = {}
         for (number, _), found in completed(crew, partial(_numbered, self.settings), enumerate(problems)):
             if isinstance(found, BaseException):
                 raise found
@@ -355,7 +97,7 @@ class _Sizing:
             self.progress(Progress("sizes", name=words))
 
 
-def _numbered(settings: Settings, task: tuple[int, Problem]) -> _Attempt:
+def _numbered(settings: Settings, task: tuple[int, Problem]) -> Attempt:
     """Return the result of a numbered trial."""
     return attempt(settings, task[1])
 
@@ -438,7 +180,7 @@ def _places(problem: Problem, places: Sequence[Sequence[float]] | FloatArray) ->
     return given
 
 
-def _sized(search: _Search, trials: Sequence[SizeTrial], **places: int) -> ArmSize:
+def _sized(search: SizeSearch, trials: Sequence[SizeTrial], **places: int) -> ArmSize:
     """Return the size that a search finds.
 
     Raises:
@@ -465,7 +207,7 @@ def _best_placed(sizing: _Sizing, problem: Problem, places: FloatArray, trials: 
     Raises:
         NoPlanFound: no plan was found at any place; the error is that of the most promising.
     """
-    searches: list[_Search] = []
+    searches: list[SizeSearch] = []
     failures: list[NoPlanFound] = []
     for place in places:
         search = sizing.search(replace(problem, arm=replace(problem.arm, base=place), source=""), trials)
@@ -478,7 +220,7 @@ def _best_placed(sizing: _Sizing, problem: Problem, places: FloatArray, trials: 
             searches.append(search)
     proved = len(failures)
     searches.sort(key=lambda each: each.size.parameter.easier * (each.hardest if each.proved is None else each.proved))
-    best: _Search | None = None
+    best: SizeSearch | None = None
     for search in searches:
         if best is None:
             try:
@@ -526,7 +268,7 @@ def size_front(
     radius = size_of(problem, "radius")
     trials: list[SizeTrial] = []
     found: dict[float, tuple[ArmSize | None, SizeTrial | None, str]] = {}
-    thicker: _Search | None = None
+    thicker: SizeSearch | None = None
     last: NoPlanFound | None = None
     # A proof for one radius holds for the thicker arms of the front, with their longer mounts.
     mount = radius.at(problem, _FRONT[-1] * problem.arm.radius).arm.mount_length
