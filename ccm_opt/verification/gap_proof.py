@@ -218,11 +218,18 @@ def _divided(intervals: TimeIntervals, pairs: Pairs, travel: FloatArray, opened:
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
     # Time intervals without pairs are dropped, so the remaining ones are renumbered.
-    kept, renumbered = np.unique(parts.interval, return_inverse=True)
-    cut, numbers = np.unique(whole.interval, return_inverse=True)
+    kept, renumbered = _numbered(parts.interval, len(intervals))
+    cut, numbers = _numbered(whole.interval, len(intervals))
     first = replace(whole, interval=numbers)
     both = first.and_also(first, shift=len(cut))
     same = intervals.take(kept)
     halves = intervals.take(cut).halves()
     together = TimeIntervals(np.concatenate((same.low, halves.low)), np.concatenate((same.high, halves.high)))
     return together, replace(parts, interval=renumbered).and_also(both, shift=len(kept))
+
+
+def _numbered(index: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Return which of the numbers below ``count`` are among indices (P,), sorted, and the place of each index there."""
+    present = np.zeros(count, dtype=bool)
+    present[index] = True
+    return np.flatnonzero(present), (np.cumsum(present) - 1)[index]

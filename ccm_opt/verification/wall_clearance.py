@@ -354,25 +354,33 @@ class WallProof:
             pairs: the pairs of a link and a box, each with its time interval.
             cutoff: gap above which bounds may be rough; a number or of shape (P,) [m].
         """
-        arm = self.motion.arm
-        travels = self.motion.travels(intervals).ravel()
-        joint = pairs.interval * poses.shape[1] + pairs.link
-        travel = np.maximum(travels.take(joint), travels.take(joint + 1))
-        start, end = link_axes(poses, pairs, self._exposed)
-        low, high = self.surfaces.bounds(pairs.other, start, end)
-        radius = arm.radii.take(pairs.link)
-        thick = radius + self.surfaces.rounding.take(pairs.other)
-        taken = thick + self._length_loss + self.motion.deviation_bounds(intervals, pairs.interval, pairs.link)
+        arm, surfaces = self.motion.arm, self.surfaces
+        least, most, travel = np.empty((3, len(pairs)))
+        exact = np.empty(len(pairs), dtype=bool)
+        cutoff = np.broadcast_to(cutoff, len(pairs))
+        deviation = self.motion.deviation_bounds(intervals, pairs.interval, pairs.link)
+        NativeCall(
+            "link_boxes", count=len(pairs), dimension=poses.shape[2], joints=poses.shape[1],
+            single=surfaces.offsets[-2], interval=pairs.interval, link=pairs.link, node=pairs.other, poses=poses,
+            travels=self.motion.travels(intervals), exposed=self._exposed, radii=arm.radii, low=surfaces.low,
+            high=surfaces.high, rounding=surfaces.rounding, loss=self._length_loss,
+            deviation=np.broadcast_to(deviation, len(pairs)), cutoff=cutoff, least=least, most=most, travel=travel,
+            near=exact,
+        )()  # fmt: skip
         # Parts whose boxes are far enough away need no exact distance.
-        exact = self.surfaces.is_single(pairs.other) & (low - taken - travel < cutoff)
-        low[exact], high[exact] = self.surfaces.separations(pairs.other[exact], start[exact], end[exact])
-        # A box may hold parts with a smaller radius than the largest, which are farther away.
-        most = high - np.where(exact, thick, radius)
-        low -= taken
+        chosen = np.flatnonzero(exact)
+        near = pairs.where(chosen)
+        start, end = link_axes(poses, near, self._exposed)
+        low, high = surfaces.separations(near.other, start, end)
+        thick = arm.radii.take(near.link) + surfaces.rounding.take(near.other)
+        taken = thick + self._length_loss + np.broadcast_to(deviation, len(pairs))[chosen]
+        low = low - taken
+        moved = travel[chosen]
         if arm.base_axes:
-            close = np.flatnonzero(exact & (low - travel < cutoff) & (travel > 0.0))
-            self._slide(intervals, pairs, close, start, end, taken, low, travel)
-        return Measured(low - travel, most, travel, exact)
+            close = np.flatnonzero((low - moved < cutoff[chosen]) & (moved > 0.0))
+            self._slide(intervals, near, close, start, end, taken, low, moved)
+        least[chosen], most[chosen], travel[chosen] = low - moved, high - thick, moved
+        return Measured(least, most, travel, exact)
 
     def _slide(
         self,

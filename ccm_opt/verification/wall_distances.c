@@ -33,28 +33,65 @@ typedef struct {
 } BoxBounds;
 
 /* The parts in a box are no nearer than the box is to the segment's own box, or than the ball around the box. */
+static void box_bound(int64_t d, const double *start, const double *end, const double *low, const double *high,
+                      double *least, double *most)
+{
+    double apart = 0.0, square = 0.0, along = 0.0, diagonal = 0.0, away = 0.0;
+    for (int64_t k = 0; k < d; k++) {
+        double beyond = fmax(fmax(low[k] - fmax(start[k], end[k]), fmin(start[k], end[k]) - high[k]), 0.0);
+        double line = end[k] - start[k];
+        apart += beyond * beyond;
+        square += line * line;
+        along += (0.5 * (low[k] + high[k]) - start[k]) * line;
+        diagonal += (high[k] - low[k]) * (high[k] - low[k]);
+    }
+    double share = clipped(along / (square > 0.0 ? square : 1.0)), half = 0.5 * sqrt(diagonal);
+    for (int64_t k = 0; k < d; k++) {
+        double off = start[k] + share * (end[k] - start[k]) - 0.5 * (low[k] + high[k]);
+        away += off * off;
+    }
+    *least = fmax(sqrt(apart), sqrt(away) - half);
+    *most = sqrt(away) + half;
+}
+
 PUBLIC void box_bounds(BoxBounds *q)
 {
     int64_t d = q->dimension;
     for (int64_t p = 0; p < q->count; p++) {
-        const double *start = q->start + d * p, *end = q->end + d * p;
         const double *low = q->low + d * q->node[p], *high = q->high + d * q->node[p];
-        double apart = 0.0, square = 0.0, along = 0.0, diagonal = 0.0, away = 0.0;
-        for (int64_t k = 0; k < d; k++) {
-            double beyond = fmax(fmax(low[k] - fmax(start[k], end[k]), fmin(start[k], end[k]) - high[k]), 0.0);
-            double line = end[k] - start[k];
-            apart += beyond * beyond;
-            square += line * line;
-            along += (0.5 * (low[k] + high[k]) - start[k]) * line;
-            diagonal += (high[k] - low[k]) * (high[k] - low[k]);
-        }
-        double share = clipped(along / (square > 0.0 ? square : 1.0)), half = 0.5 * sqrt(diagonal);
-        for (int64_t k = 0; k < d; k++) {
-            double off = start[k] + share * (end[k] - start[k]) - 0.5 * (low[k] + high[k]);
-            away += off * off;
-        }
-        q->least[p] = fmax(sqrt(apart), sqrt(away) - half);
-        q->most[p] = sqrt(away) + half;
+        box_bound(d, q->start + d * p, q->end + d * p, low, high, q->least + p, q->most + p);
+    }
+}
+
+typedef struct {
+    int64_t count, dimension, joints, single; /* joints and tip of the arm; the first box of a single part */
+    const int64_t *interval, *link, *node;    /* (P,) of each pair of a link and a box */
+    const double *poses, *travels;            /* (S, joints, d), (S, joints) */
+    const double *exposed, *radii;            /* (links,) share of each link that is the mount's */
+    const double *low, *high, *rounding;      /* (nodes, d), (nodes,) of all boxes */
+    double loss;                              /* of distance by rounding */
+    const double *deviation, *cutoff;         /* (P,) */
+    double *least, *most, *travel;            /* (P,) */
+    uint8_t *near;                            /* (P,) whether the box holds a single part that may be within the cutoff */
+} LinkBoxes;
+
+/* Bounds on the gaps of links from the parts in boxes. */
+PUBLIC void link_boxes(LinkBoxes *q)
+{
+    int64_t d = q->dimension;
+    for (int64_t p = 0; p < q->count; p++) {
+        int64_t joint = q->joints * q->interval[p] + q->link[p], node = q->node[p];
+        const double *from = q->poses + d * joint, *end = from + d;
+        double start[3], low, high, share = q->exposed[q->link[p]], radius = q->radii[q->link[p]];
+        for (int64_t k = 0; k < d; k++) start[k] = from[k] + share * (end[k] - from[k]);
+        box_bound(d, start, end, q->low + d * node, q->high + d * node, &low, &high);
+        double first = q->travels[joint], second = q->travels[joint + 1];
+        q->travel[p] = first > second || first != first ? first : second; /* what is not a number stays so */
+        double gap = low - (radius + q->rounding[node] + q->loss + q->deviation[p]);
+        q->least[p] = gap - q->travel[p];
+        /* A box may hold parts with a smaller radius than the largest, which are farther away. */
+        q->most[p] = high - radius;
+        q->near[p] = node >= q->single && q->least[p] < q->cutoff[p];
     }
 }
 
