@@ -272,8 +272,8 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
         Increasing path parameters, shape (N + 1,).
     """
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
-    # At least two intervals per span, however many keyframes there are, up to a bound.
-    count = min(max(settings.intervals, 2 * (len(knots) - 1)), _MOST_INTERVALS)
+    # Several intervals per span, however many keyframes there are, up to a bound.
+    count = min(max(settings.intervals, settings.intervals_a_span * (len(knots) - 1)), _MOST_INTERVALS)
     lengths = span_lengths(spline, knots)
     even = _EVEN_SHARE
     share = (1.0 - even) * lengths / np.sum(lengths) + even * np.diff(knots)

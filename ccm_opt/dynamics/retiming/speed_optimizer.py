@@ -65,8 +65,6 @@ Derived: half of what the verifier allows.
 
 _GRID_SHARE = 0.99
 """Fraction of every limit used at the grid points. Heuristic: leaves a margin for peaks between grid points."""
-_NEGLIGIBLE = 1.004
-"""Factor of slowing down up to which another round is not worthwhile. Heuristic."""
 _LEAST_TANGENT = 0.5
 """Least ratio of the speed at which the tangent of friction is taken to that of the previous round.
 
@@ -320,7 +318,7 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
         check = check_profile(profile, dense, substeps, settings.dense_share)
         stretched.append(profile.slowed(check.stretch))
         settled = rows.d is None or abs(profile.duration - duration) <= _SETTLED * duration
-        if check.stretch <= _NEGLIGIBLE and settled:
+        if check.stretch <= settings.negligible and settled:
             break
 
         if rows.d is not None:

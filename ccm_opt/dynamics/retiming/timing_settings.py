@@ -10,9 +10,11 @@ class GridSettings:
     Attributes:
         intervals: preferred number of grid intervals. Measured by ``tests/benchmarks/bench_retiming.py``: the motion
             takes 1.9 % longer in the median than with 800 intervals.
+        intervals_a_span: least mean number of grid intervals between two knots of the path. Heuristic.
     """
 
     intervals: int = 200
+    intervals_a_span: int = 2
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,7 @@ class ProfileSettings:
         dense_share: fraction of every limit that may be used between grid points. Derived: between the fraction at grid
             points and 1, so that samples, which lie elsewhere, respect the limit, too.
         substeps: number of steps per grid interval at which limits are checked. Heuristic.
+        negligible: factor of slowing down up to which another round is not worthwhile. Heuristic.
         newton_steps: maximum number of steps of Newton's method per controllable speed. Heuristic; a few usually
             suffice.
         directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived: the
@@ -32,6 +35,7 @@ class ProfileSettings:
 
     dense_share: float = 0.996
     substeps: int = 5
+    negligible: float = 1.004
     newton_steps: int = 60
     directions: int = 16
 
