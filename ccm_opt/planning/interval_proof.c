@@ -12,7 +12,7 @@ double segment_gap(const Surfaces *surfaces, const double *segment, double reach
 typedef struct {
     int64_t links, first_link;      /* links before the first are not looked at */
     const int32_t *next_pair;       /* as in arm_motion.c */
-    int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
+    int64_t depth;                  /* how often an interval may be halved */
     const double *arcs; /* as in link_places.h, or missing */
     const double *turns; /* constant rotations of the links, as in link_places.h; may be missing */
     const double *lengths, *mount;  /* of the links, and the share of each inside the mount, (links,) */
@@ -21,7 +21,9 @@ typedef struct {
     double longest, thickest, pair; /* length and radius; gap that links keep from each other */
     double slack;         /* share of a link's motion by which distances may be told too small at first */
     Carrier carrier;
-    const double *before, *after;
+    int64_t intervals;
+    const double *keyframes; /* (intervals + 1, c) */
+    uint8_t *safe;           /* (intervals,) whether each is proved safe */
     const Surfaces *surfaces; /* may be missing */
     double *end, *told; /* for the next call: where this one ends, and (2, 2, links) distances there */
 } ProofQuery;
@@ -326,21 +328,22 @@ static int all_pairs_clear(const ProofQuery *q, const Place *first, const Place 
     return clear;
 }
 
-PUBLIC void prove_interval(ProofQuery *q)
+PUBLIC void prove_intervals(ProofQuery *q)
 {
+    int64_t size = coordinates(q);
     double *memory = malloc((size_t)(2 * place_size(q) + interval_size(q)) * sizeof(double));
-    q->safe = 0;
+    memset(q->safe, 0, (size_t)q->intervals);
     if (!memory) return;
     Place first = place_in(q, memory), last = place_in(q, memory + place_size(q));
-    for (int64_t k = 0; k < coordinates(q); k++) {
-        first.bends[k] = q->before[k];
-        last.bends[k] = q->after[k];
+    for (int64_t k = 0; k < q->intervals; k++) {
+        memcpy(first.bends, q->keyframes + size * k, (size_t)size * sizeof(double));
+        memcpy(last.bends, q->keyframes + size * (k + 1), (size_t)size * sizeof(double));
+        put(q, &first);
+        put(q, &last);
+        Interval interval = interval_between(q, &first, &last, memory + 2 * place_size(q));
+        /* Where coordinates are no numbers, no link is anywhere. */
+        q->safe[k] = isfinite(interval.speeds[q->links]) && all_walls_clear(q, &first, &last, &interval)
+                     && all_pairs_clear(q, &first, &last, &interval);
     }
-    put(q, &first);
-    put(q, &last);
-    Interval interval = interval_between(q, &first, &last, memory + 2 * place_size(q));
-    /* Where coordinates are no numbers, no link is anywhere. */
-    q->safe = isfinite(interval.speeds[q->links]) && all_walls_clear(q, &first, &last, &interval)
-              && all_pairs_clear(q, &first, &last, &interval);
     free(memory);
 }

@@ -206,9 +206,9 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
         if weight < np.inf and task.deadline.passed():
             continue
         keyframes = _joined_slides(task.arm, *ends, slides, weight) if weight < np.inf else on_path
-        if keyframes is None or np.max(task.clearance_shortfall(keyframes)) > most_lack:
+        if keyframes is None or (lack := float(np.max(task.clearance_shortfall(keyframes)))) > most_lack:
             continue
-        if not (bounded or (_worth(keyframes, motion.configurations, task) if optimised else _best(keyframes, task))):
+        if not bounded and not (_worth(keyframes, lack, motion, task) if optimised else _best(keyframes, task)):
             continue
         spline = path_near_configurations(keyframes, task)
         if spline is not None and task.violated_place(spline) is None:
@@ -233,15 +233,21 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
     return roomy and _time(behind, task) <= _LONGER * _fastest(behind, task)
 
 
-def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
-    """Return whether the motion along the tip's path is preferred to the optimised one, both given by keyframes (K, c).
+def _worth(behind: FloatArray, lack: float, optimised: SpaceMotion, task: SpaceTask) -> bool:
+    """Return whether the motion along the tip's path is preferred to the optimised one.
 
     The motion along the tip's path may have slightly less clearance, and may take longer if it has more.
+
+    Args:
+        behind: keyframes of the motion along the tip's path, shape (K, c).
+        lack: its largest shortfall from the preferred clearance [m].
+        optimised: the optimised motion.
+        task: task with the preferred clearance.
     """
-    gained = np.max(task.clearance_shortfall(optimised)) - np.max(task.clearance_shortfall(behind))
+    gained = float(np.max(task.clearance_shortfall(optimised.configurations))) - lack
     roomier = gained > _GAINED_ROOM * task.wanted_gap
-    longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * _time(optimised, task)
-    return bool(gained >= -_LOST_ROOM * task.wanted_gap) and _time(behind, task) <= longest
+    longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * _time(optimised.configurations, task)
+    return gained >= -_LOST_ROOM * task.wanted_gap and _time(behind, task) <= longest
 
 
 def _time(q: FloatArray, task: SpaceTask) -> float:

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.settings import SpaceCertificateSettings
 from ccm_opt.robot.arm import Arm
@@ -59,25 +59,29 @@ class SpaceCertificate:
         return self.arm.radii + self.gap
 
     @cached_property
-    def _ends(self) -> FloatArray:
-        """Ends of the interval that the C code checks, shape (2, c)."""
-        return np.empty((2, len(self.arm.coordinates)))
+    def _known(self) -> tuple[FloatArray, FloatArray]:
+        """Where the interval that was proved last ends (c,), and distances there, for the next one: none at first."""
+        return np.full(len(self.arm.coordinates), np.nan), np.zeros((2, 2, self.arm.links))
 
     @cached_property
-    def _call(self) -> NativeCall:
-        """Call of the C function that proves one interval; reuses distances from the end of the previous interval."""
+    def _single(self) -> tuple[FloatArray, BoolArray, NativeCall]:
+        """Ends of the interval of ``safe``, shape (2, c), whether it is proved, shape (1,), and the call for it."""
+        ends, proved = np.empty((2, len(self.arm.coordinates))), np.empty(1, dtype=bool)
+        return ends, proved, self._proof(ends, proved)
+
+    def _proof(self, keyframes: FloatArray, proved: BoolArray) -> NativeCall:
+        """Return the call of the C function that proves the intervals of a motion (K, c), one by one, as (K − 1,)."""
         arm = self.arm
         return NativeCall(
-            "prove_interval",
+            "prove_intervals",
             links=arm.links, carrier=arm.carrier_for_c, lengths=arm.lengths, turns=arm.turns, arcs=arm.arcs,
             mount=arm.free_shares,
             first_link=arm.whole_mount_links, next_pair=arm.next_self_pairs, radii=arm.radii,
             longest=arm.longest_link, thickest=arm.radius,
             wall=self.kept, pair=self.pair_gap, slack=self.settings.slack,
-            before=self._ends[0], after=self._ends[1],
             surfaces=None if self.tree.search is None else self.tree.search.for_c,
-            # Results at the end of the previous interval: none at first.
-            end=np.full(len(arm.coordinates), np.nan), told=np.zeros((2, 2, arm.links)),
+            end=self._known[0], told=self._known[1],
+            intervals=len(proved), keyframes=keyframes, safe=proved,
         )  # fmt: skip
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
@@ -88,16 +92,22 @@ class SpaceCertificate:
             after: configuration at the end of the motion, shape (c,) [rad, m].
             depth: allowed number of halvings; that of the settings if None.
         """
-        depth = self.settings.depth if depth is None else depth
-        self._ends[:] = before, after
-        self._call.fields.depth = min(max(depth, 0), _DEEPEST)
-        self._call()
-        return bool(self._call.fields.safe)
+        ends, proved, proof = self._single
+        ends[:] = before, after
+        proof.fields.depth = self._halvings(depth)
+        proof()
+        return bool(proved[0])
 
     def failures(self, keyframes: FloatArray, depth: int | None = None) -> IntArray:
         """Return the indices of the intervals of a motion, keyframes (K, c), that are not proved to be collision-free.
 
         ``depth`` is the allowed number of halvings; that of the settings if None.
         """
-        unsafe = [k for k in range(len(keyframes) - 1) if not self.safe(keyframes[k], keyframes[k + 1], depth)]
-        return np.array(unsafe, dtype=np.intp)
+        proved = np.empty(max(len(keyframes) - 1, 0), dtype=bool)
+        proof = self._proof(keyframes, proved)
+        proof.fields.depth = self._halvings(depth)
+        proof()
+        return np.flatnonzero(~proved)
+
+    def _halvings(self, depth: int | None) -> int:
+        return min(max(self.settings.depth if depth is None else depth, 0), _DEEPEST)
