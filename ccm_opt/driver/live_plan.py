@@ -51,6 +51,9 @@ _INTERVALS = 100
 this, one interval a span, and the next number, timing takes half of the time, and motions take 1.5 and 3.5 % longer."""
 _NEGLIGIBLE = 1.02
 """Factor of slowing down up to which another round of timing is not worthwhile. Measured: see above."""
+_STEP = 5e-3
+"""Largest time between two samples of motions in space [s]. Derived: the largest that the format of plans allows, as
+the verifier takes the longer the more samples there are."""
 _FREE_ROUNDS = 4
 """Maximum number of optimisation steps before the final pose is fixed. Measured (``bench_live``): with four and three
 steps, durations after 25 drags agree to 1 % with those of the nine and five steps of ``solve``, in four fifths of the
@@ -68,9 +71,10 @@ def _dragging_settings(curve: CurvePlannerSettings) -> CurvePlannerSettings:
 
 
 def _dragging_timing(timing: TimingSettings) -> TimingSettings:
-    """Return settings of timing with a coarser grid and fewer rounds, for plans in space made during a drag."""
+    """Return settings of timing with a coarser grid, fewer rounds and fewer samples, for dragged plans in space."""
     grid = replace(timing.grid, intervals=_INTERVALS, intervals_a_span=1)
-    return replace(timing, grid=grid, profile=replace(timing.profile, negligible=_NEGLIGIBLE))
+    profile = replace(timing.profile, negligible=_NEGLIGIBLE)
+    return replace(timing, grid=grid, profile=profile, sampling=replace(timing.sampling, step=_STEP))
 
 
 @dataclass

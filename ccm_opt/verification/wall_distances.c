@@ -32,26 +32,45 @@ typedef struct {
     double *least, *most;            /* (P,) bounds on the distance from whatever is in the box */
 } BoxBounds;
 
-/* The parts in a box are no nearer than the box is to the segment's own box, or than the ball around the box. */
-static void box_bound(int64_t d, const double *start, const double *end, const double *low, const double *high,
-                      double *least, double *most)
+/* A segment, its corners that are least and greatest in each coordinate, and its squared length. */
+typedef struct {
+    double start[3], line[3], low[3], high[3], square;
+} Segment;
+
+static Segment segment_between(int64_t d, const double *start, const double *end)
 {
-    double apart = 0.0, square = 0.0, along = 0.0, diagonal = 0.0, away = 0.0;
+    Segment s = {.square = 0.0};
     for (int64_t k = 0; k < d; k++) {
-        double beyond = fmax(fmax(low[k] - fmax(start[k], end[k]), fmin(start[k], end[k]) - high[k]), 0.0);
-        double line = end[k] - start[k];
+        s.start[k] = start[k];
+        s.line[k] = end[k] - start[k];
+        s.low[k] = fmin(start[k], end[k]);
+        s.high[k] = fmax(start[k], end[k]);
+        s.square += s.line[k] * s.line[k];
+    }
+    if (!(s.square > 0.0)) s.square = 1.0;
+    return s;
+}
+
+/* The parts in a box are no nearer than the box is to the segment's own box, or than the ball around the box. */
+static ALWAYS_INLINE void box_bound(int64_t d, const Segment *s, const double *low, const double *high, double *least,
+                                    double *most)
+{
+    double apart = 0.0, along = 0.0, diagonal = 0.0, away = 0.0;
+    for (int64_t k = 0; k < d; k++) {
+        double beyond = low[k] - s->high[k] > s->low[k] - high[k] ? low[k] - s->high[k] : s->low[k] - high[k];
+        beyond = beyond > 0.0 ? beyond : 0.0;
         apart += beyond * beyond;
-        square += line * line;
-        along += (0.5 * (low[k] + high[k]) - start[k]) * line;
+        along += (0.5 * (low[k] + high[k]) - s->start[k]) * s->line[k];
         diagonal += (high[k] - low[k]) * (high[k] - low[k]);
     }
-    double share = clipped(along / (square > 0.0 ? square : 1.0)), half = 0.5 * sqrt(diagonal);
+    double share = clipped(along / s->square), half = 0.5 * sqrt(diagonal);
     for (int64_t k = 0; k < d; k++) {
-        double off = start[k] + share * (end[k] - start[k]) - 0.5 * (low[k] + high[k]);
+        double off = s->start[k] + share * s->line[k] - 0.5 * (low[k] + high[k]);
         away += off * off;
     }
-    *least = fmax(sqrt(apart), sqrt(away) - half);
-    *most = sqrt(away) + half;
+    double near = sqrt(apart), ball = sqrt(away);
+    *least = near > ball - half ? near : ball - half;
+    *most = ball + half;
 }
 
 PUBLIC void box_bounds(BoxBounds *q)
@@ -59,7 +78,8 @@ PUBLIC void box_bounds(BoxBounds *q)
     int64_t d = q->dimension;
     for (int64_t p = 0; p < q->count; p++) {
         const double *low = q->low + d * q->node[p], *high = q->high + d * q->node[p];
-        box_bound(d, q->start + d * p, q->end + d * p, low, high, q->least + p, q->most + p);
+        Segment segment = segment_between(d, q->start + d * p, q->end + d * p);
+        box_bound(d, &segment, low, high, q->least + p, q->most + p);
     }
 }
 
@@ -76,23 +96,35 @@ typedef struct {
 } LinkBoxes;
 
 /* Bounds on the gaps of links from the parts in boxes. */
-PUBLIC void link_boxes(LinkBoxes *q)
+static ALWAYS_INLINE void bound_gaps(LinkBoxes *q, int64_t d)
 {
-    int64_t d = q->dimension;
+    Segment segment = {.square = 1.0};
+    double travel = 0.0;
     for (int64_t p = 0; p < q->count; p++) {
-        int64_t joint = q->joints * q->interval[p] + q->link[p], node = q->node[p];
-        const double *from = q->poses + d * joint, *end = from + d;
-        double start[3], low, high, share = q->exposed[q->link[p]], radius = q->radii[q->link[p]];
-        for (int64_t k = 0; k < d; k++) start[k] = from[k] + share * (end[k] - from[k]);
-        box_bound(d, start, end, q->low + d * node, q->high + d * node, &low, &high);
-        double first = q->travels[joint], second = q->travels[joint + 1];
-        q->travel[p] = first > second || first != first ? first : second; /* what is not a number stays so */
+        int64_t link = q->link[p], joint = q->joints * q->interval[p] + link, node = q->node[p];
+        double low, high, radius = q->radii[link];
+        /* Boxes of one parent follow on each other, with the same link. */
+        if (p == 0 || q->interval[p] != q->interval[p - 1] || link != q->link[p - 1]) {
+            const double *from = q->poses + d * joint, *end = from + d;
+            double start[3], first = q->travels[joint], second = q->travels[joint + 1];
+            for (int64_t k = 0; k < d; k++) start[k] = from[k] + q->exposed[link] * (end[k] - from[k]);
+            segment = segment_between(d, start, end);
+            travel = first > second || first != first ? first : second; /* what is not a number stays so */
+        }
+        box_bound(d, &segment, q->low + d * node, q->high + d * node, &low, &high);
         double gap = low - (radius + q->rounding[node] + q->loss + q->deviation[p]);
-        q->least[p] = gap - q->travel[p];
+        q->travel[p] = travel;
+        q->least[p] = gap - travel;
         /* A box may hold parts with a smaller radius than the largest, which are farther away. */
         q->most[p] = high - radius;
         q->near[p] = node >= q->single && q->least[p] < q->cutoff[p];
     }
+}
+
+PUBLIC void link_boxes(LinkBoxes *q)
+{
+    if (q->dimension == 3) bound_gaps(q, 3);
+    else bound_gaps(q, 2);
 }
 
 typedef struct {
