@@ -17,14 +17,17 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import NoPlanFound, ProblemError, ProblemFileError
 from ccm_opt.driver.set_cover import fewest_sets
+from ccm_opt.driver.view_sampling import ViewSampler
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.io.reading_back import load_posed
 from ccm_opt.problem import Coverage, JointPose, TipGoal
 from ccm_opt.scene.surface_pieces import SurfacePieces
 from ccm_opt.verification import coverage as verified
+from ccm_opt.verification.sight import free_half_angles
 from ccm_opt.verification.tool_chain import motion_of
 from ccm_opt.verification.verifier import verify
+from ccm_opt.verification.wall_clearance import CheckedSurfaces
 
 PLANE = """
 schema = 1
@@ -177,6 +180,34 @@ def test_what_is_seen_is_what_lines_of_shapely_reach(seed: int) -> None:
 def _along_a_wall(sight: np.ndarray) -> bool:
     """Return whether a line of sight is farther from one of the normals of upright walls than is allowed."""
     return bool(np.max(np.abs(sight)) / np.linalg.norm(sight) > np.sin(np.deg2rad(74.0)))
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1), text=st.sampled_from([PLANE, SPACE]))
+def test_planned_sights_are_those_of_the_verifier(seed: int, text: str) -> None:
+    """What the planner takes as seen in a pose is seen, and it misses only what has little room beside the line."""
+    problem = problem_of(text)
+    assert problem.coverage is not None
+    coverage = replace(problem.coverage, spacing=0.15, within=None, field_of_view=np.deg2rad(120.0))
+    pieces = SurfacePieces.of(problem.workspace, coverage.surfaces, coverage.spacing, None)
+    sampler = ViewSampler(problem, coverage, pieces, problem.workspace.surface_tree)
+    poses = np.random.default_rng(seed).uniform(-0.5, 0.5, (3, len(problem.arm.coordinates)))
+    planned = sampler.from_poses(problem.arm, poses)
+    motion = motion_of(problem.arm, np.arange(3.0), poses)
+    np.testing.assert_allclose(planned.tips, motion.points[:, -1], atol=1e-12)
+    surfaces = CheckedSurfaces.from_workspace(problem.workspace)
+    for k, mine in enumerate(planned.sees):
+        assert np.all(
+            verified.seen_places(problem.workspace, coverage, motion, pieces.centres[mine], pieces.normals[mine], k)
+        )
+        sights = pieces.centres - planned.tips[k]
+        away = np.linalg.norm(sights, axis=1)
+        ahead = sights @ planned.axes[k] > np.cos(np.deg2rad(59.9)) * away
+        square = np.abs(np.sum(sights * pieces.normals, axis=1)) > np.cos(coverage.angle - 0.001) * away
+        near = (away > coverage.distance[0] + 1e-6) & (away < coverage.distance[1] - 1e-6)
+        missed = np.flatnonzero(~mine & ahead & square & near)
+        if len(missed):
+            assert np.all(free_half_angles(surfaces, motion, k, pieces.centres[missed])[0] < np.deg2rad(0.65))
 
 
 @pytest.mark.drawn(20, of="dear tests")

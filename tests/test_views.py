@@ -304,9 +304,8 @@ def test_an_arm_may_hide_what_it_looks_at() -> None:
     centre = points.mean(axis=0)
     beyond = centre + 2.0 * (centre - points[-1])
     motion = motion_of(arm, np.array([0.0, 1.0]), np.stack((q, q)))
-    assert hidden_by_arm(arm, q, beyond)
+    assert np.array_equal(hidden_by_arm(arm, q, np.stack((beyond, centre))), [True, False])
     assert free_half_angle(None, motion, 1, beyond)[0] == 0.0
-    assert not hidden_by_arm(arm, q, centre)
     assert free_half_angle(None, motion, 1, centre)[0] > SIGHT_HALF_ANGLE
 
 

@@ -4,13 +4,14 @@ Views are sampled about the pieces of the surfaces (``view_sampling``), and the 
 (``set_cover``). A chosen view for which no pose of the arm is found, as for a map of the reach, is left out, and others
 are chosen in its place; so is one to which no motion is found.
 
-An arm with few links is posed at random, and views are those of a roadmap of its poses (``pose_roadmap``) if these see
-enough: then the motions between them are known, too.
+An arm with few links is first posed at random, and views are those of a roadmap of its poses (``pose_roadmap``) if
+these see enough: then the motions between them are known, too.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, TimeLimitReached
 from ccm_opt.driver.pose_roadmap import PoseRoadmap
 from ccm_opt.driver.set_cover import fewest_sets, greedy_order
-from ccm_opt.driver.view_sampling import LEAST_ROOM, NO_POSE, NO_ROOM, OUT_OF_REACH, Views, ViewSampler
+from ccm_opt.driver.view_sampling import LEAST_ROOM, NO_POSE, NO_ROOM, NOT_LOOKED_AT, OUT_OF_REACH, Views, ViewSampler
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.tip_reach import ReachQuestion, TipLooker
@@ -28,9 +29,8 @@ from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Coverage, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import Tour
 from ccm_opt.scene.surface_pieces import SurfacePieces
-from ccm_opt.verification.coverage import SeenPieces, seen_pieces, seen_places
+from ccm_opt.verification.coverage import SeenPieces, seen_pieces
 from ccm_opt.verification.tool_chain import motion_of
-from ccm_opt.verification.wall_clearance import CheckedSurfaces
 
 _MOST_PIECES = 1500
 """Largest number of pieces for which views are chosen; of more, a random sample stands for all. Heuristic."""
@@ -40,9 +40,15 @@ _DRAWN = 300
 """Number of sampled poses. Heuristic: each takes a few thousandths of a second."""
 _FEW_LINKS = 8
 """Number of links up to which an arm with a fixed base has a roadmap of poses. Heuristic."""
-_DRAWN_FOR_ROADMAP = 600
-"""Number of sampled poses of a roadmap. Heuristic: in a room with ten boxes those that are free take about ten
-seconds, more than half of which is for what they see."""
+_ROADMAP_POSES = 50
+"""Number of free poses that are added to a roadmap together. Heuristic."""
+_JOINED = 150
+"""Number of poses to which motions lead from the start, in rounds of growth of a roadmap. Heuristic: in a room with ten
+boxes, so many poses of five links see some three quarters of the walls."""
+_MOST_DRAWN = 6000
+"""Largest number of sampled poses of a roadmap. Heuristic: a thousand take a second."""
+_GAIN = 0.25
+"""Least gain of a roadmap that goes on growing, as a fraction of what it lacks. Heuristic."""
 _APART = (0.06, float(np.deg2rad(20.0)))
 """Least difference of views that are tried after one has no pose: distance as a fraction of the arm's length, or angle
 [rad]. Heuristic."""
@@ -56,6 +62,8 @@ _ROUND_SHARE = 0.5
 """Fraction of the time left that is given to a tour, so that other views may follow. Heuristic."""
 _SEARCH_SHARE = 0.3
 """Fraction of the time left after which no further poses are tried. Heuristic."""
+_ROUNDING = 1e-9
+"""Share that counts as rounding, as for the verifier."""
 _SAMPLE_MARGIN = 0.01
 """Share that is seen beyond the required one where a sample of pieces stands for all. Heuristic."""
 
@@ -69,10 +77,11 @@ class CoverageViews:
         coverage: what has to be seen.
         pieces: the pieces for which views are chosen.
         sampler: measures lines of sight to them.
+        lookup: finds poses; None for arms for which there are no maps of the reach.
+        rng: source of the sampled views.
         views: the sampled views.
         posed: for each view, 2 if it was reached, 1 if a pose was found, −1 if it is left out, else 0, shape (n,).
         reasons: why a piece has no view, an index of an obstacle that hides it or a negative number, shape (m,).
-        lookup: finds poses; None for arms for which there are no maps of the reach.
         poses: poses found so far.
         roadmap: known motions between them; None for arms with many links, or on a feed axis.
         pose_of: the pose of each view that has one, by index of the view.
@@ -84,9 +93,8 @@ class CoverageViews:
     coverage: Coverage
     pieces: SurfacePieces
     sampler: ViewSampler
-    views: Views
-    reasons: IntArray
     lookup: TipLooker | None
+    rng: np.random.Generator
     poses: list[Pose] = field(default_factory=list)
     roadmap: PoseRoadmap | None = None
     pose_of: dict[int, Pose] = field(default_factory=dict)
@@ -94,40 +102,66 @@ class CoverageViews:
     failures: list[NoPlanFound] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.posed = np.zeros(len(self.views.tips), dtype=np.intp)
-        if self.lookup is not None:
-            # What known poses see are views too.
-            if self.problem.arm.links <= _FEW_LINKS and self.problem.arm.feed is None:
-                self._make_roadmap(self.lookup)
-            else:
-                self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
-            tips, axes = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("tip", "tip_direction"))
-            self.pose_of = dict(enumerate(self.poses, start=len(self.posed)))
-            known = self.sampler.at(tips, axes) if self.roadmap is None else Views(tips, axes, self._seen_by_poses())
-            self.views = self.views.with_further(known)
-            self.posed = np.append(self.posed, np.ones(len(tips), dtype=np.intp))
         sampled = len(self.pieces.sizes) == _MOST_PIECES
         self.share = min(self.coverage.share + (_SAMPLE_MARGIN if sampled else 0.0), 1.0)
+        none = np.zeros((0, self.problem.dimension))
+        self.views = Views(none, none, np.zeros((0, len(self.pieces.sizes)), dtype=bool))
+        self.posed, self.reasons = np.zeros(0, dtype=np.intp), np.full(len(self.pieces.sizes), NOT_LOOKED_AT)
+        if self.lookup is None:
+            self._sample()
+        elif self.problem.arm.links <= _FEW_LINKS and self.problem.arm.feed is None:
+            self._grow_roadmap(self.lookup)
+        else:
+            self._sample()
+            self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
+            tips, axes = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("tip", "tip_direction"))
+            self._add(self.sampler.at(tips, axes), self.poses)
 
-    def _make_roadmap(self, lookup: TipLooker) -> None:
-        """Draw poses, and keep those to which motions lead from the start."""
-        poses = [lookup.stepper.pose(lookup.start), *lookup.drawn_free(_DRAWN_FOR_ROADMAP)]
-        pace = self.problem.limits.of_coordinates(self.problem.arm.coordinates).velocity
-        self.roadmap = PoseRoadmap.of(lookup.stepper.safe, np.minimum(pace, _FASTEST), [pose.q for pose in poses])
-        self.poses = [pose for pose, joined in zip(poses, self.roadmap.joined, strict=True) if joined]
+    def _sample(self) -> None:
+        """Sample views about the pieces that no known pose sees."""
+        sampled, self.reasons = self.sampler.sampled(self.rng, np.any(self.views.sees, axis=0))
+        self._add(sampled, ())
 
-    def _seen_by_poses(self) -> BoolArray:
-        """Return which of m pieces are seen from each of the n poses, which the arm itself may hide, shape (n, m)."""
-        motion = motion_of(
-            self.problem.arm, np.arange(len(self.poses), dtype=np.float64), np.array([pose.q for pose in self.poses])
-        )
-        asked = self.problem.workspace, self.coverage, motion, self.pieces.centres, self.pieces.normals
-        surfaces = CheckedSurfaces.from_workspace(self.problem.workspace)
-        return np.array([seen_places(*asked, sample, surfaces) for sample in range(len(self.poses))])
+    def _add(self, views: Views, poses: Sequence[Pose]) -> None:
+        """Add views, whose poses are known or none are."""
+        self.pose_of |= dict(enumerate(poses, start=len(self.posed)))
+        self.views = self.views.with_further(views)
+        self.posed = np.append(self.posed, np.full(len(views.tips), int(bool(poses))))
+
+    def _grow_roadmap(self, lookup: TipLooker) -> None:
+        """Draw poses until those to which motions lead from the start see enough, or as long as that is likely."""
+        start = lookup.stepper.pose(lookup.start)
+        pace = np.minimum(self.problem.limits.of_coordinates(self.problem.arm.coordinates).velocity, _FASTEST)
+        self.roadmap = PoseRoadmap(lookup.stepper.safe, pace, np.array([start.q]))
+        further = lookup.drawn_free(_MOST_DRAWN)
+        drawn, fresh, known = [start], [start], self.roadmap.joined
+        while fresh:
+            before = self._lacking()
+            self._add(self.sampler.from_poses(self.problem.arm, [pose.q for pose in fresh]), fresh)
+            self.poses += fresh
+            lacking = self._lacking()
+            if lacking <= _ROUNDING or (len(self.poses) > 1 and before - lacking < _GAIN * lacking):
+                return
+            fresh = []
+            while len(fresh) < _JOINED and (some := list(islice(further, _ROADMAP_POSES))):
+                drawn += some
+                self.roadmap.add(np.array([pose.q for pose in some]))
+                known = np.append(known, np.zeros(len(some), dtype=bool))
+                fresh += [drawn[k] for k in np.flatnonzero(self.roadmap.joined & ~known)]
+                known = self.roadmap.joined.copy()
+
+    def _lacking(self) -> float:
+        """Return the share that the known poses lack."""
+        return self.share - self._share_of(self.views.sees[self.posed > 0])
+
+    def _share_of(self, sees: BoolArray) -> float:
+        """Return the share that is seen from views together, by what each sees, shape (k, m)."""
+        sizes = self.pieces.sizes
+        return float(np.sum(sizes[np.any(sees, axis=0)])) / float(np.sum(sizes))
 
     @classmethod
     def of(cls, problem: Problem, coverage: Coverage) -> "CoverageViews":
-        """Sample views about the pieces of the surfaces that have to be seen.
+        """Sample views of the surfaces that have to be seen.
 
         Args:
             problem: the problem.
@@ -145,8 +179,7 @@ class CoverageViews:
             some = np.sort(rng.choice(len(found.sizes), _MOST_PIECES, replace=False))
             found = SurfacePieces(found.corners[some], found.owner[some])
         sampler = ViewSampler(whole, coverage, found, problem.workspace.surface_tree)
-        views, reasons = sampler.sampled(rng)
-        return cls(problem, coverage, found, sampler, views, reasons, _tip_looker(problem))
+        return cls(problem, coverage, found, sampler, _tip_looker(problem), rng)
 
     def fewest(self, deadline: Deadline) -> tuple[IntArray, int]:
         """Return the fewest views that see enough and have poses, and a lower bound on their number.
@@ -164,31 +197,32 @@ class CoverageViews:
         search = deadline.within(max(_SEARCH_SHARE * deadline.left, 1.0))
         # Those that see most are looked at first, so that few remain that cannot be reached.
         while not search.passed():
-            alive = self._alive(needed)
+            alive = self._alive()
             order = alive[greedy_order(self.views.sees[alive], sizes)]
             if self._have_poses(self._first_unknown(order, needed)):
                 break
         while True:
-            alive = self._alive(needed)
+            alive = self._alive()
             cover = fewest_sets(self.views.sees[alive], sizes, needed, np.divide(self.posed[alive], 2.0), _PROGRAM_TIME)
             chosen = alive[cover.sets]
             if search.passed() or self._have_poses(chosen):
                 return chosen, cover.fewest
 
-    def _alive(self, needed: float) -> IntArray:
+    def _alive(self) -> IntArray:
         """Return the views that are not left out.
 
         Raises:
             NoPlanFound: they do not see enough.
         """
-        alive = np.flatnonzero(self.posed >= 0)
         if self.roadmap is not None:
-            known = np.flatnonzero(self.posed > 0)
-            if float(np.sum(self.pieces.sizes[np.any(self.views.sees[known], axis=0)])) >= needed:
-                return known
-        together = float(np.sum(self.pieces.sizes[np.any(self.views.sees[alive], axis=0)]))
-        if together < needed * (1.0 - 1e-9):
-            raise self._not_enough(together / float(np.sum(self.pieces.sizes)))
+            if self._lacking() <= _ROUNDING:
+                return np.flatnonzero(self.posed > 0)
+            if np.all(self.reasons == NOT_LOOKED_AT):
+                self._sample()
+        alive = np.flatnonzero(self.posed >= 0)
+        together = self._share_of(self.views.sees[alive])
+        if together < self.share - _ROUNDING:
+            raise self._not_enough(together)
         return alive
 
     def _have_poses(self, some: IntArray) -> bool:
@@ -221,7 +255,7 @@ class CoverageViews:
             return -1
         self.poses.append(pose)
         if self.roadmap is not None:
-            self.roadmap.add(pose.q)
+            self.roadmap.add(pose.q[None])
         self.pose_of[k] = pose
         return 1
 
@@ -264,6 +298,10 @@ class CoverageViews:
         goal: dict[str, Any] = {"goal": last.goal, "tolerances": last.tolerances, "pause": last.pause}
         return replace(self.problem, stops=tuple(before), planner=options, coverage=None, source="", **goal)
 
+    def enough(self, ends: Sequence[FloatArray]) -> bool:
+        """Return whether enough is seen from configurations, each of shape (c,)."""
+        return self.seen(ends).share >= self.coverage.share - _ROUNDING
+
     def seen(self, ends: Sequence[FloatArray]) -> SeenPieces:
         """Return which pieces, of all, are seen from configurations, each of shape (c,)."""
         motion = motion_of(self.problem.arm, np.arange(len(ends), dtype=np.float64), np.array(ends))
@@ -277,13 +315,10 @@ class CoverageViews:
 
     def learn(self, reached: IntArray, ends: Sequence[FloatArray]) -> None:
         """Take from views, shape (k,), what the arm hides from itself where it reached them, in configurations (c,)."""
-        for k, q in zip(reached, ends, strict=True):
-            mine = np.flatnonzero(self.views.sees[k])
-            motion = motion_of(self.problem.arm, np.zeros(1), q[None])
-            places, normals = self.pieces.centres[mine], self.pieces.normals[mine]
-            self.views.sees[k, mine] = seen_places(self.problem.workspace, self.coverage, motion, places, normals)
-            self.posed[k] = 2
-        if len(self.pieces.sizes) == _MOST_PIECES:
+        seen = self.sampler.from_poses(self.problem.arm, ends).sees
+        self.views.sees[reached] &= seen
+        self.posed[reached] = 2
+        if len(self.pieces.sizes) == _MOST_PIECES or self._share_of(seen) >= self.share - _ROUNDING:
             self.share = min(self.share + _SAMPLE_MARGIN, 1.0)
 
     def out_of_time(self, ends: Sequence[FloatArray]) -> TimeLimitReached:
@@ -320,6 +355,7 @@ class CoverageViews:
             OUT_OF_REACH: "out of reach",
             NO_ROOM: "without room for the tip where they would be seen",
             NO_POSE: "seen only from where no pose was found",
+            NOT_LOOKED_AT: "seen from no sampled pose",
         }
         shares: Counter[str] = Counter()
         for reason in np.unique(reasons[reasons < len(names)]).tolist():

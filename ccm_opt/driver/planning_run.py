@@ -147,12 +147,12 @@ class PlanningRun:
             visited = [number - 1 for number in tour.order]
             ends = [leg.path.spline(1.0) for leg in legs[: len(visited)]]
             with self.stages("views"):
-                enough = views.seen(ends).share >= coverage.share
+                enough = views.enough(ends)
             if enough:
                 faster = tours.compared(legs, tour, deadline.within(_COMPARED_SHARE * deadline.left))
                 ends = [leg.path.spline(1.0) for leg in faster[0][: len(visited)]]
                 with self.stages("views"):
-                    legs, tour = faster if views.seen(ends).share >= coverage.share else (legs, tour)
+                    legs, tour = faster if views.enough(ends) else (legs, tour)
                 return self._verified_tour(legs, views.toured(tour, self.problem, fewest))
             views.learn(chosen[visited], ends)
             views.leave_out(np.delete(chosen, visited))

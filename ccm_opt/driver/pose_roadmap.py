@@ -1,86 +1,105 @@
-"""A roadmap of poses: random poses of an arm with few links, joined by certified straight motions.
+"""A roadmap of poses: random poses of an arm with few links, joined by straight motions, certified where they are used.
 
 Kavraki, Svestka, Latombe and Overmars, "Probabilistic roadmaps for path planning in high-dimensional configuration
 spaces", IEEE Transactions on Robotics and Automation 1996. Where an arm has few joints, random poses fill the space of
-its configurations well enough that most lie within reach of each other.
+its configurations well enough that most lie within reach of each other. Most motions between neighbours are never
+needed, and a certificate is sought only for those that are: Bohlin and Kavraki, "Path planning using lazy PRM", ICRA
+2000.
 """
 
-from collections.abc import Callable, Sequence
+import heapq
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, shortest_path
+from scipy.sparse.csgraph import shortest_path
 from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray
 
-_NEIGHBOURS = 8
-"""Number of nearest poses with which a pose is joined. Heuristic: in rooms with ten boxes, nine in ten poses are then
-joined with the start."""
+_NEIGHBOURS = 9
+"""Number of nearest poses, itself among them, with which a pose is joined. Heuristic: in rooms with ten boxes, nine in
+ten poses are then joined with the start."""
+_OF_START = 60
+"""Likewise of the start, which may be in a narrow place. Heuristic: in one of ten rooms, of the poses within a radian
+and a half the twentieth is the first to be joined."""
 _SAME = 1e-9
 """Largest difference of coordinates of the same pose [rad, m]."""
 
 
 @dataclass(eq=False)
 class PoseRoadmap:
-    """Poses, the first of which is the start, and the straight motions between them that have a certificate.
+    """Poses, the first of which is the start, and the straight motions between neighbours.
 
     Attributes:
         safe: returns whether the straight motion between two configurations (c,) has a certificate.
         pace: fastest rates of the coordinates, shape (c,) [rad/s, m/s].
         poses: the poses, shape (n, c) [rad, m].
-        times: least durations of the motions [s], by the indices of their ends, the lower one first.
+        times: least durations of the motions that have a certificate [s], by the indices of their ends, the lower one
+            first.
+        untried: likewise of those for which none has been sought.
+        tried: the others.
+        joined: mask of the poses to which motions with a certificate lead from the start, shape (n,).
     """
 
     safe: Callable[[FloatArray, FloatArray], bool]
     pace: FloatArray
     poses: FloatArray
     times: dict[tuple[int, int], float] = field(default_factory=dict)
+    untried: dict[tuple[int, int], float] = field(default_factory=dict)
+    tried: set[tuple[int, int]] = field(default_factory=set)
 
-    @classmethod
-    def of(
-        cls, safe: Callable[[FloatArray, FloatArray], bool], pace: FloatArray, poses: Sequence[FloatArray]
-    ) -> "PoseRoadmap":
-        """Return the roadmap of poses, each of shape (c,), joined with their nearest ones; see the class."""
-        roadmap = cls(safe, pace, np.array(poses))
-        scaled = roadmap.poses / pace
-        away, near = cKDTree(scaled).query(scaled, k=min(_NEIGHBOURS + 1, len(scaled)), p=np.inf)
-        for k, row in enumerate(np.atleast_2d(near).tolist()):
-            roadmap._join(k, dict(zip(row, np.atleast_2d(away)[k].tolist(), strict=True)))
-        return roadmap
+    def __post_init__(self) -> None:
+        poses, self.poses = self.poses, self.poses[:1]
+        self.joined: BoolArray = np.ones(1, dtype=bool)
+        self.add(poses[1:])
 
-    def add(self, q: FloatArray) -> None:
-        """Add a pose (c,), joined with its nearest ones."""
-        away = np.max(np.abs(self.poses - q) / self.pace, axis=1)
-        near = np.argsort(away, kind="stable")[:_NEIGHBOURS].tolist()
-        self.poses = np.vstack((self.poses, q))
-        self._join(len(self.poses) - 1, {k: float(away[k]) for k in near})
+    def add(self, poses: FloatArray) -> None:
+        """Add poses (k, c), and join those that can be with the start, over motions between nearest neighbours."""
+        self.poses = np.vstack((self.poses, poses))
+        self.joined = np.append(self.joined, np.zeros(len(poses), dtype=bool))
+        scaled = self.poses / self.pace
+        tree = cKDTree(scaled)
+        for k, q in enumerate(scaled):
+            count = _NEIGHBOURS if k else _OF_START
+            away, near = map(np.asarray, tree.query(q, k=np.arange(1, count + 1), p=np.inf))
+            for other, time in zip(near[near < len(scaled)].tolist(), away.tolist(), strict=False):
+                if other != k and (pair := (min(k, other), max(k, other))) not in self.tried:
+                    self.untried[pair] = max(time, TINY)
+        self._join()
 
-    def _join(self, k: int, near: dict[int, float]) -> None:
-        """Join a pose with others by the motions that have a certificate.
+    def _join(self) -> None:
+        """Join poses with the start, over the shortest motions first."""
+        neighbours: dict[int, list[int]] = {}
+        for one, other in (*self.untried, *self.times):
+            neighbours.setdefault(one, []).append(other)
+            neighbours.setdefault(other, []).append(one)
+        leaving: list[tuple[float, int, int]] = []
+        fresh = np.flatnonzero(self.joined).tolist()
+        while True:
+            for k in fresh:
+                for other in neighbours.get(k, ()):
+                    pair = min(k, other), max(k, other)
+                    time = 0.0 if pair in self.times else self.untried.get(pair, np.inf)
+                    if not self.joined[other] and np.isfinite(time):
+                        heapq.heappush(leaving, (time, k, other))
+            if not leaving:
+                return
+            _, k, other = heapq.heappop(leaving)
+            fresh = [other] if not self.joined[other] and self._certified(k, other) else []
+            self.joined[fresh] = True
 
-        Args:
-            k: index of the pose.
-            near: least durations of the motions to other poses [s], by their indices.
-        """
-        for other, time in near.items():
-            pair = min(k, other), max(k, other)
-            if k != other and pair not in self.times and self.safe(*self.poses[list(pair)]):
-                self.times[pair] = max(time, TINY)
-
-    @property
-    def _graph(self) -> csr_array:
-        """Least durations of the motions, shape (n, n) [s]."""
-        pairs = np.array(list(self.times), dtype=np.intp).reshape(-1, 2)
-        shape = (len(self.poses), len(self.poses))
-        return csr_array((list(self.times.values()), (pairs[:, 0], pairs[:, 1])), shape=shape)
-
-    @property
-    def joined(self) -> BoolArray:
-        """Mask of the poses to which motions lead from the start, shape (n,)."""
-        parts = connected_components(self._graph, directed=False)[1]
-        return np.asarray(parts == parts[0])
+    def _certified(self, one: int, other: int) -> bool:
+        """Return whether the motion between two neighbours has a certificate, which is sought once."""
+        pair = min(one, other), max(one, other)
+        if pair in self.untried:
+            time = self.untried.pop(pair)
+            self.tried.add(pair)
+            if self.safe(*self.poses[list(pair)]):
+                self.times[pair] = time
+        return pair in self.times
 
     def chain(self, first: FloatArray, last: FloatArray) -> FloatArray | None:
         """Return the poses of the fastest way between two poses (c,), shape (K, c); None if there is no way."""
@@ -90,10 +109,21 @@ class PoseRoadmap:
             ends.append(int(np.argmin(away)))
             if away[ends[-1]] > _SAME:
                 return None
-        _, before = shortest_path(self._graph, directed=False, indices=[ends[0]], return_predecessors=True)
-        if ends[0] != ends[1] and before[0, ends[1]] < 0:
-            return None
-        nodes = [ends[1]]
-        while nodes[-1] != ends[0]:
+        while True:
+            nodes = self._way(*ends)
+            if nodes is None or all(self._certified(*pair) for pair in pairwise(nodes)):
+                return None if nodes is None else np.asarray(self.poses[nodes])
+
+    def _way(self, first: int, last: int) -> list[int] | None:
+        """Return the poses on the fastest way between two poses, over motions that may lack a certificate, or None."""
+        known = self.times | self.untried
+        pairs = np.array(list(known), dtype=np.intp).reshape(-1, 2)
+        shape = (len(self.poses), len(self.poses))
+        graph = csr_array((list(known.values()), (pairs[:, 0], pairs[:, 1])), shape=shape)
+        _, before = shortest_path(graph, directed=False, indices=[first], return_predecessors=True)
+        nodes = [last]
+        while nodes[-1] != first:
             nodes.append(int(before[0, nodes[-1]]))
-        return np.asarray(self.poses[nodes[::-1]])
+            if nodes[-1] < 0:
+                return None
+        return nodes[::-1]

@@ -17,6 +17,8 @@ from ccm_opt.scene.workspace import Workspace
 
 HALF_ANGLE = float(np.deg2rad(1.0))
 """Half angle of the cone about the line of sight that views keep free [rad]. Derived: twice what is verified."""
+AT_POSE = float(np.deg2rad(0.55))
+"""Likewise of views at which the pose of the arm is known exactly. Derived: a tenth above what is verified."""
 END = 0.01
 """Fraction of the cone about the line of sight, at the place, that is not kept free, since the place lies on a
 surface."""
@@ -26,21 +28,25 @@ ERRORS = 3.0
 """Length of the line of sight, at the place, within which a surface does not count, and distance from the place within
 which the points of a scan are taken to be of the surface that it lies on, in multiples of the surface's error. Derived:
 less than what verifiers leave out."""
+_TOUCHING = 1e-9
+"""Distance of the line of sight itself from a link that counts as contact, as a fraction of the line. Derived: far
+above rounding."""
 _PIECES_AT_END = 16
 """Number of pieces of the line of sight between the end of the cone and its own."""
 PIECES = 48
 """Number of pieces of the line of sight; each piece is a tenth longer than the one before it."""
 
 
-def hidden_by_arm(arm: Arm, q: FloatArray, place: FloatArray) -> bool:
-    """Return whether an arm hides a place from its own tip, or the tip of its tool.
+def hidden_by_arm(arm: Arm, q: FloatArray, places: FloatArray, half_angle: float = HALF_ANGLE) -> BoolArray:
+    """Return which of m places an arm hides from its own tip, or the tip of its tool, shape (m,).
 
     Links and bodies of the tool that contain the tip carry the camera, and do not hide anything.
 
     Args:
         arm: the arm.
         q: configuration, shape (c,) [rad, m].
-        place: the place that it looks at, shape (d,) [m].
+        places: the places that it looks at, shape (m, d) [m].
+        half_angle: half angle of the cone about lines of sight that is kept free [rad].
     """
     points = points_with_tool(arm, q)
     whole = with_tool_links(arm)
@@ -51,15 +57,23 @@ def hidden_by_arm(arm: Arm, q: FloatArray, place: FloatArray) -> bool:
     tips = np.broadcast_to(tip, one.shape)
     ahead = segment_distances(tips, tips, one, other)[2] > radii
     one, other, radii = one[ahead], other[ahead], radii[ahead]
-    starts, ends, shares = line_pieces(place, tip[None])
-    away = float(np.linalg.norm(tip - place))
-    wide = shares * away * np.tan(HALF_ANGLE)
-    line = place + ROUNDED * (tip - place), place + END * (tip - place), 0.0
-    for start, end, width in (line, *zip(starts[0], ends[0], wide, strict=True)):
-        every = np.broadcast_to(start, one.shape), np.broadcast_to(end, one.shape)
-        if np.any(segment_distances(*every, one, other)[2] <= radii + width):
-            return True
-    return False
+    away = np.linalg.norm(places - tip, axis=1)
+    # Links beyond the widest part of the cone about the whole line hide nothing.
+    place, link = (index.ravel() for index in np.indices((len(places), len(one))))
+    lines = np.broadcast_to(tip, (len(place), len(tip)))
+    gaps = segment_distances(places[place], lines, one[link], other[link])[2] - radii[link]
+    near = gaps <= away[place] * np.tan(half_angle)
+    place, link = place[near], link[near]
+    starts, ends, shares = line_pieces(places[place], np.broadcast_to(tip, (len(place), len(tip))))
+    line = places[place, None] + np.array([ROUNDED, END])[:, None] * (tip - places[place])[:, None]
+    starts, ends = (np.concatenate(both, axis=1) for both in ((line[:, :1], starts), (line[:, 1:], ends)))
+    wide = np.append(_TOUCHING, shares * np.tan(half_angle)) * away[place, None]
+    many = starts.shape[1]
+    links = np.repeat(one[link], many, axis=0), np.repeat(other[link], many, axis=0)
+    apart = segment_distances(starts.reshape(-1, len(tip)), ends.reshape(-1, len(tip)), *links)[2]
+    hidden = np.zeros(len(places), dtype=bool)
+    hidden[place[np.any(apart.reshape(-1, many) <= radii[link, None] + wide, axis=1)]] = True
+    return hidden
 
 
 def line_pieces(place: FloatArray, tips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -102,7 +116,9 @@ def crossed(tree: SurfaceTree, place: FloatArray, tips: FloatArray) -> BoolArray
     return np.asarray(tree.distances(lines, 1e-9) <= 0.0)
 
 
-def sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: float) -> tuple[FloatArray, IntArray]:
+def sight_room(
+    tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: float, half_angle: float = HALF_ANGLE
+) -> tuple[FloatArray, IntArray]:
     """Return the radii of balls about tip positions from all of whose points a place is seen, with the thin cone.
 
     A tip displaced by r displaces the point at a fraction s of the line of sight, from the place, by s r.
@@ -112,6 +128,7 @@ def sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: flo
         place: the place, shape (d,), or the place of each line, shape (m, d) [m].
         tips: tip positions, shape (m, d) [m].
         most: radius above which more does not matter [m].
+        half_angle: half angle of the cone about lines of sight that is kept free [rad].
 
     Returns:
         Radii, negative where the place is hidden, shape (m,) [m], and the piece of each line with the least, (m,).
@@ -119,7 +136,7 @@ def sight_room(tree: SurfaceTree, place: FloatArray, tips: FloatArray, most: flo
     if len(tips) == 0:
         return np.zeros(0), np.zeros(0, dtype=np.intp)
     starts, ends, shares = line_pieces(place, tips)
-    cone = np.linalg.norm(tips - place, axis=1) * np.tan(HALF_ANGLE)
+    cone = np.linalg.norm(tips - place, axis=1) * np.tan(half_angle)
     reach = most + float(np.max(cone))
     segments = np.stack((in_space(starts), in_space(ends)), axis=2).reshape(-1, 2, 3)
     gaps = tree.distances(segments, reach).reshape(len(tips), -1)

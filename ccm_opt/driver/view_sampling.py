@@ -4,7 +4,7 @@ A view is a ball of tip positions and a cone of directions, from all of which ce
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,22 @@ from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray, in_space
 from ccm_opt.driver.set_cover import greedy_order
-from ccm_opt.driver.sight_lines import ERRORS, clear_tips, crossed, end_room, sight_room
+from ccm_opt.driver.sight_lines import (
+    AT_POSE,
+    ERRORS,
+    HALF_ANGLE,
+    clear_tips,
+    crossed,
+    end_room,
+    hidden_by_arm,
+    sight_room,
+)
 from ccm_opt.driver.views import beyond_reach, sampled_tips
 from ccm_opt.problem import Coverage, LookAt, Problem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surface_pieces import SurfacePieces
+from ccm_opt.scene.tool_links import points_with_tool
 
 _SAMPLED = 150
 """Number of pieces about which tip positions are sampled. Heuristic."""
@@ -40,7 +51,7 @@ _TURN_SHARE = 0.2
 """This angle as a fraction of half the field of view, at most. Heuristic."""
 LEAST_ROOM = 0.004
 """Least radius of the ball of positions of a view, as a fraction of the arm's length. Heuristic."""
-OUT_OF_REACH, NO_ROOM, NO_POSE = -3, -2, -1
+NOT_LOOKED_AT, OUT_OF_REACH, NO_ROOM, NO_POSE = -4, -3, -2, -1
 """Reasons why a piece has no view; indices of obstacles, which hide it, are from 0."""
 
 
@@ -85,16 +96,22 @@ class ViewSampler:
         """Least radius of the ball of positions of a view [m]."""
         return LEAST_ROOM * self.problem.arm.length
 
-    def sampled(self, rng: np.random.Generator) -> tuple[Views, IntArray]:
-        """Return sampled views, and for each piece the reason why it has none, shape (m,)."""
+    def sampled(self, rng: np.random.Generator, seen: BoolArray) -> tuple[Views, IntArray]:
+        """Return sampled views of pieces, and for each piece the reason why it has none, shape (m,).
+
+        Args:
+            rng: source of the samples.
+            seen: mask of the pieces that are seen already, about which none are sampled, shape (m,).
+        """
         dimension, count = self.problem.dimension, len(self.pieces.sizes)
-        some = rng.permutation(np.flatnonzero(self.pieces.sizes > 0.0))[:_SAMPLED]
-        tips = np.concatenate([self._tips(piece)[1] for piece in some])
+        unseen = ~seen & (self.pieces.sizes > 0.0)
+        some = rng.permutation(np.flatnonzero(unseen))[:_SAMPLED]
+        tips = np.concatenate([np.zeros((0, dimension)), *(self._tips(piece)[1] for piece in some)])
         views = self.at(np.zeros((0, dimension)), np.zeros((0, dimension)))
         if len(tips):
             views = self._of(rng.permutation(tips)[: _TIPS[dimension]])
         reasons = np.full(count, NO_POSE)
-        without = rng.permutation(np.flatnonzero(~np.any(views.sees, axis=0) & (self.pieces.sizes > 0.0)))
+        without = rng.permutation(np.flatnonzero(~np.any(views.sees, axis=0) & unseen))
         if len(without) == 0:
             return views, reasons
         looked_at = without[:_FURTHER]
@@ -132,7 +149,7 @@ class ViewSampler:
         hiding = self.tree.nearest(lines, float(self.coverage.distance[1])).owner
         return (Counter(hiding[hiding >= 0].tolist()).most_common(1) or [(NO_ROOM, 0)])[0][0], free
 
-    def rooms(self, tips: FloatArray, pieces: IntArray, most: float) -> FloatArray:
+    def rooms(self, tips: FloatArray, pieces: IntArray, most: float, half_angle: float = HALF_ANGLE) -> FloatArray:
         """Return the radii of balls about tips from which pieces are seen, up to ``most``, shape (k,) [m].
 
         Distances and angles count, the field of view does not. A radius is not positive if the piece is hidden.
@@ -141,6 +158,7 @@ class ViewSampler:
             tips: tip positions, shape (k, d) [m].
             pieces: the piece that each looks at, shape (k,).
             most: radius above which more does not matter [m].
+            half_angle: half angle of the cone about lines of sight that is kept free [rad].
         """
         places = self.pieces.centres[pieces]
         rooms = self._angular_rooms(places - tips, self.pieces.normals[pieces])
@@ -149,7 +167,7 @@ class ViewSampler:
         maybe = maybe[rooms[maybe] > 0.0]
         some, from_tips = places[maybe], tips[maybe]
         blind = ERRORS * self.problem.workspace.surface_errors[self.pieces.owner[pieces[maybe]]]
-        free, _ = sight_room(self.tree, some, from_tips, most)
+        free, _ = sight_room(self.tree, some, from_tips, most, half_angle)
         rooms[maybe] = np.minimum(np.minimum(rooms[maybe], free), end_room(self.tree, some, from_tips, blind, most))
         return rooms
 
@@ -177,6 +195,21 @@ class ViewSampler:
         for row, axis, (mine, sights) in zip(sees, axes, self._free(tips), strict=True):
             lines, within = self._within(sights)
             row[mine] = np.arccos(np.clip(lines @ axis, -1.0, 1.0)) <= within
+        return Views(tips, axes, sees)
+
+    def from_poses(self, arm: Arm, poses: Sequence[FloatArray]) -> Views:
+        """Return the views of an arm in n poses, each of shape (c,), in which it may hide pieces from itself."""
+        tips, axes = np.zeros((2, len(poses), self.problem.dimension))
+        sees = np.zeros((len(poses), len(self.pieces.sizes)), dtype=bool)
+        for k, q in enumerate(poses):
+            before, tips[k] = points_with_tool(arm, q)[-2:]
+            axes[k] = (tips[k] - before) / np.linalg.norm(tips[k] - before)
+            sights = self.pieces.centres - tips[k]
+            ahead = sights @ axes[k] > np.cos(0.5 * self.coverage.field_of_view) * np.linalg.norm(sights, axis=1)
+            mine = np.flatnonzero(ahead & (self._angular_rooms(sights, self.pieces.normals) > 0.0))
+            mine = mine[~hidden_by_arm(arm, q, self.pieces.centres[mine], AT_POSE)]
+            rooms = self.rooms(np.broadcast_to(tips[k], (len(mine), len(tips[k]))), mine, self._least, AT_POSE)
+            sees[k, mine] = rooms > 0.0
         return Views(tips, axes, sees)
 
     def _free(self, tips: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:

@@ -124,7 +124,7 @@ class ViewPlanner:
                     failures.append(failure)
                     left.remove(view)
                 else:
-                    if not hidden_by_arm(problem.arm, path.spline(1.0), look_at.place):
+                    if not np.any(hidden_by_arm(problem.arm, path.spline(1.0), look_at.place[None])):
                         return path
                     hidden += 1
                     left.remove(view)

@@ -115,6 +115,10 @@ class StepperOf(Generic[AnyUnknowns]):
         edge = np.stack((before, after))
         return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
 
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
+        """Return the sorted indices of the intervals of a motion (K, c) that are not certified; see ``safe``."""
+        return np.unique(np.concatenate([limit.failures(q, depth) for limit in self.limits]))
+
     def edge_is_safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
         """Return whether the motion between two unknowns, each of shape (p,), is certified to respect all limits."""
         return len(self.failing_edges(np.stack((before, after)), depth)) == 0
