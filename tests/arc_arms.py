@@ -36,6 +36,8 @@ def arc_arm(
     limit: float = 2.0,
     radius: float = 0.01,
     straight: tuple[int, ...] = (),
+    *,
+    plane: bool = False,
     **changes: object,
 ) -> Arm:
     """Return an arm at the origin, straight along x, whose sections each bend by up to a limit about either axis.
@@ -46,21 +48,24 @@ def arc_arm(
         limit: bound on each of the two bends of a section [rad].
         radius: radius of the body about the arcs [m].
         straight: indices of further joints that do not bend, at which bodies may sit.
+        plane: whether it moves in the plane.
         **changes: further fields of the arm.
     """
     both = np.full((len(counts), 2), radius)
-    sections = ArcSections(np.array(counts), np.array(lengths), np.full(len(counts), limit), both, (), straight)
+    bends = 1 if plane else 2
+    parts = (np.array(counts), np.array(lengths), np.full(len(counts), limit))
+    sections = ArcSections(*parts, both, (), straight, np.eye(bends))
     n = sections.links
     mean = float(np.mean(sections.link_lengths))
     radii = sections.link_radii
-    limits = np.repeat(sections.joint_limits, 2)
+    limits = np.repeat(sections.joint_limits, bends)
     shares = Proportions(sections.link_lengths / mean, radii / np.max(radii), limits / np.max(limits))
     values: dict[str, object] = {
         "links": n,
         "link_length": mean,
         "radius": float(np.max(radii)),
-        "base": np.zeros(3),
-        "direction": np.array([1.0, 0.0, 0.0]),
+        "base": np.zeros(bends + 1),
+        "direction": np.eye(bends + 1)[0],
         "up": np.array([0.0, 0.0, 1.0]),
         "joint_limit": float(np.max(limits)),
         "base_limit": 3.0,

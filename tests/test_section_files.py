@@ -18,7 +18,6 @@ from ccm_opt.robot.arc_sections import ArcSections, Tendons, arc_deviation, fitt
 from ccm_opt.robot.arm import Arm
 
 from .command_runs import CommandLine
-from .conftest import SMALL_PROBLEM
 from .test_arc_sections import tip_of_arcs
 
 TEXT = """
@@ -150,17 +149,6 @@ def test_what_is_not_supported_is_refused_by_its_key(old: str, new: str, words: 
         read(text)
 
 
-def test_sections_in_the_plane_are_refused_by_their_key() -> None:
-    """Nothing is built of an arm that the plane does not support."""
-    section = (
-        '[[arm.sections]]\ndrive = "section"\nlinks = 4\nlink_length = 0.1\nradius = 0.02\njoint_limit_deg = 60.0\n'
-    )
-    text = SMALL_PROBLEM.replace("links = 4\nlink_length = 0.1\nradius = 0.02\n", "")
-    text = text.replace("joint_limit_deg = 60.0\n", section)
-    with pytest.raises(ProblemFileError, match=r'arm\.sections\[0\]\.drive: "section" is supported in space only'):
-        parse_problem(text)
-
-
 def test_folder_holds_drives_and_tendons(tmp_path: Path) -> None:
     """Arrays of drives agree with the bends, bodies are clear, the nearest section is named; no models are written."""
     solution = ccm_opt.solve(read(TEXT + LAMPS), explain=False)
@@ -251,9 +239,8 @@ def test_tendon_lengths_are_those_of_mujoco() -> None:
 
 def test_sections_are_divided_as_finely_as_their_radius_asks() -> None:
     """By default no arc is farther from its links than a tenth of the radius, and one link fewer would be too few."""
-    length, limit, radius = 0.25, 1.5, 0.01
-    count = fitting_arcs(length, limit, radius)
-    turn = np.sqrt(2.0) * limit
+    length, turn, radius = 0.25, 2.1, 0.01
+    count = fitting_arcs(length, turn, radius)
     assert arc_deviation(length / count, turn / count) <= 0.1 * radius
     assert arc_deviation(length / (count - 1), turn / (count - 1)) > 0.1 * radius
 

@@ -169,7 +169,7 @@ def parameter_table(problem: Problem) -> Table:
 
 
 def section_table(problem: Problem, sections: ArcSections) -> Table:
-    """Return a table of the sections that bend evenly: their shape, their tendons, and the drive of each of two bends.
+    """Return a table of the sections that bend evenly: their shape, their tendons, and the drives of their bends.
 
     Limits, inertia and friction are those of the bends of whole sections.
     """
@@ -181,8 +181,8 @@ def section_table(problem: Problem, sections: ArcSections) -> Table:
         return f"{in_unit(length, unit):.9g}"
 
     def of_sections(values: FloatArray | float, factors: FloatArray | IntArray | int = 1) -> list[str]:
-        """Return the values of the two bends of each section: those of its joints times a factor."""
-        of_joints = sections.of_drives(np.broadcast_to(values, (3 * arm.links,))).reshape(-1, 2)
+        """Return the values of the bends of each section: those of its joints times a factor."""
+        of_joints = sections.of_drives(np.broadcast_to(values, (3 * arm.links,))).reshape(len(sections.counts), -1)
         whole = of_joints * np.reshape(factors, (-1, 1))
         return [", ".join(dict.fromkeys(f"{value:g}" for value in pair)) for pair in whole]
 

@@ -219,7 +219,7 @@ def within_torque_limits(problem: Problem) -> Iterator[Finding]:
         if load[number] > limit[number]:
             drive = f"joint {number // 3 + 1} ({joint_names(arm)[number]})"
             if arm.sections is not None:
-                drive = f"section {number // 2 + 1} ({arm.sections.drive_names[number]})"
+                drive = f"section {number // arm.bends_a_joint + 1} ({arm.sections.drive_names[number]})"
             elif arm.coupled is not None:
                 drive = arm.coupled.drive_names[number]
             reason = (

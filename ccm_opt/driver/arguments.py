@@ -12,6 +12,7 @@ from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalRegion, contradictions
 from ccm_opt.ik.terms import TERM_TOLERANCE, Constraint, Cost, applies_at
+from ccm_opt.planning.plane_in_space import needs_space
 from ccm_opt.problem import Goal, Problem, Tolerances
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.problem.tool_rules import refuse_tool
@@ -62,7 +63,8 @@ def refuse_without_effect(problem: Problem) -> None:
         ProblemError: an option has no effect; the message names all such options and the reasons.
     """
     along = all(stop.goal.path is not None for stop in problem.goals)
-    found = options_without_effect(problem.planner, in_space=problem.dimension == 3, along_paths=along)
+    in_space = problem.dimension == 3 or needs_space(problem.arm)
+    found = options_without_effect(problem.planner, in_space=in_space, along_paths=along)
     lines = [f"planner.{name}: {why}" for name, why in found]
     if problem.pause and problem.planner.order != "free":
         lines.append("goal.pause: no goal follows, so that it has no effect; leave it out")

@@ -27,6 +27,7 @@ from ccm_opt.planning.ends import refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.passage_widths import MARGINS
+from ccm_opt.planning.plane_in_space import needs_space
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.section_map import unknowns_through
@@ -447,6 +448,11 @@ def _refuse_unsupported(problem: Problem) -> None:
         )
         if given
     ]
+    if needs_space(problem.arm):
+        raise ProblemError(
+            "servo control does not support planar arms of sections that bend evenly, or on a feed axis with bodies or "
+            "locked joints"
+        )
     if found:
         raise ProblemError(f"servo control does not keep {', '.join(found)}; leave it out")
 

@@ -59,8 +59,7 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
         _check_coupling(arm, arm.coupling, issues)
     if arm.sections and not any(np.any(each.limits) for each in arm.sections):
         issues.add(("arm", "sections"), "all joints are locked; expected at least one that bends")
-    # Sections in the plane that bend evenly are refused elsewhere.
-    return len(issues.found) == before and not (isinstance(arm, ArmTable) and arm.bends_evenly)
+    return len(issues.found) == before
 
 
 def _check_coupling(arm: SpaceArmTable, rows: Sequence[Sequence[float]], issues: Issues) -> None:
@@ -98,7 +97,7 @@ def check_unequal_links(arm: Arm, sections: Sequence[SectionTable], issues: Issu
     where: KeyPath = ("arm", "sections")
     arcs = () if arm.sections is None else zip(arm.sections.limits, arm.sections.counts, strict=True)
     for k, (limit, count) in enumerate(arcs):
-        turn = np.sqrt(2.0) * limit / count
+        turn = np.sqrt(arm.bends_a_joint) * limit / count
         if turn > MOST_ARC_TURN:
             least = int(np.ceil(turn * count / MOST_ARC_TURN))
             issues.add((*where, k, "links"), f"links turn by up to {np.rad2deg(turn):.3g}°; expected {least} or more")
@@ -234,7 +233,7 @@ def check_pose(
             if abs(value) > limit + ANGLE_TOLERANCE:
                 passed = f"{math.degrees(value):g}° exceeds {key} = {math.degrees(limit):g}"
                 issues.add((*path, "joints_deg", k, *which), passed)
-    if pose.segments is not None:
+    if pose.segments is not None and not arm.bends_evenly:
         total = sum(segment.length for segment in pose.segments)
         length = arm.links * arm.link_length
         if abs(total - length) > _LENGTH_TOLERANCE * length:
@@ -246,7 +245,7 @@ def check_pose(
 
 
 def _check_section_bends(sections: Sequence[SectionTable], bends: Sequence[Any], path: KeyPath, issues: Issues) -> None:
-    """Report bends of sections that bend evenly which exceed their limits, one pair of bends a section."""
+    """Report bends of sections that bend evenly which exceed their limits, in space a pair a section."""
     for k, (pair, section) in enumerate(zip(bends, sections, strict=True)):
         limit = section.links * float(np.max(section.joint_limit_deg))
         most = float(np.max(np.abs(pair)))

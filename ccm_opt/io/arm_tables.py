@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
@@ -97,7 +97,7 @@ class SectionTable(Table):
         default="joints",
         description=(
             'What bends the section: `"joints"`, each by itself, or `"section"`, all alike, so that the section is an '
-            "arc of constant curvature in a plane of any azimuth, as tendons bend it (in space, for all sections)."
+            "arc of constant curvature, in space in a plane of any azimuth, as tendons bend it (for all sections)."
         ),
     )
     links: Annotated[int, Field(ge=1, le=MAX_LINKS)] = Field(
@@ -112,15 +112,15 @@ class SectionTable(Table):
     bend_limit_deg: PositiveDegrees | None = Field(
         default=None,
         description=(
-            'With `drive = "section"`: limit on each of the two bends of the whole section, in place of '
-            "`joint_limit_deg`, which is that of one of its links."
+            'With `drive = "section"`: limit on each of the two bends of the whole section, in the plane on its bend, '
+            "in place of `joint_limit_deg`, which is that of one of its links."
         ),
     )
     tendons: TendonTable | None = Field(
         default=None,
         description=(
             'With `drive = "section"`: `{ radius = …, number = 3, angle_deg = 0 }`, of the tendons whose lengths are '
-            "in `solution.npz`."
+            "in `solution.npz`; in the plane only the radius, of two tendons, to the left and the right."
         ),
     )
     link_length: PositiveLength = Field(description="Length of each of its links.")
@@ -207,13 +207,14 @@ def arcs_before_bodies(places: Sequence[tuple[int, float]], counts: Sequence[int
     return sorted({sum(counts[:k]) + arc + 1 for k, arc in own if arc is not None} - {sum(counts)})
 
 
-def _divided(section: Any, places: Sequence[float] = ()) -> Any:
+def _divided(section: Any, bends: int, places: Sequence[float] = ()) -> Any:
     """Return the data of a section that bends evenly with the values of its links in place of those of the whole.
 
     Other sections, and invalid values, which are reported elsewhere, are returned unchanged.
 
     Args:
         section: the data.
+        bends: number of bends of a joint.
         places: fractions of its length at which bodies sit, where arcs end if that takes no more than twice as many.
     """
     if not isinstance(section, Mapping) or section.get("drive") != "section":
@@ -223,7 +224,7 @@ def _divided(section: Any, places: Sequence[float] = ()) -> Any:
     thin = min((each for each in (radius if isinstance(radius, list) else [radius]) if is_number(each)), default=0.0)
     count, each, bend = row.get("links"), row.get("joint_limit_deg"), row.get("bend_limit_deg")
     if count is None and is_number(row.get("length")) and is_number(bend) and thin > 0.0:
-        least = fitting_arcs(row["length"], math.radians(bend), thin)
+        least = fitting_arcs(row["length"], math.sqrt(bends) * math.radians(bend), thin)
         fitting = (n for n in range(least, max(2 * least, MOST_ARCS_AT_BODIES) + 1) if _end_arcs(places, n))
         count = row["links"] = next(fitting, least)
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
@@ -292,6 +293,8 @@ class ChainTable(Table):
     """Keys that the tables of planar arms and of arms in space have in common."""
 
     rules = Rules(at_most_one=("link_mass", "masses"), replaces=dict.fromkeys(("sections", "urdf"), SECTION_KEYS))
+    _BENDS: ClassVar[int] = 2
+    """Number of bends of a joint."""
 
     urdf: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
@@ -366,7 +369,8 @@ class ChainTable(Table):
         if not isinstance(sections, list) or not sections:
             return data
         places = _places_of_bodies(data.get("bodies"))
-        divided = [_divided(each, [at for own, at in places if own == k]) for k, each in enumerate(sections)]
+        of_each = [[at for own, at in places if own == k] for k in range(len(sections))]
+        divided = [_divided(each, cls._BENDS, own) for each, own in zip(sections, of_each, strict=True)]
         return {**data, "sections": divided, **_whole_of(divided, places)}
 
     @property
@@ -401,6 +405,8 @@ class ChainTable(Table):
 
 class ArmTable(ChainTable):
     """Table of a planar arm."""
+
+    _BENDS = 1
 
     base: Point = Field(description="Position of the first joint; it may touch a wall, but not lie inside one.")
     base_heading_deg: Degrees = Field(default=0.0, description="Heading of the straight arm.")

@@ -266,13 +266,14 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
         ProblemError: the arm cannot be folded, or its joints cannot follow the curve.
     """
     feed = pose_feed(table, arm)
+    shape = (arm.links, 2)[: arm.dimension - 1]
+    given = None if table.joints_deg is None else np.array(table.joints_deg)
+    if given is not None and arm.sections is not None and len(given) == len(arm.sections.counts):
+        given = (arm.sections.coupling @ given.ravel()).reshape(shape)
+    elif given is not None and arm.drives is not None and len(given) == arm.links:
+        given = arm.drives.nearest(given.ravel(), _BENDS_ROUNDING).reshape(shape)
     if arm.dimension == 3:
-        bends = np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg)
-        if arm.sections is not None and len(bends) == len(arm.sections.counts):
-            bends = (arm.sections.coupling @ bends.ravel()).reshape(arm.links, 2)
-        elif arm.drives is not None and len(bends) == arm.links:
-            bends = arm.drives.nearest(bends.ravel(), _BENDS_ROUNDING).reshape(arm.links, 2)
-        return JointPose(bends, feed)
+        return JointPose(np.zeros(shape) if given is None else given, feed)
     if table.segments is not None:
         curve = Configuration.chain(
             arm.base,
@@ -282,8 +283,8 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
             [(segment.knots[0], segment.knots[1], segment.knots[2]) for segment in table.segments],
         )
         return JointPose.along(arm, curve, mapping, float(feed))
-    if table.joints_deg is not None:
-        return JointPose(np.array(table.joints_deg), feed)
+    if given is not None:
+        return JointPose(given, feed)
     return JointPose(folded_bends(arm) if table.shape == "folded" else np.zeros(arm.links), feed)
 
 

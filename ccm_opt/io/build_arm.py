@@ -168,24 +168,25 @@ def _coupled_joints(table: ArmTable | SpaceArmTable, lengths: FloatArray, limits
 
 def _arc_sections(table: ArmTable | SpaceArmTable) -> ArcSections | None:
     """Return the division of an arm into sections that bend evenly, or None."""
-    if not table.bends_evenly or table.sections is None or not isinstance(table, SpaceArmTable):
+    if not table.bends_evenly or table.sections is None:
         return None
-    rows = table.sections
+    rows, plane = table.sections, isinstance(table, ArmTable)
     counts = np.array([each.links for each in rows])
     return ArcSections(
         counts,
         counts * np.array([each.link_length for each in rows]),
         counts * np.array([float(np.max(each.joint_limit_deg)) for each in rows]),
         np.array([(each.radius[0], each.radius[-1]) for each in rows]),
-        tuple(None if each.tendons is None else _tendons(each.tendons) for each in rows),
+        tuple(None if each.tendons is None else _tendons(each.tendons, plane=plane) for each in rows),
         table.straight_joints,
+        np.eye(1 if plane else 2),
     )
 
 
-def _tendons(table: TendonTable) -> Tendons:
-    """Return the tendons of a section from their table."""
+def _tendons(table: TendonTable, *, plane: bool) -> Tendons:
+    """Return the tendons of a section from their table, two in the plane."""
     limits = (math.inf if limit is None else limit for limit in (table.travel, table.speed))
-    return Tendons(table.radius, table.number, table.angle_deg, *limits)
+    return Tendons(table.radius, 2 if plane else table.number, table.angle_deg, *limits)
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:

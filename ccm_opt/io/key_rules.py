@@ -154,6 +154,7 @@ def _check_sections(data: Mapping[str, object], issues: Issues) -> None:
 _NEEDS_PATH = 'for sections with drive = "section" only together with goal.path; leave it out'
 _NOT_ALONG_PATH = "not supported along goal.path; leave it out"
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
+_NOT_IN_PLANE = 'not supported in the plane for sections with drive = "section"; give arm.tool, or leave it out'
 _UNSUPPORTED = (
     *(("arm", key) for key in ("base_limit_deg", "feed", "link_mass")),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
@@ -176,8 +177,6 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
     if not any(driven):
         return
     where: KeyPath = ("arm", "sections")
-    if data.get("space") != 3:
-        issues.add((*where, driven.index(True), "drive"), '"section" is supported in space only, with space = 3')
     one_number = 'expected one number with drive = "section"'
     for k, row in enumerate(rows):
         refused = {
@@ -195,10 +194,28 @@ def _check_driven_sections(data: Mapping[str, object], sections: Sequence[object
     for path, words in given:
         if lookup(data, path):  # zeros, which other arms have by default, change nothing
             issues.add(path, words)
+    if data.get("space") != 3:
+        _check_driven_in_plane(data, len(rows), issues)
     _need_masses(data, rows, issues)
     for key, only in (("method", "nlp"), ("retiming", "toppra")):
         if lookup(data, ("planner", key)) not in {None, only}:
             issues.add(("planner", key), f'expected "{only}" for sections with drive = "section"')
+
+
+def _check_driven_in_plane(data: Mapping[str, object], count: int, issues: Issues) -> None:
+    """Report what sections that bend evenly, of a given number, do not support in the plane."""
+    if lookup(data, ("arm", "bodies")):
+        issues.add(("arm", "bodies"), _NOT_IN_PLANE)
+    for k in range(count):
+        for key in ("number", "angle_deg"):
+            path: KeyPath = ("arm", "sections", k, "tendons", key)
+            if lookup(data, path) is not None:
+                issues.add(path, "in the plane a section has two tendons, to its left and its right; leave it out")
+    for pose in (("start",), *goal_paths(data)):
+        if lookup(data, (*pose, "segments")) is not None:
+            issues.add((*pose, "segments"), _LEAVE_OUT)
+        if lookup(data, (*pose, "shape")) == "folded":
+            issues.add((*pose, "shape"), 'expected "straight" for sections with drive = "section"')
 
 
 def _need_masses(data: Mapping[str, object], rows: Sequence[Mapping[str, object]], issues: Issues) -> None:

@@ -228,7 +228,9 @@ def _base_table(arm: Arm, limits: Limits | None) -> BaseTable:
     return BaseTable.from_object(arm, position=arm.base, axes=axes)
 
 
-def _driven_arm(arm: Arm, sections: ArcSections, limits: Limits | None, entries: Mapping[str, object]) -> SpaceArmTable:
+def _driven_arm(
+    arm: Arm, sections: ArcSections, limits: Limits | None, entries: Mapping[str, object]
+) -> PlaneArmTable | SpaceArmTable:
     """Return an arm whose sections bend evenly as the table ``[arm]`` of a problem file."""
     rows = [
         SectionTable.from_object(
@@ -238,21 +240,24 @@ def _driven_arm(arm: Arm, sections: ArcSections, limits: Limits | None, entries:
             link_length=float(sections.lengths[k]) / count,
             radius=sections.radii[k].tolist(),
             joint_limit_deg=float(sections.limits[k]) / count,
-            tendons=None if tendons is None else _tendon_table(tendons),
+            tendons=None if tendons is None else _tendon_table(tendons, plane=arm.dimension == 2),
         )
         for k, (count, tendons) in enumerate(
             zip(sections.counts.tolist(), sections.tendons or (None,) * len(sections.counts), strict=True)
         )
     ]
     entries = {**entries, "base_limit_deg": None, "sections": rows}
+    if arm.dimension == 2:
+        return PlaneArmTable.from_object(arm, **entries)
     return SpaceArmTable.from_object(arm, base=_base_table(arm, limits), **entries)
 
 
-def _tendon_table(tendons: Tendons) -> TendonTable:
-    """Return the tendons of a section as a table; a limit of inf is none."""
+def _tendon_table(tendons: Tendons, *, plane: bool) -> TendonTable:
+    """Return the tendons of a section as a table, in the plane without their places; a limit of inf is none."""
     limits = {key: getattr(tendons, key) for key in ("travel", "speed")}
     given = {key: limit if np.isfinite(limit) else None for key, limit in limits.items()}
-    return TendonTable.from_object(tendons, angle_deg=tendons.angle, **given)
+    places = dict.fromkeys(("number", "angle_deg")) if plane else {"angle_deg": tendons.angle}
+    return TendonTable.from_object(tendons, **places, **given)
 
 
 def _pair(limits: FloatArray) -> float | list[float]:

@@ -268,7 +268,7 @@ def _has_shape(table: Table) -> bool:
 def _check_travel(table: ArmTable | SpaceArmTable, pose: _Pose, path: KeyPath, issues: Issues) -> None:
     """Report a pose that takes more than the travel of a tendon."""
     arm = build_arm(table)
-    if arm.sections is None or not pose.joints_deg or issues.at((*path, "joints_deg")):
+    if arm.sections is None or not pose.joints_deg or pose.segments or issues.at((*path, "joints_deg")):
         return
     used = arm.sections.travel_used(np.ravel(build_pose(pose, arm, "least-squares").bends))
     if used > 1.0 + ANGLE_TOLERANCE:

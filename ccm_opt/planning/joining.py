@@ -22,6 +22,7 @@ from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.own_units import OwnUnits, planning_units
+from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space, rows_in_space
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
@@ -77,6 +78,13 @@ class PathJoiner:
         """Distance tree of the surfaces of a workspace in space."""
         return problem_with_tool_links(self.problem).workspace.surface_tree
 
+    @cached_property
+    def _in_space(self) -> "PathJoiner":
+        """What does the same for a planar arm whose motions are planned in space."""
+        links = self.problem.arm.links
+        pace = np.concatenate((np.repeat(self.pace[:links], 2), self.pace[links:]))
+        return PathJoiner(problem_in_space(replace(self.problem, goal=self.problem.start, stops=())), pace)
+
     def path(self, chain: FloatArray) -> JointPath | None:
         """Return a certified path with the ends of a chain, along the chain or shorter, or None.
 
@@ -86,6 +94,9 @@ class PathJoiner:
             chain: configurations along certified motions, shape (K ≥ 2, c) [rad, m].
         """
         arm = self.problem.arm
+        if needs_space(arm):
+            path = self._in_space.path(rows_in_space(chain, arm.links))
+            return None if path is None else path_in_plane(path, arm)
         start, goal = (JointPose.from_configuration(q, arm.coordinates) for q in chain[[0, -1]])
         problem = problem_with_tool_links(replace(self.problem, start=start, goal=goal, stops=()))
         whole = problem.arm
@@ -114,9 +125,14 @@ class PathJoiner:
         Args:
             path: certified path of the problem's arm.
         """
-        rows = np.asarray(path.spline(np.linspace(0.0, 1.0, _LOOKS * len(path.keyframes) + 1)))
+        return self.lack_at(np.asarray(path.spline(np.linspace(0.0, 1.0, _LOOKS * len(path.keyframes) + 1))))
+
+    def lack_at(self, rows: FloatArray) -> FloatArray:
+        """Return how much clearance configurations (K, c) lack, as fractions of the preferred one, shape (K,)."""
         if self.problem.wanted_gap == 0.0:
             return np.zeros(len(rows))
+        if needs_space(self.problem.arm):
+            return self._in_space.lack_at(rows_in_space(rows, self.problem.arm.links))
         start = JointPose.from_configuration(rows[0], self.problem.arm.coordinates)
         problem = problem_with_tool_links(replace(self.problem, start=start, goal=start, stops=()))
         rows = _with_bodies(rows, problem.arm, 0.0)

@@ -133,7 +133,10 @@ class OwnUnits:
 
     def _arm(self, arm: Arm) -> Arm:
         area = self.metres**2
-        feed = arm.feed
+        feed, sections = arm.feed, arm.sections
+        if sections is not None:
+            lengths, radii = sections.lengths / self.metres, sections.radii / self.metres
+            sections = replace(sections, lengths=lengths, radii=radii)
         if feed is not None:
             feed = replace(feed, low=self._length(feed.low), high=self._length(feed.high), hole=self._length(feed.hole))
         return replace(
@@ -145,6 +148,7 @@ class OwnUnits:
             inertia_axial=_rounded(arm.inertia_axial / area),
             inertia_transverse=_rounded(arm.inertia_transverse / area),
             feed=feed,
+            sections=sections,
             rotor_inertia=_rounded(arm.rotor_inertia / area),
             friction=_rounded(arm.friction / area),
         )

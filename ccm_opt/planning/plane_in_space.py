@@ -31,8 +31,12 @@ _DEPTH_OF_ARM = 4.0
 
 
 def needs_space(arm: Arm) -> bool:
-    """Return whether motions of a planar arm are planned in space: on a feed axis, with bodies or locked joints."""
-    return arm.dimension == 2 and arm.feed is not None and bool(arm.rigid_bodies or np.any(arm.locked_joints))
+    """Return whether motions of a planar arm are planned in space.
+
+    They are those of sections that bend evenly, and of arms on a feed axis with bodies or locked joints.
+    """
+    particular = arm.feed is not None and bool(arm.rigid_bodies or np.any(arm.locked_joints))
+    return arm.dimension == 2 and (arm.sections is not None or particular)
 
 
 def problem_in_space(problem: Problem) -> Problem:
@@ -47,7 +51,7 @@ def problem_in_space(problem: Problem) -> Problem:
     depth = max(_DEPTH * arm.length, _DEPTH_OF_ARM * wide)
     return replace(
         problem,
-        arm=_arm(arm),
+        arm=arm_in_space(arm),
         workspace=_workspace(problem.workspace, depth),
         start=_pose(problem.start),
         goal=_goal(problem.goal),
@@ -77,12 +81,18 @@ def path_in_plane(path: JointPath, arm: Arm) -> JointPath:
     )
 
 
+def rows_in_space(values: FloatArray, links: int) -> FloatArray:
+    """Return configurations in the plane, shape (K, c), as those in space, shape (K, c + links) [rad, m]."""
+    pairs = np.stack((np.zeros((len(values), links)), 0.0 - values[:, :links]), axis=-1)
+    return np.hstack((pairs.reshape(len(values), -1), values[:, links:]))
+
+
 def _in_plane(values: FloatArray, links: int) -> FloatArray:
     """Return configurations in space, shape (K, c), as those in the plane, shape (K, c − links) [rad, m]."""
     return np.ascontiguousarray(np.hstack((0.0 - values[:, 1 : 2 * links : 2], values[:, 2 * links :])))
 
 
-def _arm(arm: Arm) -> Arm:
+def arm_in_space(arm: Arm) -> Arm:
     """Return a planar arm as one in space, with the first bend of each joint locked."""
     links = arm.links
     shares = np.ones(links) if arm.proportions is None else arm.proportions.limits
@@ -98,6 +108,7 @@ def _arm(arm: Arm) -> Arm:
         up=arm.base_rotation[:, 2],
         axes="zyx",
         proportions=proportions,
+        sections=None if arm.sections is None else replace(arm.sections, bends=np.array([[0.0], [-1.0]])),
         bodies=tuple(map(_body, arm.bodies)),
         tool=None if arm.tool is None else _body(arm.tool),
     )

@@ -162,8 +162,8 @@ class MotionPlanner:
         if needs_space(problem.arm):
             if self.terms is not None:
                 raise ProblemError(
-                    "constraints and costs are not supported for a planar arm on a feed axis with a tool, bodies "
-                    "or locked joints; leave them out"
+                    "constraints and costs are not supported for a planar arm of sections that bend evenly, or on a "
+                    "feed axis with a tool, bodies or locked joints; leave them out"
                 )
             return self.planned_in_space(problem).path
         if problem.arm.rigid_bodies:

@@ -88,7 +88,7 @@ def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]
     arm, limits = problem.arm, problem.limits
     what = "coupled joints" if arm.sections is None else "sections that bend evenly"
     yield from broken(
-        (arm.dimension == 3, f"{what} are for arms in space"),
+        (arm.dimension == 3 or arm.coupled is None, "coupled joints are for arms in space"),
         (arm.sections is None or arm.coupled is None, "an arm has either sections that bend evenly or coupled joints"),
         (
             arm.feed is None,
@@ -100,8 +100,9 @@ def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]
         (problem.planner.retiming == "toppra", f"planner.retiming must be 'toppra' for {what}"),
     )
     matrix = drives.coupling
-    if len(matrix) != 2 * arm.links:
-        yield f"{what}: the coupling has {len(matrix)} rows; expected two for each of {arm.links} joints"
+    if len(matrix) != arm.bends_a_joint * arm.links:
+        expected = f"expected {arm.bends_a_joint} for each of {arm.links} joints"
+        yield f"{what}: the coupling has {len(matrix)} rows; {expected}"
         return
     if arm.sections is None and (np.any(np.sum(matrix != 0.0, axis=1) > 1) or not np.all(np.any(matrix, axis=0))):
         yield "arm.coupled must move each bend by one drive at most, and something by each drive"
@@ -110,7 +111,7 @@ def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
     for name, pose in poses:
         joints = pose.for_joints
-        if joints and np.shape(joints.bends) == (arm.links, 2):
+        if joints and np.size(joints.bends) == len(matrix):
             misfit = drives.misfit(np.ravel(joints.bends))
             if misfit > DRIVES_MISFIT:
                 yield f"{name}.bends differ by up to {np.rad2deg(misfit):.3g}° from those of {what}"

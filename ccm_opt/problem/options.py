@@ -93,7 +93,7 @@ _OF_THE_PAPER = "is the paper's method, for the plane only; leave it out in spac
 _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
     ("method", "hill-climbing", ("in space",), f'"hill-climbing" {_OF_THE_PAPER}'),
     ("mapping", "even-joints", ("in space",), f'"even-joints" {_OF_THE_PAPER}'),
-    ("routes", None, ("in space",), "corridors are searched in the plane only; leave it out in space"),
+    ("routes", None, ("in space",), "corridors are searched for planar arms of single joints only; leave it out"),
     (
         "tries",
         None,
@@ -119,7 +119,7 @@ def options_without_effect(options: PlannerOptions, *, in_space: bool, along_pat
 
     Args:
         options: options of the problem; a default value counts as not set.
-        in_space: whether the arm moves in three dimensions.
+        in_space: whether the arm moves in three dimensions, or is planned as if it did.
         along_paths: whether every goal is a path of the tip.
 
     Yields:

@@ -1,5 +1,7 @@
 """Sections of an arm that bend evenly: arcs of constant curvature, each driven by two bends, as tendons drive them.
 
+In the plane each is driven by one bend, and the same holds without the bends about y.
+
 A section of length L is divided into n equal arcs. Each is the vertex of its two tangents: a joint in the middle, which
 turns by the rotation vector (0, b, a) in the frame of the link before it. A link consists of the tangents of two
 successive arcs, and the first and the last link of one, so that the first joint, at the base, does not bend. All arcs
@@ -10,7 +12,7 @@ and half of its turn x. The tangents are tan(x) / x times as long as half the ar
 an arc, the link is divided there: the joint between its two parts does not bend.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -58,11 +60,13 @@ class ArcSections(DriveCoupling):
     Attributes:
         counts: number of arcs of each section, shape (s,).
         lengths: length of each section along its axis, shape (s,) [m].
-        limits: bound on the absolute value of each of the two bends of a whole section, shape (s,) [rad].
+        limits: bound on the absolute value of each bend of a whole section, shape (s,) [rad].
         radii: radius of the body about the arcs at both ends of each section, between which it tapers, (s, 2) [m].
         tendons: tendons of each section, if known; empty for none.
         straight: indices of the joints that do not bend, beside the first: those at bodies, and those of links that
             stand for bodies.
+        bends: bends of a joint for unit bends of its section, times the number of arcs, shape (k, m): in space 2 × 2,
+            in the plane 1 × 1, and 2 × 1 for a planar arm that is planned in space.
     """
 
     counts: IntArray
@@ -71,6 +75,12 @@ class ArcSections(DriveCoupling):
     radii: FloatArray
     tendons: tuple[Tendons | None, ...] = ()
     straight: tuple[int, ...] = ()
+    bends: FloatArray = field(default_factory=lambda: np.eye(2))
+
+    @property
+    def bends_a_section(self) -> int:
+        """Number of bends that drive each section, 1 in the plane and 2 in space."""
+        return int(self.bends.shape[1])
 
     @property
     def links(self) -> int:
@@ -111,12 +121,12 @@ class ArcSections(DriveCoupling):
 
     @cached_property
     def turn_limits(self) -> FloatArray:
-        """Turn of the arc about each joint with both bends at their limits, and 0 for the tip, shape (links + 1,)."""
-        return np.append(self._each(np.sqrt(2.0) * self.limits / self.counts), 0.0)
+        """Turn of the arc about each joint with all bends at their limits, and 0 for the tip, shape (links + 1,)."""
+        return np.append(self._each(np.sqrt(self.bends_a_section) * self.limits / self.counts), 0.0)
 
     @cached_property
     def joint_limits(self) -> FloatArray:
-        """Bound on the absolute value of each of a joint's two bends, 0 if it does not bend, shape (links,) [rad]."""
+        """Bound on the absolute value of each of a joint's bends, 0 if it does not bend, shape (links,) [rad]."""
         return self._each(self.limits / self.counts)
 
     def _each(self, values: FloatArray) -> FloatArray:
@@ -138,36 +148,37 @@ class ArcSections(DriveCoupling):
 
     @property
     def drive_names(self) -> tuple[str, ...]:
-        """Names of the drives, the two bends of each section, such as ``section2_b``."""
-        return tuple(f"section{k + 1}_{bend}" for k in range(len(self.counts)) for bend in "ab")
+        """Names of the drives, the two bends of each section, such as ``section2_b``; in the plane ``section2``."""
+        kinds = ("_a", "_b") if self.bends_a_section == 2 else ("",)
+        return tuple(f"section{k + 1}{bend}" for k in range(len(self.counts)) for bend in kinds)
 
     @property
     def drive_order(self) -> IntArray:
-        """Indices of the bends of all sections about up, then about left, shape (2 s,)."""
-        return np.arange(2 * len(self.counts)).reshape(-1, 2).T.ravel()
+        """Indices of the bends of all sections about up, then about left, shape (m s,)."""
+        return np.arange(self.bends_a_section * len(self.counts)).reshape(len(self.counts), -1).T.ravel()
 
     @property
     def drive_limits(self) -> FloatArray:
-        """Bound on the absolute value of each bend of each section, shape (2 s,) [rad]."""
-        return np.repeat(self.limits, 2)
+        """Bound on the absolute value of each bend of each section, shape (m s,) [rad]."""
+        return np.repeat(self.limits, self.bends_a_section)
 
     @property
     def drive_lengths(self) -> FloatArray:
-        """Length of the section of each bend, shape (2 s,) [m]."""
-        return np.repeat(self.lengths, 2)
+        """Length of the section of each bend, shape (m s,) [m]."""
+        return np.repeat(self.lengths, self.bends_a_section)
 
     @property
     def drive_scales(self) -> FloatArray:
-        """Change of each bend that changes the bends of the joints by a unit in all, shape (2 s,)."""
-        return np.repeat(np.sqrt(self.counts), 2)
+        """Change of each bend that changes the bends of the joints by a unit in all, shape (m s,)."""
+        return np.repeat(np.sqrt(self.counts), self.bends_a_section)
 
     @cached_property
     def coupling(self) -> FloatArray:
-        """Derivatives of the bends of the joints with respect to those of the sections, shape (2 links, 2 s)."""
+        """Derivatives of the bends of the joints with respect to those of the sections, shape (k links, m s)."""
         shares = np.zeros((self.links, len(self.counts)))
         bent = np.flatnonzero(self.section_of_joint >= 0)
         shares[bent, self.section_of_joint[bent]] = np.repeat(1.0 / self.counts, self.counts)
-        return np.asarray(np.kron(shares, np.eye(2)), dtype=np.float64)
+        return np.asarray(np.kron(shares, self.bends), dtype=np.float64)
 
     def at_joints(self, values: FloatArray) -> FloatArray:
         """Return for each joint the value of its section, of values of all sections or of each, shape (s,); (links,).
@@ -178,23 +189,32 @@ class ArcSections(DriveCoupling):
         return np.asarray(each[np.maximum(self.section_of_joint, 0)])
 
     def of_drives(self, values: FloatArray) -> FloatArray:
-        """Return the values of the drives, shape (2 s,), which all revolutes of their section have, (3 links,)."""
+        """Return the values of the drives, shape (m s,), which all revolutes of their section have, (3 links,)."""
         first = self._bent[np.cumsum(self.counts) - self.counts]
-        return np.asarray(values.reshape(-1, 3)[first, :2].ravel())
+        # The bend in the plane is the second revolute.
+        return np.asarray(values.reshape(-1, 3)[first, 2 - self.bends_a_section : 2].ravel())
+
+    def _turns(self, drives: FloatArray) -> FloatArray:
+        """Return the turns of the sections towards left and up, (..., s, 2) [rad], for drives of shape (..., m s)."""
+        bends = drives.reshape(*drives.shape[:-1], len(self.counts), -1)
+        if self.bends_a_section == 1:
+            return np.concatenate((bends, np.zeros_like(bends)), axis=-1)
+        return np.asarray(bends * np.array([1.0, -1.0]))
 
     def curvatures(self, drives: FloatArray) -> FloatArray:
-        """Return the curvature of each section for drives of shape (..., 2 s), shape (..., s) [1/m]."""
-        bends = drives.reshape(*drives.shape[:-1], -1, 2)
-        return np.asarray(np.linalg.norm(bends, axis=-1) / self.lengths)
+        """Return the curvature of each section for drives of shape (..., m s), shape (..., s) [1/m]."""
+        return np.asarray(np.linalg.norm(self._turns(drives), axis=-1) / self.lengths)
 
     def azimuths(self, drives: FloatArray) -> FloatArray:
         """Return the direction in which each section bends, from left (y) towards up (z), (..., s) [rad].
 
+        In the plane it is 0 to the left and π to the right.
+
         Args:
-            drives: bends of the sections, shape (..., 2 s) [rad].
+            drives: bends of the sections, shape (..., m s) [rad].
         """
-        bends = drives.reshape(*drives.shape[:-1], -1, 2)
-        return np.asarray(np.arctan2(-bends[..., 1], bends[..., 0]))
+        turns = self._turns(drives)
+        return np.asarray(np.arctan2(turns[..., 1], turns[..., 0]))
 
     def tendon_lengths(self, drives: FloatArray) -> FloatArray:
         """Return the lengths of all tendons, those of the first section first, shape (..., count) [m].
@@ -203,10 +223,9 @@ class ArcSections(DriveCoupling):
         position in all sections that it runs through, whose frames follow the axis without roll.
 
         Args:
-            drives: bends of the sections, shape (..., 2 s) [rad].
+            drives: bends of the sections, shape (..., m s) [rad].
         """
-        bends = drives.reshape(*drives.shape[:-1], -1, 2) * np.array([1.0, -1.0])
-        turned = np.cumsum(bends, axis=-2)
+        turned = np.cumsum(self._turns(drives), axis=-2)
         along = np.cumsum(self.lengths)
         found = [
             along[k] - turned[..., k, :] @ tendons.sides.T
@@ -223,9 +242,9 @@ class ArcSections(DriveCoupling):
 
     @cached_property
     def tendon_slopes(self) -> FloatArray:
-        """Derivatives of the lengths of all tendons by the bends of the sections, shape (count, 2 s) [m/rad]."""
-        straight = self.tendon_lengths(np.zeros(2 * len(self.counts)))
-        return np.stack([self.tendon_lengths(bends) - straight for bends in np.eye(2 * len(self.counts))], axis=-1)
+        """Derivatives of the lengths of all tendons by the bends of the sections, shape (count, m s) [m/rad]."""
+        straight = self.tendon_lengths(np.zeros(len(self.drive_names)))
+        return np.stack([self.tendon_lengths(bends) - straight for bends in np.eye(len(self.drive_names))], axis=-1)
 
     def of_tendons(self, name: str) -> FloatArray:
         """Return an attribute of ``Tendons`` for each tendon, shape (count,)."""
@@ -233,7 +252,7 @@ class ArcSections(DriveCoupling):
 
     @cached_property
     def travel_rows(self) -> FloatArray:
-        """Fraction of its travel that each limited tendon takes for a unit of each joint's bends, (k, 2 links)."""
+        """Fraction of its travel that each limited tendon takes for a unit of each joint's bends, (t, k links)."""
         travel = self.of_tendons("travel")
         limited = np.isfinite(travel)
         slopes = self.tendon_slopes[limited] / travel[limited, None]
@@ -247,14 +266,14 @@ class ArcSections(DriveCoupling):
         of a section that together bend nothing, at least one is zero.
 
         Args:
-            torques: torques of the drives, shape (..., 2 s) [N m].
+            torques: torques of the drives, shape (..., m s) [N m].
 
         Returns:
             Tensions in the order of ``tendon_lengths``; without columns unless every section has tendons.
         """
         if len(self.tendons) < len(self.counts) or None in self.tendons:
             return np.zeros((*torques.shape[:-1], 0))
-        bending = torques.reshape(*torques.shape[:-1], -1, 2) * np.array([1.0, -1.0])
+        bending = self._turns(torques)
         own = bending - np.concatenate((bending[..., 1:, :], np.zeros_like(bending[..., :1, :])), axis=-2)
         found = []
         for k, tendons in enumerate(self.tendons):
@@ -266,6 +285,18 @@ class ArcSections(DriveCoupling):
             parts = pulled.reshape(*pulled.shape[:-1], -1, tendons.number // 2 if groups == 2 else 1)
             found.append((parts - np.min(parts, axis=-2, keepdims=True)).reshape(pulled.shape))
         return np.concatenate(found, axis=-1)
+
+    def tangents(self, turns: FloatArray, lengths: FloatArray) -> FloatArray:
+        """Return the length of each link, along tangents of arcs that turn by angles, shape (..., links) [m].
+
+        Args:
+            turns: turns of the arcs about all joints, shape (..., links) [rad].
+            lengths: length of each link of the straight arm, shape (links,) [m].
+        """
+        half = np.maximum(0.5 * np.abs(turns), 1e-8)
+        grown = self.arcs[:-1] * (np.tan(half) / half - 1.0)
+        beyond = np.concatenate((grown[..., 1:], np.zeros_like(grown[..., :1])), axis=-1)
+        return np.asarray(lengths + grown + beyond)
 
     def longest_links(self) -> FloatArray:
         """Greatest length of each link within the limits, shape (links,) [m]."""
@@ -287,15 +318,14 @@ class ArcSections(DriveCoupling):
         return np.asarray(np.maximum(beside[:-1], beside[1:]))
 
 
-def fitting_arcs(length: float, limit: float, radius: float) -> int:
+def fitting_arcs(length: float, turn: float, radius: float) -> int:
     """Return the number of arcs of a section whose links are within a tenth of the radius of their arcs.
 
     Args:
         length: length of the section, in the unit of the radius.
-        limit: bound on each of the two bends of the section [rad].
+        turn: turn of the section with all bends at their limits [rad].
         radius: radius of the section's body, above 0.
     """
-    turn = np.sqrt(2.0) * limit
     count = max(int(np.ceil(turn / MOST_ARC_TURN)), 1)
     while arc_deviation(length / count, turn / count) > DEVIATION_SHARE * radius and count < _MOST_ARCS:
         count += 1

@@ -68,9 +68,9 @@ class Arm(LinkLayout):
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
         clamped_joints: number of joints, counted from the base, whose bends are limited to zero.
         proportions: lengths, radii and limits that differ between links; None if all links are equal.
-        sections: division of an arm in space into sections that bend evenly, whose joints turn by the rotation vector
-            (0, b, a) and whose links are tangents of arcs; None if joints bend independently. Radii then include the
-            distance of the arcs from the links.
+        sections: division of an arm into sections that bend evenly, whose joints turn by the rotation vector
+            (0, b, a), in the plane by one bend, and whose links are tangents of arcs; None if joints bend
+            independently. Radii then include the distance of the arcs from the links.
         coupled: coupling of joints in space that turn by constant ratios of their drives; None if there is none. Not
             together with ``sections``.
         bodies: rigid bodies on links, beside the tool.
@@ -516,7 +516,8 @@ class Arm(LinkLayout):
             headings: link headings, shape (..., links) [rad].
             feed: displacement of the base along the base heading, shape (...) [m].
         """
-        steps = self.lengths[:, None] * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
+        lengths = self.lengths if self.sections is None else self.sections.tangents(self.bends(headings), self.lengths)
+        steps = lengths[..., None] * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
         start = np.zeros((*steps.shape[:-2], 1, 2))
         positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
         if isinstance(feed, float) and feed == 0.0:  # the case in the planners' inner loops

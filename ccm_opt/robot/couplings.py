@@ -17,12 +17,12 @@ DRIVES_MISFIT = 1e-9
 
 
 class DriveCoupling(ABC):
-    """Abstract coupling of the joints of an arm in space to m drives."""
+    """Abstract coupling of the joints of an arm, of k bends each, to m drives."""
 
     @property
     @abstractmethod
     def coupling(self) -> FloatArray:
-        """Derivatives of the bends of the joints with respect to the drives, shape (2 links, m)."""
+        """Derivatives of the bends of the joints with respect to the drives, shape (k links, m)."""
 
     @property
     @abstractmethod
@@ -51,7 +51,7 @@ class DriveCoupling(ABC):
 
     @property
     def travel_rows(self) -> FloatArray:
-        """Fraction of its travel that each limited tendon takes for a unit of each joint's bends, (k, 2 links)."""
+        """Fraction of its travel that each limited tendon takes for a unit of each joint's bends, (t, k links)."""
         return np.zeros((0, len(self.coupling)))
 
     @abstractmethod
@@ -59,14 +59,14 @@ class DriveCoupling(ABC):
         """Return the torque limits of the drives, shape (m,), which all revolutes that they move have, (3 links,)."""
 
     def drives(self, bends: FloatArray) -> FloatArray:
-        """Return the values of the drives, shape (..., m), nearest to bends of the joints, (..., 2 links) [rad].
+        """Return the values of the drives, shape (..., m), nearest to bends of the joints, (..., k links) [rad].
 
         The map is linear, so it also applies to velocities and accelerations.
         """
         return np.asarray(bends @ np.linalg.pinv(self.coupling).T)
 
     def misfit(self, bends: FloatArray) -> float:
-        """Return by how much bends of the joints, (..., 2 links), differ from the nearest of the drives, at most."""
+        """Return by how much bends of the joints, (..., k links), differ from the nearest of the drives, at most."""
         return float(np.max(np.abs(bends - self.drives(bends) @ self.coupling.T)))
 
     def nearest(self, bends: FloatArray, within: float) -> FloatArray:
@@ -81,7 +81,7 @@ class DriveCoupling(ABC):
         return np.asarray(found if np.max(np.abs(found - bends)) <= within else bends)
 
     def travel_used(self, bends: FloatArray) -> float:
-        """Return the greatest fraction of its travel by which bends of the joints, (..., 2 links), move a tendon."""
+        """Return the greatest fraction of its travel by which bends of the joints, (..., k links), move a tendon."""
         return float(np.max(np.abs(bends @ self.travel_rows.T), initial=0.0))
 
 

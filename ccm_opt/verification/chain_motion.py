@@ -132,7 +132,7 @@ def arc_frames(arm: Arm, positions: FloatArray) -> FloatArray:
 
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
     """Return the directions of the links in configurations (T, c), as unit vectors, shape (T, links, d)."""
-    if arm.sections is not None:
+    if arm.dimension == 3 and arm.sections is not None:
         return arc_frames(arm, positions)[..., 0]
     if arm.dimension == 3:
         return LinkFrames.from_configurations(arm, positions).along
@@ -464,7 +464,8 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     S_j = |ω_j at s = ½| + ½ D_j is an upper bound on |ω_j|. A link of length l along the unit vector t adds
     l (ω' × t + ω × (ω × t)) to the second derivative of every point beyond it. In the plane no axis turns, and ω' is
     zero. The axes of an arc's joint turn themselves by half of the squared change of its rotation vector at most, in
-    the place of |Δa Δb|. Its link grows by l' and l'', which adds |l''| + 2 |l'| |ω|, with the greatest lengths. Where
+    the place of |Δa Δb|. Its link grows by l' and l'', which adds |l''| + 2 |l'| |ω|, with the greatest lengths, in the
+    plane as well. Where
     axes carry the base, ω_0, D_0 and S_0 are those of the base.
 
     Args:
@@ -476,23 +477,24 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
     base = BaseMotion.from_configurations(arm, middle) if arm.carrier else None
     if base is not None:
         base_rate, gain, fastest, second_derivatives[:, 0] = base_bounds(arm, base, middle, steps)
+    lengths = np.broadcast_to(arm.lengths, (len(steps), arm.links))
+    growing, bending = np.zeros((2, len(steps), arm.links))
+    if arm.sections is not None:
+        each = arc_turns(arm, steps)
+        lengths, growing, bending = _growth_bounds(arm, arc_turns(arm, middle) + 0.5 * each, each)
     if arm.dimension == 2:
-        turned = _turned_in_plane(arm, steps)
-        np.cumsum(arm.lengths * turned**2, axis=1, out=second_derivatives[:, 1:])
+        turned = np.abs(_turned_in_plane(arm, steps))
+        added = lengths * turned**2 + 2.0 * growing * turned + bending
+        np.cumsum(added, axis=1, out=second_derivatives[:, 1:])
         second_derivatives[:, 1:] += second_derivatives[:, :1]
         return second_derivatives
     bends = bend_pairs(arm, steps)
+    each = np.hypot(bends[..., 0], bends[..., 1])
     frames = LinkFrames.from_configurations(arm, middle)
     turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
     turns = np.cumsum(turns, axis=1)
     rates = lengths_of(turns if base is None else turns + base_rate[:, None])
-    each = np.hypot(bends[..., 0], bends[..., 1])
-    both = np.abs(bends[..., 0] * bends[..., 1])
-    lengths = np.broadcast_to(arm.lengths, each.shape)
-    growing, bending = np.zeros((2, *each.shape))
-    if arm.sections is not None:
-        both = 0.5 * each**2
-        lengths, growing, bending = _growth_bounds(arm, arc_turns(arm, middle) + 0.5 * each, each)
+    both = np.abs(bends[..., 0] * bends[..., 1]) if arm.sections is None else 0.5 * each**2
     if base is None:
         fastest, gain = np.zeros((2, len(bends)))
     for link in range(arm.links):

@@ -73,7 +73,9 @@ def of_drives(arm: Arm, torques: FloatArray) -> FloatArray:
         return np.asarray(bends @ arm.coupled.ratios)
     if arm.sections is None:
         return torques
-    bends = torques.reshape(len(torques), arm.links, 3)[:, :, :2]
+    # In the plane it is the second revolutes that bend, in the opposite sense.
+    signed = torques if arm.dimension == 3 else -torques
+    bends = signed.reshape(len(torques), arm.links, 3)[:, :, 3 - arm.dimension : 2]
     return np.concatenate([np.mean(bends[:, joints], axis=1) for joints in section_joints(arm.sections)], axis=1)
 
 
@@ -102,7 +104,7 @@ def torque_limits(arm: Arm, limits: FloatArray) -> FloatArray:
         return np.array([np.min(of_bends[ratios != 0.0]) for ratios in arm.coupled.ratios.T])
     if arm.sections is None:
         return limits
-    bends = limits.reshape(arm.links, 3)[:, :2]
+    bends = limits.reshape(arm.links, 3)[:, 3 - arm.dimension : 2]
     return np.concatenate([np.min(bends[joints], axis=0) for joints in section_joints(arm.sections)])
 
 
@@ -112,7 +114,8 @@ def describe_drives(arm: Arm, names: Sequence[str]) -> tuple[str, ...]:
         return tuple(f"drive {k + 1}" for k in range(arm.coupled.ratios.shape[1]))
     if arm.sections is None:
         return describe_revolute_joints(names)
-    return tuple(f"section {k + 1} {bend}" for k in range(len(arm.sections.counts)) for bend in "ab")
+    kinds = ("",) if arm.dimension == 2 else (" a", " b")
+    return tuple(f"section {k + 1}{bend}" for k in range(len(arm.sections.counts)) for bend in kinds)
 
 
 def describe_bend_joint(coordinates: Coordinates, number: int) -> str:

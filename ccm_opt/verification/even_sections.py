@@ -8,7 +8,7 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.chain_motion import arc_turns
+from ccm_opt.verification.chain_motion import arc_turns, bend_pairs
 from ccm_opt.verification.drives import section_joints
 from ccm_opt.verification.limits import largest_magnitude, less_rounding
 from ccm_opt.verification.verification_settings import VerificationSettings
@@ -30,7 +30,7 @@ def check_even_sections(arm: Arm, trajectory: JointTrajectory) -> list[Check]:
     sections = arm.sections
     if sections is None:
         return []
-    bends = trajectory.positions[:, : 2 * arm.links].reshape(-1, arm.links, 2)
+    bends = bend_pairs(arm, trajectory.positions)
     turns = np.max(arc_turns(arm, trajectory.positions), axis=0)
     joints = section_joints(sections)
     still = np.setdiff1d(np.arange(arm.links), np.concatenate(joints))
@@ -86,8 +86,8 @@ def check_tendons(arm: Arm, trajectory: JointTrajectory, settings: VerificationS
     """Check travels and speeds of tendons that have limits; there are no checks for others.
 
     A tendon at the distance r and the angle γ about the axis is shortened by r (cos γ a − sin γ b) for the bends a and
-    b of every section that it runs through. Bends are linear in time between samples, so that the greatest travel is at
-    a sample, and the speed is constant in between.
+    b of every section that it runs through; in the plane, where tendons are to its left and right, by ± r a. Bends are
+    linear in time between samples, so that the greatest travel is at a sample, and the speed is constant in between.
 
     Args:
         arm: the arm.
@@ -97,7 +97,8 @@ def check_tendons(arm: Arm, trajectory: JointTrajectory, settings: VerificationS
     if arm.sections is None:
         return []
     columns = [trajectory.positions, trajectory.velocities]
-    bent, rates = (each[:, 2 : 2 * arm.links].reshape(len(each), -1, 2).cumsum(axis=1) for each in columns)
+    bends = (each[:, : (arm.dimension - 1) * arm.links].reshape(len(each), arm.links, -1) for each in columns)
+    bent, rates = (each[:, 1:].cumsum(axis=1) for each in bends)
     ends = [joints[-1] - 1 for joints in section_joints(arm.sections)]
     time = trajectory.time
     checks = []
@@ -107,7 +108,7 @@ def check_tendons(arm: Arm, trajectory: JointTrajectory, settings: VerificationS
             continue
         for number in range(tendons.number):
             angle = tendons.angle + 2.0 * np.pi * number / tendons.number
-            side = tendons.radius * np.array([np.cos(angle), -np.sin(angle)])
+            side = tendons.radius * np.array([np.cos(angle), -np.sin(angle)])[: arm.dimension - 1]
             travel, speed = bent[:, ends[section]] @ side, rates[:, ends[section]] @ side
             steps = less_rounding(np.diff(travel) / np.diff(time), largest_magnitude(travel), np.diff(time))
             speeds = np.maximum(np.abs(speed), np.append(np.abs(steps), 0.0))

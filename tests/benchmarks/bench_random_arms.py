@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
+from tests.benchmarks.swept_arcs import ArcArm
 from tests.benchmarks.swept_file import FileArm, FileScene, body_gaps, broken_promises, least_own_gap
 
 GAP = 0.003
@@ -36,7 +37,8 @@ class Drawn:
         limit: time limit of planning [s].
         kinds: what arms may have: "feed", "axes", "tools", which stands for bodies on any link, some of which weigh,
             "meshes", which adds meshes and polygons to these, and "coupled", which stands for drives that move several
-            joints; with "plane" all are in the plane, and mostly on a feed axis.
+            joints; with "plane" all are in the plane, and mostly on a feed axis; "even" stands for sections that bend
+            evenly.
         folder: folder that meshes are written to.
     """
 
@@ -44,6 +46,7 @@ class Drawn:
         self.folder, self.kinds, self.meshes = folder, kinds, 0
         self.rng = np.random.default_rng((20261126, seed))
         self.space = (bool(seed % 2) and "plane" not in kinds) or bool({"axes", "coupled"} & kinds)
+        self.reader = ArcArm if "even" in kinds else FileArm
         self.data: dict[str, Any] = {
             "schema": 1,
             "name": f"drawn-{seed}",
@@ -62,7 +65,7 @@ class Drawn:
     def _equip(self) -> None:
         """Put bodies on links, clear of all others while the arm is straight, and mostly a tool."""
         rng, arm = self.rng, self.data["arm"]
-        bare = FileArm(arm, self.space, self.folder)
+        bare = self.reader(arm, self.space, self.folder)
         count = len(bare.lengths)
         free = [k for k in range(count) if bare.mounted[k] < 1.0 - 1e-8]
         last = count - 1
@@ -71,7 +74,7 @@ class Drawn:
         weight = {"mass": round(rng.uniform(0.01, 0.3), 3)} if heavy else {}
         if heavy:
             self.data["limits"]["torque"] = 60.0
-        for _ in range(int(rng.integers(0, 4)) if free else 0):
+        for _ in range(int(rng.integers(0, 4)) if free and "even" not in self.kinds else 0):
             link = int(rng.choice(free))
             for _ in range(20):
                 row = {"link": link + 1, "bodies": [self._fixed(bare, link)], **weight}
@@ -126,7 +129,7 @@ class Drawn:
 
     def _clear_at_rest(self, table: dict[str, Any]) -> bool:
         """Whether covers of bodies are clear of all but their own links while the arm is straight."""
-        arm = FileArm(table, self.space, self.folder)
+        arm = self.reader(table, self.space, self.folder)
         compared = list(body_gaps(arm, FileScene({}, space=self.space), *arm.at_rest))
         count = len(arm.bodies) * (len(arm.lengths) - 1)
         pairs = [(i, j) for i in arm.bodies for j in arm.bodies if id(i) < id(j) and i.link != j.link]
@@ -134,8 +137,8 @@ class Drawn:
 
     def _arm(self, kinds: frozenset[str]) -> dict[str, Any]:
         rng = self.rng
-        rows = []
-        for _ in range(int(rng.integers(1, 5))):
+        rows = [] if "even" not in kinds else [self._even_section() for _ in range(int(rng.integers(2, 6)))]
+        for _ in range(int(rng.integers(1, 5)) if not rows else 0):
             count = int(rng.integers(1, 7))
             radius = rng.uniform(0.006, 0.03)
             tapers = rng.random() < 0.5
@@ -148,7 +151,8 @@ class Drawn:
             if rng.random() < 0.2 and count > 1:
                 row["locked"] = [int(rng.integers(1, count + 1))]
             rows.append(row)
-        rows[0]["links"] += max(0, 4 - sum(row["links"] for row in rows))
+        if "even" not in kinds:
+            rows[0]["links"] += max(0, 4 - sum(row["links"] for row in rows))
         arm: dict[str, Any] = {"sections": rows}
         if self.space:
             vectors = rng.normal(size=(2, 3)).round(3).tolist()
@@ -156,18 +160,34 @@ class Drawn:
         else:
             arm["base"] = [0.0, 0.0]
             arm["base_heading_deg"] = round(rng.uniform(-180.0, 180.0), 1)
-        if rng.random() < 0.5:
+        if rng.random() < 0.5 and "even" not in kinds:
             arm["base_limit_deg"] = round(rng.uniform(20.0, 170.0), 1)
-        if rng.random() < 0.3 and "axes" not in kinds:
+        if rng.random() < 0.3 and not {"axes", "even"} & kinds:
             arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
         if "axes" in kinds:
             arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
         elif "feed" in kinds and "coupled" not in kinds and rng.random() < (0.8 if "plane" in kinds else 0.3):
-            length = sum(row["links"] * row["link_length"] for row in rows)
+            length = sum(row["length"] if "length" in row else row["links"] * row["link_length"] for row in rows)
             arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
         if "coupled" in kinds:
             arm["coupling"] = self._coupling(FileArm(arm, space=True).limits.ravel() > 0.0)
         return arm
+
+    def _even_section(self) -> dict[str, Any]:
+        rng = self.rng
+        length, radius, limit = rng.uniform(0.08, 0.3), rng.uniform(0.006, 0.02), rng.uniform(40.0, 150.0)
+        row: dict[str, Any] = {
+            "drive": "section",
+            "length": round(length, 4),
+            "links": int(np.ceil(limit / 15.0)),
+            "radius": [round(radius, 4), round(radius * rng.uniform(0.5, 1.2), 4)],
+            "bend_limit_deg": round(limit, 1),
+            "mass": round(rng.uniform(0.05, 0.3), 3),
+        }
+        if rng.random() < 0.4:
+            tendons = {"radius": 0.003, "speed": 0.02} | ({"travel": 0.01} if rng.random() < 0.5 else {})
+            row["tendons"] = tendons
+        return row
 
     def _coupling(self, free: FloatArray) -> list[list[float]]:
         """Ratios of bends that move to some drives, each of which moves one or several; others rest."""
@@ -192,8 +212,8 @@ class Drawn:
     def _place(self, kinds: frozenset[str]) -> None:
         """Draw a goal pose, and bodies clear of it and of the start."""
         rng, data = self.rng, self.data
-        arm = FileArm(data["arm"], self.space, self.folder)
-        count = len(arm.lengths)
+        arm = self.reader(data["arm"], self.space, self.folder)
+        count = arm.joints
         low = 0.0
         axes = np.zeros((2, 0))
         if "feed" in data["arm"]:
@@ -209,7 +229,7 @@ class Drawn:
             bends = np.zeros((2, count, 2) if self.space else (2, count))
             bends[1] = self._pose(arm)
             if "feed" in data["arm"]:
-                bends[1][axes[1, 0] + arm.places[:-1] < data["arm"]["feed"].get("hole", 0.0)] = 0.0
+                bends[1][axes[1, 0] + arm.joint_places < data["arm"]["feed"].get("hole", 0.0)] = 0.0
             points, frames = arm.placed(bends, axes)
             own = [gap for _, gap in body_gaps(arm, FileScene({}, space=self.space), points, frames)]
             if min((least_own_gap(arm, points)[0], *own)) > GAP:
@@ -238,7 +258,7 @@ class Drawn:
                 data["goal"]["feed"] = float(axes[1, 0])
 
     def _pose(self, arm: FileArm) -> FloatArray:
-        rng, count = self.rng, len(arm.lengths)
+        rng, count = self.rng, arm.joints
         knots = np.linspace(0, count - 1, 3)
         waves = [np.interp(np.arange(count), knots, rng.normal(0.0, 0.5, 3)) for _ in range(2 if self.space else 1)]
         limits = 0.8 * np.minimum(arm.limits, 2.0)
@@ -312,7 +332,8 @@ def looked_at(folder: Path, data: dict[str, Any]) -> tuple[str, list[str]]:
     if not (plan / "solution.npz").exists():
         return f"exit {solved.exit_code}", wrong
     with np.load(plan / "solution.npz") as arrays:
-        wrong += broken_promises(data, dict(arrays), folder)
+        kind = ArcArm if any("drive" in row for row in data["arm"].get("sections", ())) else FileArm
+        wrong += broken_promises(data, dict(arrays), folder, kind)
     checked = CliRunner().invoke(app, ["check", str(plan)])
     if checked.exit_code != solved.exit_code and solved.exit_code == 0:
         wrong.append(f"check: {checked.output[-300:]}")

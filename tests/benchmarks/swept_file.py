@@ -48,6 +48,16 @@ class FileArm:
         """Tables of the sections; of an arm of equal links, its own."""
         return self.table.get("sections", [self.table])  # type: ignore[no-any-return]
 
+    @property
+    def joints(self) -> int:
+        """Number of the joints."""
+        return len(self.lengths)
+
+    @property
+    def joint_places(self) -> FloatArray:
+        """Arc lengths of the joints, shape (links,) [m]."""
+        return self.places[:-1]
+
     def _each(self, value: Any) -> FloatArray:
         """Values of all links, shape (links,), from a function of each section and its number of links."""
         return np.concatenate([np.broadcast_to(value(row, row["links"]), row["links"]) for row in self.sections])
@@ -111,7 +121,7 @@ class FileArm:
     @cached_property
     def at_rest(self) -> tuple[FloatArray, Any]:
         """Joints and frames of the straight arm, as of one pose."""
-        count = len(self.lengths)
+        count = self.joints
         axes = len(self.table["base"].get("axes", ())) if self.space else 0
         return self.placed(np.zeros((1, count, 2) if self.space else (1, count)), np.zeros((1, axes)))
 
@@ -489,26 +499,32 @@ def densely(arm: FileArm, bends: FloatArray, axes: FloatArray) -> tuple[FloatArr
     return between(bends), between(axes)
 
 
-def broken_promises(data: Keys, arrays: Mapping[str, FloatArray], folder: Path = Path()) -> list[str]:
+def broken_promises(
+    data: Keys, arrays: Mapping[str, FloatArray], folder: Path = Path(), kind: type[FileArm] = FileArm
+) -> list[str]:
     """What a plan breaks, in words: contact, limits of bends and axes, start and goals.
 
     Args:
         data: the problem file, with lengths in metres.
         arrays: arrays of the plan's folder.
         folder: folder of the meshes of bodies on links.
+        kind: what reads the arm; of another kind than ``FileArm``, its bends are those of drives.
     """
     space = data.get("space", 2) == 3
-    arm, scene = FileArm(data["arm"], space, folder), FileScene(data["workspace"], space=space)
+    arm, scene = kind(data["arm"], space, folder), FileScene(data["workspace"], space=space)
     bends = arrays["bend_angles"]
+    if kind is not FileArm:
+        bends = arrays["drive_values"].reshape(len(bends), arm.joints, *bends.shape[2:])
     axes = arrays["base_axes"] if "base_axes" in arrays else arrays.get("base_feed", np.zeros((len(bends), 0)))
     axes = axes.reshape(len(bends), -1)
     found: list[str] = []
     points, frames = arm.placed(bends, axes)
     if "tool_tip" in arrays and np.abs(arm.tips(points, frames) - arrays["tool_tip"]).max() > 1e-9:
         found.append("the tool's tip is not where the arrays say")
-    if np.abs(points - arrays["joint_positions"]).max() > 1e-9:
+    shown = slice(-1, None) if kind is not FileArm else slice(None)
+    if np.abs(points[:, shown] - arrays["joint_positions"][:, shown]).max() > 1e-9:
         found.append("joints are not where the arrays say")
-    each = np.abs(bends).reshape(len(bends), len(arm.lengths), -1).max(axis=0)
+    each = np.abs(bends).reshape(len(bends), arm.joints, -1).max(axis=0)
     over = (each - arm.limits[:, : each.shape[1]]).max(axis=1)
     if over.max() > 1e-6:
         found.append(f"joint {int(over.argmax()) + 1} is {over.max():.2g} rad beyond its limit")
@@ -572,6 +588,6 @@ def _beyond_axes(
         low, high = feed["range"]
         if axes.min() < low - 1e-9 or axes.max() > high + 1e-9:
             yield "the feed is out of its range"
-        inside = axes + arm.places[:-1] < feed.get("hole", high) - 1e-8
+        inside = axes + arm.joint_places < feed.get("hole", high) - 1e-8
         if np.abs(bends.reshape(*inside.shape, -1)[inside]).max(initial=0.0) > 1e-6:
             yield "a joint bends in the guide tube"

@@ -133,7 +133,7 @@ class MotionFrames:
             return np.zeros(arm.links)
         if arm.sections is not None:
             used = np.abs(drive_torques(arm, torques)) / drive_torque_limits(arm, limit)
-            sections = used.reshape(len(torques), -1, 2).max(axis=2)
+            sections = used.reshape(len(torques), len(arm.sections.counts), -1).max(axis=2)
             return _nearest_row(self.trajectory.time, sections[:, np.maximum(arm.sections.section_of_joint, 0)], time)
         if arm.coupled is not None:
             used = np.abs(drive_torques(arm, torques)) / drive_torque_limits(arm, limit)

@@ -168,7 +168,7 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
         return
     straight = np.zeros((1, 3 * arm.links))
     # An arm with two bends per joint may leave any plane; one with a single bend per joint does not leave its own.
-    planar = arm.coordinates.bends_a_joint == 1 and falls_in_plane(arm, options.gravity)
+    planar = arm.coordinates.bends_a_joint == 1 and arm.drives is None and falls_in_plane(arm, options.gravity)
     plant = disturbed_arm(arm, options.disturbances)
     try:
         # In the plane only bends move, and both orders of axes are equivalent.
