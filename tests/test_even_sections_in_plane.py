@@ -18,7 +18,7 @@ from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.planning.plane_in_space import arm_in_space, rows_in_space
 from ccm_opt.robot.arc_sections import Tendons
-from ccm_opt.robot.frames import drive_torques, revolute_angles
+from ccm_opt.robot.frames import drive_torques, joint_positions_3d, revolute_angles
 from ccm_opt.verification.chain_motion import acceleration_bounds, chain_points, link_directions
 from ccm_opt.verification.drives import of_drives
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -75,6 +75,7 @@ def test_arcs_are_circles_as_in_space(seed: int, share: float, headed: bool) -> 
     steps = arm.sections.lengths * np.sinc(0.5 * turns / np.pi) * np.exp(1j * (before + 0.5 * turns))
     points = arm.joint_positions_at(q)
     np.testing.assert_allclose(points[-1], [steps.sum().real, steps.sum().imag], atol=1e-13)
+    np.testing.assert_array_equal(joint_positions_3d(arm, revolute_angles(arm, q)), arm.embedded(points))
     whole = arm_in_space(arm)
     assert whole.sections is not None
     in_space = rows_in_space(q[None], arm.links)[0]

@@ -51,6 +51,8 @@ direction = DIRECTION
 up = UP
 """
 
+TURNTABLE = '{ kind = "revolute", axis = [0, 0, 1], range_deg = [-120, 120], velocity = 1.0, acceleration = 4.0 }'
+
 
 def _turned(random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return two random unit vectors, at least 0.1 rad from parallel."""
@@ -85,28 +87,34 @@ def test_roll_is_the_angle_about_the_goals_direction_and_its_derivatives_are_rig
 @pytest.mark.drawn(20, of="dear tests")
 @pytest.mark.planning
 @settings(max_examples=1)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_a_plan_rolls_the_tool_as_asked(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The frame of the tool at the end, a chain of rotations, is that of a random pose from which the goal was made."""
+@given(seed=st.integers(0, 2**32 - 1), carried=st.booleans())
+def test_a_plan_rolls_the_tool_as_asked(seed: int, carried: bool, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The frame of the tool at the end, a chain of rotations, is that of a random pose from which the goal was made.
+
+    The base of the arm is fixed, or on a turntable.
+    """
     random = np.random.default_rng(seed)
     n = 12
     shape = np.interp(np.arange(n), [0.0, 6.0, 11.0], [1.0, 0.0, -1.0])
     bends = np.outer(shape, random.uniform(-0.15, 0.0, 2)) + random.uniform(-0.1, 0.0, 2)
 
-    def tool_frame(each: FloatArray) -> Rotation:
-        chain = Rotation.identity()
+    def tool_frame(each: FloatArray, turned: float) -> Rotation:
+        chain = Rotation.from_euler("Z", turned)
         for a, b in each.reshape(-1, 2):
             chain = chain * Rotation.from_euler("ZY", [a, b])
         return chain
 
-    frame = tool_frame(bends)
-    place = np.sum([0.07 * tool_frame(bends[: k + 1]).apply([1.0, 0.0, 0.0]) for k in range(n)], axis=0)
+    turned = random.uniform(-1.0, 1.0) if carried else 0.0
+    frame = tool_frame(bends, turned)
+    place = np.sum([0.07 * tool_frame(bends[: k + 1], turned).apply([1.0, 0.0, 0.0]) for k in range(n)], axis=0)
     parts = {
         "POSITION": place + frame.apply([0.05, 0.0, 0.03]),
         "DIRECTION": frame.apply([0.0, 0.6, 0.8]),
         "UP": frame.apply([1.0, 0.1, 0.0]),
     }
-    text = FILE
+    text = FILE.replace(
+        "up = [0, 0, 1] }", f"up = [0, 0, 1], axes = [{TURNTABLE}] }}" if carried else "up = [0, 0, 1] }"
+    )
     for name, vector in parts.items():
         text = text.replace(name, str(vector.tolist()))
     folder = tmp_path_factory.mktemp("rolled")
@@ -116,7 +124,8 @@ def test_a_plan_rolls_the_tool_as_asked(seed: int, tmp_path_factory: pytest.Temp
     assert result.exit_code == 0, result.output
     plan = ccm_opt.load(folder / "rolled")
     assert any(check.name == "goal roll" for check in plan.checks)
-    off = tool_frame(plan.trajectory.bend_angles[-1]) * frame.inv()
+    end = plan.trajectory.base_positions[-1, 0] if carried else 0.0
+    off = tool_frame(plan.trajectory.bend_angles[-1], end) * frame.inv()
     assert off.magnitude() <= np.deg2rad(2.0)
     assert plan.metrics["roll_error_rad"] <= np.deg2rad(1.0)
 

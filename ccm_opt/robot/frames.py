@@ -205,7 +205,7 @@ def joint_positions_3d(arm: Arm, angles: FloatArray, base: FloatArray | None = N
     if arm.sections is not None:
         bends = bends_from_revolutes(arm, angles)
         moved = np.broadcast_to(place, (*bends.shape[:-1], len(arm.base_axes)))
-        return arm.joint_positions_at(np.concatenate((bends, moved), axis=-1))
+        return arm.embedded(arm.joint_positions_at(np.concatenate((bends, moved), axis=-1)))
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
     if not arm.carrier:
         return np.asarray(positions + np.sum(place, axis=-1)[..., None, None] * arm.base_rotation[:, 0])
