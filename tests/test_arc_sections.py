@@ -1,10 +1,17 @@
 """Sections that bend evenly: their links are the tangents of true arcs, and bounds on their motion hold."""
 
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import poses_with
 from ccm_opt.robot.arc_sections import arc_deviation
@@ -25,6 +32,7 @@ from ccm_opt.verification.tool_chain import motion_of
 from tests.arc_arms import CAMERA, arc_arm, lamp
 from tests.oracles.space_certificate import bows
 
+NODE = shutil.which("node") or ""
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -160,3 +168,17 @@ def test_travel_between_links_is_bounded(seed: int, share: float) -> None:
     poses = arm.joint_positions_at(middle + np.linspace(-0.5, 0.5, 21)[:, None] * turns)
     gaps = np.stack([segment_distances(pose[i], pose[i + 1], pose[j], pose[j + 1])[2] for pose in poses])
     assert np.all(gaps[10] - np.min(gaps, axis=0) <= bound + 1e-12)
+
+
+@pytest.mark.skipif(not NODE, reason="needs a program that runs the script of the page")
+def test_the_page_draws_links_along_true_arcs() -> None:
+    """The script of the report places joints where the package does, in the plane and in space."""
+    script = (Path(ccm_opt.__file__).parent / "viz" / "script" / "arm.js").read_text(encoding="utf-8")
+    for arm in (arc_arm((3, 4, 5)), arc_arm((3, 4, 5), plane=True, base_heading=0.7)):
+        assert arm.arcs is not None
+        names = ("base", "direction", "up", "lengths", "arcs")
+        given = {name: getattr(arm, name).tolist() for name in names} | {"corners": {}}
+        q = bent(arm, 1)
+        call = f"{script}\nconsole.log(JSON.stringify(armPoints({json.dumps(given)}, {json.dumps(q.tolist())}, 0)))"
+        run = subprocess.run([NODE, "-e", call], capture_output=True, text=True, timeout=60, check=True)
+        np.testing.assert_allclose(json.loads(run.stdout), arm.joint_positions_at(q), atol=1e-12)

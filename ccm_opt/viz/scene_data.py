@@ -59,6 +59,7 @@ def scene_data(problem: Problem, shown: FloatArray, sights: Mapping[int, Sequenc
             "links": arm.links,
             "link": arm.link_length,
             "lengths": arm.lengths.tolist(),
+            "arcs": None if arm.arcs is None else arm.arcs.tolist(),
             "radii": drawn_radii(arm).tolist(),
             "corners": body_corners(arm),
             "radius": arm.radius,

@@ -21,7 +21,23 @@ function norm(a) {
   return Math.hypot(...a);
 }
 
-// A joint turns by a about z, in space then by b about the new y; its link lies along the new x.
+// A vector turned about a unit vector by an angle.
+function turnedAbout(axis, angle, vector) {
+  const along = scaled(axis, (1 - Math.cos(angle)) * dot(axis, vector));
+  return plus(plus(scaled(vector, Math.cos(angle)), cross(axis, vector), Math.sin(angle)), along);
+}
+
+// By how much the tangents of the arc about each joint are longer than half of the arc; 0 for joints that are none.
+function growths(arm, bends) {
+  const each = arm.base.length - 1;
+  return arm.lengths.concat(0).map((_, joint) => {
+    const half = Math.max(0.5 * Math.hypot(...bends.slice(each * joint, each * (joint + 1))), 1e-8);
+    return arm.arcs ? arm.arcs[joint] * (Math.tan(half) / half - 1) : 0;
+  });
+}
+
+// A joint turns by a about z, in space then by b about the new y; its link lies along the new x. That of an arc turns by
+// the rotation vector (0, b, a), and its links are the arc's tangents.
 function armPoints(arm, bends, feed) {
   const dimension = arm.base.length;
   const spatial = vector => [vector[0], vector[1], vector[2] ?? 0];
@@ -30,16 +46,24 @@ function armPoints(arm, bends, feed) {
   let y = cross(z, x);
   let point = plus(spatial(arm.base), x, feed);
   const points = [point.slice(0, dimension)];
+  const grown = growths(arm, bends);
   for (let k = 0; k < bends.length; k += dimension - 1) {
     const [a, b] = [bends[k], dimension === 3 ? bends[k + 1] : 0];
-    const turned = plus(scaled(x, Math.cos(a)), y, Math.sin(a));
-    y = plus(scaled(y, Math.cos(a)), x, -Math.sin(a));
-    x = plus(scaled(turned, Math.cos(b)), z, -Math.sin(b));
-    z = plus(scaled(z, Math.cos(b)), turned, Math.sin(b));
-    point = plus(point, x, arm.lengths[k / (dimension - 1)]);
+    const link = k / (dimension - 1);
+    if (arm.arcs) {
+      const angle = Math.hypot(a, b);
+      const axis = scaled(plus(scaled(y, b), z, a), 1 / Math.max(angle, 1e-300));
+      [x, y, z] = [x, y, z].map(vector => turnedAbout(axis, angle, vector));
+    } else {
+      const turned = plus(scaled(x, Math.cos(a)), y, Math.sin(a));
+      y = plus(scaled(y, Math.cos(a)), x, -Math.sin(a));
+      x = plus(scaled(turned, Math.cos(b)), z, -Math.sin(b));
+      z = plus(scaled(z, Math.cos(b)), turned, Math.sin(b));
+    }
+    point = plus(point, x, arm.lengths[link] + grown[link] + grown[link + 1]);
     points.push(point.slice(0, dimension));
     // Corners of the bodies on the link, in its frame.
-    for (const [along, left, up] of arm.corners[k / (dimension - 1)] ?? []) {
+    for (const [along, left, up] of arm.corners[link] ?? []) {
       points.push(plus(plus(plus(point, x, along), y, left), z, up ?? 0).slice(0, dimension));
     }
   }
