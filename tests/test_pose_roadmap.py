@@ -30,6 +30,8 @@ def test_ways_lead_over_motions_that_are_safe_and_are_the_fastest(
     poses = [np.array(place, dtype=np.float64) for place in places]
     roadmap = PoseRoadmap(safe, pace, np.array(poses[:-1]))
     roadmap.add(np.array(poses[-1:]))
+    roadmap.find_neighbours()
+    roadmap.join()
     graph = np.full((len(poses), len(poses)), np.inf)
     for pair, time in (roadmap.times | roadmap.untried).items():
         np.testing.assert_allclose(time, np.max(np.abs(np.diff(roadmap.poses[list(pair)], axis=0)) / pace))
@@ -37,6 +39,7 @@ def test_ways_lead_over_motions_that_are_safe_and_are_the_fastest(
             graph[pair] = graph[pair[::-1]] = time
     least = floyd_warshall(graph)
     np.testing.assert_array_equal(roadmap.joined, np.isfinite(least[0]) | (np.arange(len(poses)) == 0))
+    assert np.all(roadmap.estimates(len(poses)) <= least + 1e-9)
     for k, q in enumerate(poses):
         chain = roadmap.chain(poses[0], q)
         if chain is None:
@@ -48,3 +51,6 @@ def test_ways_lead_over_motions_that_are_safe_and_are_the_fastest(
         time = sum(float(np.max(np.abs(one - other) / pace)) for one, other in steps)
         np.testing.assert_allclose(time, least[0, k] if k else 0.0, atol=1e-9)
     assert roadmap.chain(poses[0], np.array([0.5, 0.5])) is None
+    # A known motion needs no further certificate, wherever it leads.
+    roadmap.add_motion(0, len(poses) - 1, np.stack((poses[0], np.array([20.0, 20.0]), poses[-1])))
+    assert roadmap.chain(poses[0], poses[-1]) is not None

@@ -15,12 +15,12 @@ from ccm_opt.cli.outcome import IN_PART, NO_PLAN, SOLVED
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.known_motions import KnownMotions
+from ccm_opt.driver.known_motions import KnownMotions, Rest
 from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.tour_order import OrderSolver, tour_cost
 from ccm_opt.driver.tours import TourPlanner
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.planning.joining import PathJoiner, Tube
+from ccm_opt.planning.joining import PathJoiner, Tube, chain_time
 from ccm_opt.problem import JointPose, PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 from ccm_opt.robot.base_axes import Feed
@@ -322,6 +322,32 @@ def test_a_joined_motion_keeps_the_preferred_clearance_of_the_motions_it_joins(b
     np.testing.assert_allclose(q[[0, -1]], chain[[0, -1]])
     assert np.min(gaps(problem, q)) >= 0.9 * problem.wanted_gap
     assert np.max(joiner.lack(path)) <= 0.1
+
+
+def test_a_motion_changes_from_one_known_motion_to_another() -> None:
+    """Between two goals with motions from the start over a ball, a shorter one is estimated, found, and free."""
+    problem, aside, above = beside_a_ball(0.036)
+    start = problem.start.configuration(problem.arm)
+    known = KnownMotions(
+        problem, Straight(), lambda leg: float(chain_time(leg.path.spline(np.linspace(0, 1, 200)), np.ones(8))[-1]), 1.0
+    )
+    for q in (aside + above, above - aside):
+        path = JointPath(BSpline(KNOTS, np.stack((start, 2.0 * above, 2.0 * above, q, q)), 3), np.zeros((9, 8)), ())
+        known.rests.append(
+            Rest(-1, Stop(JointPose.from_configuration(q, problem.arm.coordinates), Tolerances()), q, 0, path)
+        )
+    for k, rest in enumerate(known.rests[1:], start=1):
+        assert rest.path is not None
+        assert known.keep(0, k, rest.path)
+    between, _ = known.fastest()
+    known.make_roadmap()
+    assert known.estimated(between)[1, 2] < between[1, 2]
+    assert known.link(1, 2)
+    assert known.durations[1, 2] < 0.7 * between[1, 2]
+    np.testing.assert_array_equal(known.estimated(between)[1, 2], between[1, 2])
+    rows = known.paths[1, 2].spline(np.linspace(0.0, 1.0, 200))
+    np.testing.assert_allclose(rows[[0, -1]], [known.rests[1].q, known.rests[2].q])
+    assert np.min(gaps(problem, rows)) > 0.0
 
 
 @given(below=st.floats(0.036, 0.08), slower=st.floats(1.01, 3.0))

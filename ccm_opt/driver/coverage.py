@@ -146,6 +146,8 @@ class CoverageViews:
             while len(fresh) < _JOINED and (some := list(islice(further, _ROADMAP_POSES))):
                 drawn += some
                 self.roadmap.add(np.array([pose.q for pose in some]))
+                self.roadmap.find_neighbours()
+                self.roadmap.join()
                 known = np.append(known, np.zeros(len(some), dtype=bool))
                 fresh += [drawn[k] for k in np.flatnonzero(self.roadmap.joined & ~known)]
                 known = self.roadmap.joined.copy()
@@ -256,6 +258,7 @@ class CoverageViews:
         self.poses.append(pose)
         if self.roadmap is not None:
             self.roadmap.add(pose.q[None])
+            self.roadmap.find_neighbours()
         self.pose_of[k] = pose
         return 1
 

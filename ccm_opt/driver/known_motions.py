@@ -2,6 +2,10 @@
 
 Motions lead from rest to rest, backwards as forwards, since limits are symmetric. Between two goals without a known
 motion, the fastest way over goals with known ones counts, on which the arm rests there.
+
+Known motions pass near each other, above all through one passage. Their configurations are poses of a roadmap
+(``pose_roadmap``), whose ways change from one motion to another where these are near. How long such a way takes is
+estimated before it has a certificate.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +19,8 @@ from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.driver.legs import LEAST_TIME, Leg, Planner, end_to_end
-from ccm_opt.planning.joining import PathJoiner
+from ccm_opt.driver.pose_roadmap import PoseRoadmap
+from ccm_opt.planning.joining import PathJoiner, chain_time
 from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
 from ccm_opt.problem.solution import JointPath
 
@@ -24,6 +29,11 @@ _SAMPLES = 12
 _NEIGHBOURS = 8
 """Number of nearest goals to which a straight motion is tried. Heuristic: one that fails takes a hundredth of a second,
 and of thirty views in a blade row few beyond the tenth are reached straight."""
+_POSES = 300
+"""Number of configurations of known motions in the roadmap, about. Heuristic."""
+_SLOWER = 1.1
+"""Ratio of the durations of a motion and of the way over the roadmap from which it is made, without its ramps.
+Heuristic: 1.0 to 1.3 between views in a blade row."""
 _TRY_SHARE = 0.2
 """Fraction of the time left that a motion planned by itself may take. Heuristic."""
 _LACK = 0.1
@@ -68,6 +78,8 @@ class KnownMotions:
         durations: their durations [s].
         joined: pairs of nodes between which the fastest way was shortened.
         planned: pairs of nodes between which a motion was planned by itself.
+        linked: pairs of nodes between which a way over the roadmap was tried.
+        roadmap: the configurations of known motions, those of the nodes first; None before there are any.
     """
 
     problem: Problem
@@ -80,6 +92,8 @@ class KnownMotions:
     durations: dict[tuple[int, int], float] = field(default_factory=dict)
     joined: set[tuple[int, int]] = field(default_factory=set)
     planned: set[tuple[int, int]] = field(default_factory=set)
+    linked: set[tuple[int, int]] = field(default_factory=set)
+    roadmap: PoseRoadmap | None = None
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -129,6 +143,44 @@ class KnownMotions:
             straight = self._joiner.path(np.stack((self.rests[first].q, self.rests[second].q)))
             if straight is not None:
                 self.keep(first, second, straight)
+
+    def make_roadmap(self) -> None:
+        """Make the roadmap of the known motions."""
+        pace = self._joiner.pace
+        self.linked.clear()
+        self.roadmap = PoseRoadmap(self._joiner.joins, pace, np.stack([rest.q for rest in self.rests]))
+        step = sum(self.durations.values()) / _POSES
+        for (first, second), path in self.paths.items():
+            rows = np.asarray(path.spline(np.linspace(0.0, 1.0, _SAMPLES * len(path.keyframes) + 1)))
+            rows[[0, -1]] = self.rests[first].q, self.rests[second].q
+            time = chain_time(rows, pace)
+            at = np.linspace(0.0, time[-1], max(round(float(time[-1]) / step), 1) + 1)
+            even = np.column_stack([np.interp(at, time, column) for column in rows.T])
+            even[[0, -1]] = rows[[0, -1]]
+            self.roadmap.add_motion(first, second, even)
+        self.roadmap.find_neighbours()
+
+    def estimated(self, between: FloatArray) -> FloatArray:
+        """Return durations of ways (nodes, nodes), lowered to estimates of ways over the roadmap that were not tried.
+
+        Args:
+            between: durations of the fastest known ways, shape (nodes, nodes) [s].
+        """
+        if self.roadmap is None:
+            return between
+        ramps = float(np.min(self._speed / self._acceleration))
+        found = np.maximum(_SLOWER * self.roadmap.estimates(len(between)) + ramps, self.bounds)
+        for pair in self.linked:
+            found[pair] = found[pair[::-1]] = np.inf
+        np.fill_diagonal(found, 0.0)
+        return np.minimum(between, found)
+
+    def link(self, first: int, second: int) -> bool:
+        """Keep the way over the roadmap between two nodes, the lower one first, and return whether it gains time."""
+        self.linked.add((first, second))
+        chain = None if self.roadmap is None else self.roadmap.chain(self.rests[first].q, self.rests[second].q)
+        path = None if chain is None or len(chain) == 1 else self._joiner.path(chain)
+        return path is not None and self.keep(first, second, path)
 
     def fastest(self) -> tuple[FloatArray, IntArray]:
         """Return the durations of the fastest ways over known motions between all nodes, and the nodes before the last.

@@ -52,14 +52,24 @@ class PoseRoadmap:
     tried: set[tuple[int, int]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        poses, self.poses = self.poses, self.poses[:1]
-        self.joined: BoolArray = np.ones(1, dtype=bool)
-        self.add(poses[1:])
+        self.joined: BoolArray = np.arange(len(self.poses)) == 0
 
     def add(self, poses: FloatArray) -> None:
-        """Add poses (k, c), and join those that can be with the start, over motions between nearest neighbours."""
+        """Add poses (k, c)."""
         self.poses = np.vstack((self.poses, poses))
         self.joined = np.append(self.joined, np.zeros(len(poses), dtype=bool))
+
+    def add_motion(self, first: int, last: int, rows: FloatArray) -> None:
+        """Add the poses (k ≥ 2, c) of a certified motion between two poses, which are its ends."""
+        nodes = [first, *range(len(self.poses), len(self.poses) + len(rows) - 2), last]
+        self.add(rows[1:-1])
+        for (one, other), step in zip(pairwise(nodes), np.diff(rows, axis=0), strict=True):
+            pair = min(one, other), max(one, other)
+            self.tried.add(pair)
+            self.times[pair] = max(float(np.max(np.abs(step) / self.pace)), TINY)
+
+    def find_neighbours(self) -> None:
+        """Find the nearest neighbours of all poses, to which straight motions may lead."""
         scaled = self.poses / self.pace
         tree = cKDTree(scaled)
         for k, q in enumerate(scaled):
@@ -68,9 +78,8 @@ class PoseRoadmap:
             for other, time in zip(near[near < len(scaled)].tolist(), away.tolist(), strict=False):
                 if other != k and (pair := (min(k, other), max(k, other))) not in self.tried:
                     self.untried[pair] = max(time, TINY)
-        self._join()
 
-    def _join(self) -> None:
+    def join(self) -> None:
         """Join poses with the start, over the shortest motions first."""
         neighbours: dict[int, list[int]] = {}
         for one, other in (*self.untried, *self.times):
@@ -114,13 +123,28 @@ class PoseRoadmap:
             if nodes is None or all(self._certified(*pair) for pair in pairwise(nodes)):
                 return None if nodes is None else np.asarray(self.poses[nodes])
 
-    def _way(self, first: int, last: int) -> list[int] | None:
-        """Return the poses on the fastest way between two poses, over motions that may lack a certificate, or None."""
+    def estimates(self, count: int) -> FloatArray:
+        """Return the durations of the fastest ways between the first poses, over motions that may lack a certificate.
+
+        Args:
+            count: the number of poses.
+
+        Returns:
+            Durations [s], infinite where there is no way, shape (count, count).
+        """
+        return np.asarray(shortest_path(self._graph, directed=False, indices=np.arange(count)))[:, :count]
+
+    @property
+    def _graph(self) -> csr_array:
+        """Least durations of the motions that have a certificate or may have one, shape (n, n) [s]."""
         known = self.times | self.untried
         pairs = np.array(list(known), dtype=np.intp).reshape(-1, 2)
         shape = (len(self.poses), len(self.poses))
-        graph = csr_array((list(known.values()), (pairs[:, 0], pairs[:, 1])), shape=shape)
-        _, before = shortest_path(graph, directed=False, indices=[first], return_predecessors=True)
+        return csr_array((list(known.values()), (pairs[:, 0], pairs[:, 1])), shape=shape)
+
+    def _way(self, first: int, last: int) -> list[int] | None:
+        """Return the poses on the fastest way between two poses, over motions that may lack a certificate, or None."""
+        _, before = shortest_path(self._graph, directed=False, indices=[first], return_predecessors=True)
         nodes = [last]
         while nodes[-1] != first:
             nodes.append(int(before[0, nodes[-1]]))

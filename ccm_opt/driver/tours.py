@@ -5,8 +5,9 @@ that fails, from the start. Where the arm comes to rest, it stays for this goal.
 motions where these have a certificate. Between two goals the arm moves along known motions (``known_motions``),
 shortened by certified straight ones (``planning.joining``).
 
-The best order for the durations of the fastest ways is determined (``tour_order``), its ways are shortened to motions
-of their own, slow ones are planned for by themselves, and so on until nothing changes. Then no order of the motions
+The best order for the durations of the fastest ways is determined (``tour_order``), where those that change from one
+known motion to another count as estimated until they are tried. Its ways are shortened to motions of their own, slow
+ones are planned for by themselves, and so on until nothing changes. Then no order of the motions
 found is faster. The bound that is told is that of all orders in which, between goals without a known motion, each
 coordinate moves by itself.
 
@@ -39,6 +40,9 @@ _WORTH = 0.01
 the tour. Heuristic."""
 _PLANNING_SHARE = 0.75
 """Fraction of the time limit until which motions are planned for by themselves. Heuristic."""
+_LINKING_SHARE = 0.5
+"""Fraction of the time left in which ways over the roadmap of known motions are tried. Heuristic: thirty views in a
+blade row take half of it."""
 _FEW = 12
 """Number of goals up to which the order found, and the given one, are planned leg by leg as well. Heuristic."""
 
@@ -209,10 +213,18 @@ class TourPlanner:
         places = np.ix_(nodes, nodes)
         solver = OrderSolver(len(nodes), end)
         self.motions.join_neighbours()
+        self.motions.make_roadmap()
+        linking = deadline.within(_LINKING_SHARE * deadline.left)
         while True:
             between, before = self.motions.fastest()
-            found = solver.solve(between[places], deadline)
+            costs = between if linking.passed() else self.motions.estimated(between)
+            found = solver.solve(costs[places], deadline)
             legs = [(nodes[one], nodes[other]) for one, other in tour_legs(found.places, end)]
+            faster = [(min(leg), max(leg)) for leg in legs if costs[leg] < between[leg]]
+            for pair in dict.fromkeys(faster):
+                self.motions.link(*pair)
+            if faster:
+                continue
             duration = float(sum(between[leg] for leg in legs))
             if deadline.passed() or not self._improved(legs, between, before, deadline):
                 break

@@ -119,6 +119,22 @@ class PathJoiner:
         found.spline.c[[0, -1]] = chain[[0, -1]]
         return found if whole is arm else path_without_tool_links(found, arm, whole)
 
+    def joins(self, first: FloatArray, last: FloatArray) -> bool:
+        """Return whether the straight motion between two configurations, each of shape (c,), has a certificate."""
+        chain = np.stack((first, last))
+        if self.problem.dimension == 2:
+            return self.path(chain) is not None
+        shortening = self._in_space
+        rows = shortening.straight(*_with_bodies(chain, shortening.arm, 0.0))
+        return len(shortening.failures(rows)) == 0
+
+    @cached_property
+    def _in_space(self) -> "_Shortening":
+        """Shortening of chains in space without regard to their gaps."""
+        problem = problem_with_tool_links(replace(self.problem, goal=self.problem.start, stops=()))
+        *_, certificate = self._certificates(problem, self.problem.start.configuration(self.problem.arm)[None])
+        return _Shortening(certificate, _with_bodies(self.pace, problem.arm, 1.0), _tube(problem))
+
     def lack(self, path: JointPath) -> FloatArray:
         """Return how much clearance a path lacks at samples, as fractions of the preferred one, shape (K,).
 
