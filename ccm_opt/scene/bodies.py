@@ -102,8 +102,8 @@ def _about(axis: int, angle: float) -> FloatArray:
 
 
 CYLINDER_SIDES = 48
-"""Number of sides of the prism around a cylinder. Heuristic: it protrudes by at most 0.21 % of the radius, and has 188
-triangles."""
+"""Number of sides of the prism around a cylinder, which protrudes by at most 0.21 % of the radius and has 188
+triangles. Heuristic."""
 CYLINDER_ERROR = float(1.0 / np.cos(np.pi / CYLINDER_SIDES) - 1.0)
 """Distance by which the prism protrudes from its cylinder, as a fraction of the cylinder's radius."""
 BOX_FACES = np.array(
