@@ -48,7 +48,7 @@ is proved as for ``solve``. Measured: the verifier takes 0.5 to 0.7 times as lon
 grow by 0.01 to 0.1 %."""
 _INTERVALS = 100
 """Number of intervals of the grid for timing motions in space. Measured on drags in an elbow and a row of blades: with
-this, one interval a span, and the next number, timing takes half of the time, and motions take 1.5 and 3.5 % longer."""
+this, one interval a span, and the next number, timing takes half of the time; motions take up to 1.5 and 7 % longer."""
 _NEGLIGIBLE = 1.02
 """Factor of slowing down up to which another round of timing is not worthwhile. Measured: see above."""
 _STEP = 5e-3
