@@ -269,6 +269,7 @@ def test_what_cannot_be_seen_is_told_with_its_share(text: str, changes: dict[str
         ("spacing", "1e-6", "pieces; expected at most"),
         ("spacing", "0.05\nposition = [0.3, 0.1]", "exactly one"),
         ("share", "0.5\nnormal = [1, 0]", "look_at"),
+        ("share", '0.5\nname = "ribs"', "name: only allowed together with position"),
     ],
 )
 def test_files_with_defects_are_refused(key: str, value: str, words: str) -> None:

@@ -28,14 +28,16 @@ def test_all_defects_are_reported_together(problem: Problem) -> None:
     with pytest.raises(ProblemError) as caught:
         replace(
             problem,
-            start=JointPose(np.zeros(5)),
-            goal=TipGoal(np.array([np.nan, 0.0])),
+            start=JointPose(np.zeros(5), name="rest"),
+            goal=TipGoal(np.array([np.nan, 0.0]), name=2),  # type: ignore[arg-type]
             limits=Limits(np.zeros(36), np.ones(36)),
             planner=replace(problem.planner, mapping="nearest"),  # type: ignore[arg-type]
         )
     message = str(caught.value)
     assert "start.bends must have shape (12,), got (5,)" in message
     assert "goal.position must be finite, got nan" in message
+    assert "start.name has no effect" in message
+    assert "the name of goal 1 must be a str, got int 2" in message
     assert "limits.velocity must be positive, got 0.0" in message
     assert "planner.mapping must be one of least-squares, even-joints, got 'nearest'" in message
 

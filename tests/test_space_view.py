@@ -18,7 +18,7 @@ import ccm_opt
 from ccm_opt.cli.view.app import ViewerApp, claim_port
 from ccm_opt.cli.view.dragging import GOAL
 from ccm_opt.cli.view.frames import MotionFrames, cut_away, rotation_to_axis
-from ccm_opt.cli.view.scene import rotation_matrix
+from ccm_opt.cli.view.scene import Scene, rotation_matrix
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.problem import Problem, Stop, TipGoal, Tolerances
@@ -40,7 +40,7 @@ def problem() -> Problem:
             "box": {"box": ((0.3, -0.4, -0.2), (0.4, -0.2, 0.2))},
         },
         limits={"velocity": 1.0, "acceleration": 4.0, "torque": 20.0},
-        goal={"position": (0.25, 0.3, 0.1), "direction": (0, 1, 0)},
+        goal={"name": "spot", "position": (0.25, 0.3, 0.1), "direction": (0, 1, 0)},
     )
 
 
@@ -203,6 +203,20 @@ def viewer() -> Iterator[ViewerApp]:
     thread.join(20.0)
 
 
+def all_work_is_seen(scene: Scene, aspect: float) -> None:
+    """Check that the free part of a window shows the goal and all that the arm reaches."""
+    camera = SimpleNamespace(aspect=aspect, fov=0.8)
+    scene.look(SimpleNamespace(camera=camera))  # type: ignore[arg-type]
+    ahead = camera.look_at - camera.position
+    across = np.cross(ahead, (0.0, 0.0, 1.0))
+    axes = np.column_stack([v / np.linalg.norm(v) for v in (across, np.cross(across, ahead), -ahead)])
+    seen = (scene.world(scene.frames.points[:, 1:]).reshape(-1, 3) - camera.position) @ axes
+    x, y = (seen[:, :2] / -seen[:, 2:] / np.tan(0.4)).T
+    assert np.max(np.abs(x)) < aspect
+    low, high = (0.2, 1.0) if aspect < 1.0 else (-1.0, 1.0)
+    assert low < np.min(y) < np.max(y) < high
+
+
 def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
     """It is served to this machine alone; it plays; layers and colours switch; a goal that moves is planned."""
     assert viewer.address.startswith("http://127.0.0.1:")
@@ -229,10 +243,13 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
         camera = SimpleNamespace(position=np.array([0.0, -1e4, 0.0]), wxyz=TOWARDS_Y, fov=0.8, image_height=800)
         scene.switch("names", on=True)
         scene.arrange_names(camera)  # type: ignore[arg-type]
-        assert [path for path, label in scene._labels.items() if label.visible] == ["/goals/goal"]
+        assert [path for path, label in scene._labels.items() if label.visible] == ["/goals/1"]
+        assert scene._labels["/goals/1"].text == "spot"
         camera.position = np.array([0.6, -2.0, 0.5])
         scene.arrange_names(camera)  # type: ignore[arg-type]
         assert all(label.visible for label in scene._labels.values())
+        for aspect in (0.5, 1.6):
+            all_work_is_seen(scene, aspect)
     live = viewer.live
     assert isinstance(live, LivePlan)
     viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
@@ -244,7 +261,7 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
     assert "box" in viewer._status.content
     viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
     assert viewer._handles is not None
-    for what in ("ball", "box", GOAL):
+    for what in ("ball", "box", f"{GOAL} ('spot')"):
         viewer._handles.attach_handle(what)
     viewer._planned(live, live.move_obstacle("box", (0.0, -0.1, 0.0)))
     assert "planned and verified" in viewer._status.content

@@ -213,6 +213,7 @@ position = [0.35, -0.1]
 pause = 0.1
 
 [[goal]]
+name = "valve"
 position = [0.9, 0.0]
 
 [[goal]]
@@ -229,14 +230,14 @@ def test_a_motion_that_leaves_out_a_goal_says_so(tmp_path: Path, capsys: pytest.
     (tmp_path / "tour.toml").write_text(FREE.replace('"small"', '"tour"'))
     solved = run("solve", tmp_path / "tour.toml", "--out", tmp_path, "--no-pictures")
     assert solved.code == IN_PART
-    assert "goal 3 of the file: goal.position: out of reach" in solved.err
+    assert "goal 3 of the file ('valve'): goal.position: out of reach" in solved.err
     assert "3 of 4 goals in the order" in solved.out
     folder = tmp_path / "tour"
     record = json.loads((folder / "solution.json").read_text())
     assert record["status"] == "solved in part"
     assert [goal["goal"] for goal in record["tour"]["left_out"]] == [3]
     assert sorted(record["tour"]["order"]) == [1, 2, 4]
-    assert len(record["problem"]["goal"]) == 4
+    assert [goal.get("name") for goal in record["problem"]["goal"]] == [None, None, "valve", None]
     assert run("check", folder).code == SOLVED
 
     def changed(**tour: object) -> int:

@@ -162,7 +162,7 @@ def tour_exit_code(name: str, tour: Tour | None) -> int:
     if tour is None or not tour.left_out:
         return SOLVED
     count = len(tour.order) + len(tour.left_out)
-    lines = "".join(f"\n  goal {goal.goal} of the file: {goal.reason}" for goal in tour.left_out)
+    lines = "".join(f"\n  {tour.goal_title(goal.goal)}: {goal.reason}" for goal in tour.left_out)
     warn(f"{name}: {len(tour.left_out)} of {count} goals are left out:{lines}")
     return IN_PART
 

@@ -105,7 +105,7 @@ def print_tour(console: Console, tour: Tour | None) -> None:
     if tour is None:
         return
     for goal in tour.left_out:
-        console.print(f"[red]left out:[/red] {escape(f'goal {goal.goal} of the file: {goal.reason}')}", soft_wrap=True)
+        console.print(f"[red]left out:[/red] {escape(f'{tour.goal_title(goal.goal)}: {goal.reason}')}", soft_wrap=True)
     for sentence in tour_sentences(tour):
         console.print(escape(sentence), soft_wrap=True)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import name_suffix
 from ccm_opt.robot.arm import Arm
 
 GoalT = TypeVar("GoalT")
@@ -39,7 +40,7 @@ def named_goals(problem: Problem) -> Iterator[NamedGoal[Goal]]:
     goals = (*problem.stops, Stop(problem.goal, problem.tolerances))
     for k, stop in enumerate(goals):
         several = len(goals) > 1
-        name = f"goal {k + 1} of {len(goals)}" if several else "the goal"
+        name = f"goal {k + 1} of {len(goals)}{name_suffix(stop.goal)}" if several else "the goal"
         yield NamedGoal(name, f"goal[{k}]" if several else "goal", stop.goal, stop.tolerances)
 
 

@@ -15,6 +15,7 @@ from ccm_opt.ik.terms import TERM_TOLERANCE, Constraint, Cost, applies_at
 from ccm_opt.planning.plane_in_space import needs_space
 from ccm_opt.problem import Goal, Problem, Tolerances
 from ccm_opt.problem.options import options_without_effect
+from ccm_opt.problem.poses import name_suffix
 from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.robot.arm import Arm
 
@@ -178,7 +179,7 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
     stops: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
     goals = [*stops, (problem.goal, problem.tolerances)]
     for number, (goal, tolerances) in enumerate(goals, start=1):
-        where = f"goal {number} of {len(goals)}" if several else "the goal"
+        where = f"goal {number} of {len(goals)}{name_suffix(goal)}" if several else "the goal"
         findings = tuple(_finding(each, where) for each in _contradictions(terms, goal, tolerances))
         if findings:
             raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))

@@ -10,6 +10,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.problem import Goal, JointPose, Problem
+from ccm_opt.problem.poses import name_suffix
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 LEAST_TIME = 0.5
@@ -145,7 +146,7 @@ def plan_legs(
             except NoPlanFound as error:
                 if len(goals) == 1:
                     raise
-                raise type(error)(_goal_diagnosis(error.diagnosis, number, len(goals))) from error
+                raise type(error)(_goal_diagnosis(error.diagnosis, number, len(goals), goal)) from error
             known.append((leg, path))
         legs.append(Leg(leg, path))
         start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
@@ -227,11 +228,10 @@ def _with_part(path: JointPath, part: JointPath, other: JointPath) -> JointPath:
     return end_to_end(parts) if changed else path
 
 
-def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:
+def _goal_diagnosis(found: Diagnosis, number: int, count: int, goal: Goal) -> Diagnosis:
     """Return a diagnosis with the words "goal ``number`` of ``count``", the goal to which no path was found, added."""
-    return replace(
-        found, reason=f"goal {number} of {count}: {found.reason}", evidence={**found.evidence, "goal": number}
-    )
+    title = f"goal {number} of {count}{name_suffix(goal)}"
+    return replace(found, reason=f"{title}: {found.reason}", evidence={**found.evidence, "goal": number})
 
 
 def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:

@@ -29,6 +29,7 @@ from ccm_opt.driver.known_motions import KnownMotions, Rest
 from ccm_opt.driver.legs import LEAST_TIME, Leg, Planner, plan_legs
 from ccm_opt.driver.tour_order import OrderSolver, tour_cost, tour_legs
 from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
+from ccm_opt.problem.poses import name_suffix
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 
 _TIME_SHARE = 3.0
@@ -151,7 +152,7 @@ class TourPlanner:
             deadline: time at which all planning has to end.
             later: number of goals that are still to be reached.
         """
-        self.stages.tell(candidate=f"goal {number + 1}")
+        self.stages.tell(candidate=f"goal {number + 1}{name_suffix(stop.goal)}")
         try:
             self.refuse(self.motions.leg_problem(self.motions.rests[0], stop))
         except UnreachableGoal as proved:
@@ -199,7 +200,8 @@ class TourPlanner:
         failure = self.failures[number]
         words = ", at which the motion has to end" if must_end else "; no other goal is reached either"
         found: Diagnosis = failure.diagnosis
-        reason = f"goal {number + 1} of {len(goals)}: {found.reason}{words if must_end else ''}"
+        title = f"goal {number + 1} of {len(goals)}{name_suffix(goals[number].goal)}"
+        reason = f"{title}: {found.reason}{words if must_end else ''}"
         if not must_end and len(goals) > 1:
             reason += words
         raise type(failure)(replace(found, reason=reason, evidence={**found.evidence, "goal": number + 1})) from failure

@@ -304,6 +304,10 @@ def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> FloatArray | float
 
 def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> Goal:
     """Return a goal for the tip or for the whole arm from the table ``[goal]``."""
+    return replace(_unnamed_goal(table, arm, mapping), name=table.name or "")
+
+
+def _unnamed_goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> Goal:
     if table.path is not None:
         path = np.array(table.path)
         return TipGoal(path[-1], path=path)

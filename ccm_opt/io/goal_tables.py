@@ -101,6 +101,11 @@ VIEW_NEEDS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("share", "spacing", "within"), ("see",)),
 }
 """For each key about what is looked at, the keys of which it requires one; the first four require each other."""
+NAMED = ("position", "look_at", "joints_deg", "shape", "segments", "path")
+"""Keys of goals of which one is given beside a name; views that are found for surfaces have none."""
+_NAME = Field(
+    default=None, description="Name of the goal in messages, on the page and in the viewer, beside its number."
+)
 _LOOK_AT = Field(
     default=None,
     description=(
@@ -157,6 +162,7 @@ class GoalTable(PoseTable):
         needs={
             "heading_deg": ("position", "segments"),
             **dict.fromkeys(TOLERANCE_KEYS, ("position", "joints_deg", "shape", "segments")),
+            "name": NAMED,
             **VIEW_NEEDS,
         },
     )
@@ -181,6 +187,7 @@ class GoalTable(PoseTable):
     heading_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.heading, description="Largest deviation of the last link from the goal's heading."
     )
+    name: Annotated[str, Field(min_length=1)] | None = _NAME
     pause: Annotated[float, Field(ge=0.0)] = _PAUSE
 
 
@@ -234,6 +241,7 @@ class SpaceGoalTable(SpacePoseTable):
             "position_tolerance": ("position", "path", "joints_deg", "shape"),
             "up": ("direction",),
             "roll_tolerance_deg": ("up",),
+            "name": NAMED,
             **VIEW_NEEDS,
         },
     )
@@ -280,4 +288,5 @@ class SpaceGoalTable(SpacePoseTable):
     roll_tolerance_deg: PositiveDegrees = Field(
         default=Tolerances.roll, description="Largest roll about the goal's direction away from `up`."
     )
+    name: Annotated[str, Field(min_length=1)] | None = _NAME
     pause: Annotated[float, Field(ge=0.0)] = _PAUSE

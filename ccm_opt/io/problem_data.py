@@ -333,7 +333,9 @@ def goal_table(
         tolerances: tolerances of the goal; None for a start, which has none.
         arm_axes: units of the axes that carry the base; None if there are none.
     """
-    entries: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
+    entries: dict[str, object] = {"name": goal.name or None}
+    if in_space:
+        entries["via"] = list(goal.via) or None
     if goal.path is not None:
         entries |= {"path": list(goal.path), "position": None}
     if (look_at := goal.look_at) is not None:

@@ -132,7 +132,7 @@ def _goal(goal: Goal) -> Goal:
         return _pose(goal.for_joints)
     tip = goal.for_tip
     direction = None if tip.direction is None else in_link(tip.direction)
-    return TipGoal(in_link(tip.position), direction)
+    return TipGoal(in_link(tip.position), direction, name=tip.name)
 
 
 def _workspace(workspace: Workspace, depth: float) -> Workspace:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ccm_opt.core.arguments import in_words
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.arm_rules import carrier_defects, feed_defects
 from ccm_opt.problem.poses import Coverage, LookAt, TipGoal, Tolerances
@@ -26,6 +27,7 @@ def pose_defects(problem: "Problem", d: int) -> Iterator[str]:
     links = problem.arm.links
     poses = [("start", problem.start, Tolerances()), ("goal", problem.goal, problem.tolerances)]
     poses += [(f"stop {k}", stop.goal, stop.tolerances) for k, stop in enumerate(problem.stops, start=1)]
+    yield from _name_defects(problem)
     placed = []
     for name, pose, tolerances in poses:
         joints = pose.for_joints
@@ -51,6 +53,14 @@ def pose_defects(problem: "Problem", d: int) -> Iterator[str]:
             yield from _path_defects(name, pose, pose.path, problem.arm)
     yield from feed_defects(problem.arm, problem.limits, placed)
     yield from carrier_defects(problem)
+
+
+def _name_defects(problem: "Problem") -> Iterator[str]:
+    if problem.start.name:
+        yield "start.name has no effect, only goals have names; leave it out"
+    for number, goal in enumerate(problem.goals, start=1):
+        if not isinstance(goal.goal.name, str):
+            yield f"the name of goal {number} must be a str, got {in_words(goal.goal.name)}"
 
 
 MOST_TURN_WITH_UP = float(np.deg2rad(45.0))

@@ -31,12 +31,14 @@ class JointPose:
         curve: backbone curve to which the joints were fitted, positioned for a feed of 0; None if the joint angles
             alone define the pose. A motion reaches the pose when the arm follows the curve, by any mapping.
         mapping: name of the method that fits the joints to the curve.
+        name: name of the goal in messages and pictures; empty for none, and at the start.
     """
 
     bends: FloatArray
     feed: FloatArray | float = 0.0
     curve: Configuration | None = None
     mapping: MappingName = "least-squares"
+    name: str = ""
     direction: ClassVar[None] = None
     heading: ClassVar[None] = None
     via: ClassVar[tuple[FloatArray, ...]] = ()
@@ -211,6 +213,7 @@ class TipGoal:
         look_at: what the arm looks at from this goal, see ``looking``; None if the goal is the position itself.
         up: where the tool's up axis, or the z axis of the last link, points as seen along ``direction``, shape (3,),
             not parallel to it; None if any roll about the direction is allowed.
+        name: name of the goal in messages and pictures; empty for none.
     """
 
     position: FloatArray
@@ -220,6 +223,7 @@ class TipGoal:
     path: FloatArray | None = None
     look_at: LookAt | None = None
     up: FloatArray | None = None
+    name: str = ""
     for_joints: ClassVar[None] = None
 
     @property
@@ -309,6 +313,11 @@ class TipGoal:
 
 
 Goal: TypeAlias = TipGoal | JointPose
+
+
+def name_suffix(goal: Goal) -> str:
+    """Return the name of a goal as messages add it to its number; empty without a name."""
+    return f" ('{goal.name}')" if goal.name else ""
 
 
 @dataclass(frozen=True)

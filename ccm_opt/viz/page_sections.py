@@ -8,6 +8,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import span_words
 from ccm_opt.problem import Problem
+from ccm_opt.problem.poses import name_suffix
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.viz.document import MINUS, NONE, Child, Markup, PageUnits, element, joined, table, three_digits
 
@@ -108,8 +109,12 @@ def goal_times(solution: Solution) -> list[dict[str, object]]:
     numbers = [*solution.trajectory.stops, len(time) - 1]
     single = len(numbers) == 1
     return [
-        {"at": float(time[k]), "words": "goal" if single else str(n), "title": f"goal {n}, at {time[k]:.2f} s"}
-        for n, k in enumerate(numbers, start=1)
+        {
+            "at": float(time[k]),
+            "words": "goal" if single else str(n),
+            "title": f"goal {n}{name_suffix(stop.goal)}, at {time[k]:.2f} s",
+        }
+        for n, (k, stop) in enumerate(zip(numbers, solution.problem.goals, strict=True), start=1)
     ]
 
 
@@ -233,7 +238,7 @@ def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
             words = f"{place}, any {'heading' if problem.dimension == 2 else 'direction'}"
         passed = "".join(f", via {_place(each, units)}" for each in goal.via)
         passed += "" if goal.path is None else f", along a path of {len(goal.path)} points"
-        yield f"goal {number}" if problem.stops else "goal", words + passed
+        yield f"goal {number}{name_suffix(goal)}" if problem.stops else f"goal{name_suffix(goal)}", words + passed
 
 
 def _place(point: FloatArray, units: PageUnits) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from ccm_opt.problem.poses import name_suffix
 from ccm_opt.problem.solution import Solution, Tour
 from ccm_opt.viz.document import Markup, element, table
 
@@ -44,11 +45,13 @@ def tour_section(solution: Solution) -> Markup | None:
         return None
     time = solution.trajectory.time
     samples = [*solution.trajectory.stops, len(time) - 1]
+    goals = tour.posed.numbered_goals
+    titles = [f"view {k}" if tour.views else f"goal {k}{name_suffix(goals[k - 1].goal)}" for k in tour.order]
     visits = [
-        (str(visit), f"{'view' if tour.views else 'goal'} {goal}", f"{time[sample]:.2f} s")
-        for visit, (goal, sample) in enumerate(zip(tour.order, samples, strict=False), start=1)
+        (str(visit), title, f"{time[sample]:.2f} s")
+        for visit, (title, sample) in enumerate(zip(titles, samples, strict=False), start=1)
     ]
-    missing = [element("li", f"goal {goal.goal} of the file: {goal.reason}") for goal in tour.left_out]
+    missing = [element("li", f"{tour.goal_title(goal.goal)}: {goal.reason}") for goal in tour.left_out]
     left_out = (element("h3", "Goals left out"), element("ul", *missing)) if missing else ()
     sentences = (element("p", f"{sentence[0].upper()}{sentence[1:]}.") for sentence in tour_sentences(tour))
     return element(

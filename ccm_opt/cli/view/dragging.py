@@ -14,6 +14,7 @@ from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
+from ccm_opt.problem.poses import name_suffix
 
 
 class Replanner:
@@ -111,7 +112,7 @@ class Handles:
         self._replanner.start()
         goals = live.problem.goals
         self._goals = {
-            GOAL if len(goals) == 1 else f"goal {number}": number
+            (GOAL if len(goals) == 1 else f"goal {number}") + name_suffix(stop.goal): number
             for number, stop in enumerate(goals, start=1)
             if stop.goal.whole(live.problem.arm) is None
         }

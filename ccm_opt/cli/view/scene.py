@@ -145,7 +145,7 @@ class Scene:
                 self._standing[obstacle.name] = obstacle
                 self._draw_obstacle(obstacle, most, cell)
         for number, stop in enumerate(problem.goals, start=1):
-            self._draw_goal(stop.goal, f"goal {number}" if problem.stops else "goal")
+            self._draw_goal(stop.goal, number, stop.goal.name or (f"goal {number}" if problem.stops else "goal"))
 
     def _draw_walls(self, problem: Problem) -> None:
         """Draw the edges of the workspace bounds."""
@@ -237,11 +237,11 @@ class Scene:
             if labels[k].visible != shown:
                 labels[k].visible = shown
 
-    def _draw_goal(self, goal: Goal, name: str) -> None:
-        path, place = scene_path("/goal", name), self.world(goal.tip(self.frames.problem.arm))
+    def _draw_goal(self, goal: Goal, number: int, name: str) -> None:
+        path, place = f"/goal/{number}", self.world(goal.tip(self.frames.problem.arm))
         self.server.scene.add_icosphere(path, radius=1.4 * self.radius, color=colours.GOAL, position=place)
         # The name stands below the goal, whose handle it would cover otherwise.
-        self._label(scene_path("/goals", name), name, place - np.array([0.0, 0.0, 2.8 * self.radius]))
+        self._label(f"/goals/{number}", name, place - np.array([0.0, 0.0, 2.8 * self.radius]))
         if goal.direction is not None:
             mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, VIEW.sides)
             wxyz = rotation_to_axis(self.frames.problem.arm.embedded(goal.direction))

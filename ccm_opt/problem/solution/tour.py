@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from ccm_opt.problem.definition import Problem
-from ccm_opt.problem.poses import Stop, Tolerances
+from ccm_opt.problem.poses import Stop, Tolerances, name_suffix
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,10 @@ class Tour:
     def in_given_order(self) -> bool:
         """Whether the goals are visited in the order of the problem."""
         return self.order == tuple(sorted(self.order))
+
+    def goal_title(self, number: int) -> str:
+        """Return how messages name a goal of the problem, from 1, which has its name and that it is counted so."""
+        return f"goal {number} of the file{name_suffix(self.posed.numbered_goals[number - 1].goal)}"
 
     def lasting(self, duration: float) -> "Tour":
         """Return the tour with another duration of the same motions [s]."""
