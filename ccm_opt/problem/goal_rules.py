@@ -58,9 +58,10 @@ def pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 def _name_defects(problem: "Problem") -> Iterator[str]:
     if problem.start.name:
         yield "start.name has no effect, only goals have names; leave it out"
-    for number, goal in enumerate(problem.goals, start=1):
-        if not isinstance(goal.goal.name, str):
-            yield f"the name of goal {number} must be a str, got {in_words(goal.goal.name)}"
+    names: list[object] = [stop.goal.name for stop in problem.goals]
+    for number, name in enumerate(names, start=1):
+        if not isinstance(name, str):
+            yield f"the name of goal {number} must be a str, got {in_words(name)}"
 
 
 MOST_TURN_WITH_UP = float(np.deg2rad(45.0))
