@@ -124,12 +124,12 @@ class PathJoiner:
         chain = np.stack((first, last))
         if self.problem.dimension == 2:
             return self.path(chain) is not None
-        shortening = self._in_space
+        shortening = self._contact_shortening
         rows = shortening.straight(*_with_bodies(chain, shortening.arm, 0.0))
         return len(shortening.failures(rows)) == 0
 
     @cached_property
-    def _in_space(self) -> "_Shortening":
+    def _contact_shortening(self) -> "_Shortening":
         """Shortening of chains in space without regard to their gaps."""
         problem = problem_with_tool_links(replace(self.problem, goal=self.problem.start, stops=()))
         *_, certificate = self._certificates(problem, self.problem.start.configuration(self.problem.arm)[None])
