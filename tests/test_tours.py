@@ -140,6 +140,12 @@ def test_the_order_of_the_file_makes_no_difference(bends: list[int], end: TourEn
     assert [stop.goal for stop in planned.goals] == [stop.goal for stop in expected.goals]
 
 
+def test_a_goal_at_the_start_costs_nothing() -> None:
+    """A motion without duration is known as any other, so that the goals after it are ordered too."""
+    _, tour = toured(free_order("free", [0, 20, 10]))
+    assert tour.order == (1, 3, 2)
+
+
 def test_a_joined_motion_that_takes_longer_than_its_parts_is_not_taken() -> None:
     """Where the motion joined over the start takes long, one that is planned by itself is taken."""
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import shortest_path
 
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
@@ -137,8 +138,8 @@ class KnownMotions:
         for k, rest in enumerate(self.rests[1:], start=1):
             assert rest.path is not None  # noqa: S101 - all nodes but the start have one
             self.keep(rest.parent, k, rest.path)
-        near = np.argsort(self.bounds, axis=1, kind="stable")[:, 1 : _NEIGHBOURS + 1]
-        pairs = {(min(k, other), max(k, other)) for k, row in enumerate(near.tolist()) for other in row}
+        near = np.argsort(self.bounds, axis=1, kind="stable")[:, : _NEIGHBOURS + 1]
+        pairs = {(min(k, other), max(k, other)) for k, row in enumerate(near.tolist()) for other in row if other != k}
         for first, second in sorted(pairs - self.paths.keys()):
             straight = self._joiner.path(np.stack((self.rests[first].q, self.rests[second].q)))
             if straight is not None:
@@ -189,9 +190,10 @@ class KnownMotions:
             Durations [s], and for each pair of nodes the last node but one on the way, both of shape (nodes, nodes).
         """
         count = len(self.rests)
-        known = np.zeros((count, count))
-        for pair, duration in self.durations.items():
-            known[pair] = max(duration, TINY)  # zero means that there is no motion
+        first, second = np.array(list(self.durations)).T
+        # In a dense matrix, next to nothing would mean that there is no motion.
+        durations = np.maximum(list(self.durations.values()), TINY)
+        known = csr_array((durations, (first, second)), shape=(count, count))
         between, before = shortest_path(known, directed=False, return_predecessors=True)
         return between, before.astype(np.intp)
 
