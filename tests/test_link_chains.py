@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning import way_strategies
+from ccm_opt.planning import sampled_run
 from ccm_opt.planning.followable_ways import WayEnd
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.link_chains import LinkChain, LinkChains
@@ -128,7 +128,7 @@ def test_a_clamped_chain_begins_straight() -> None:
 def test_no_pose_at_the_goal_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no chain becomes a pose, no tree grows, and the failure does not speak of trees."""
     task = task_of(space_arm(8), boxes(BOXES), GoalPose(np.array([0.6, 0.1, 0.05])))
-    monkeypatch.setattr(way_strategies, "chained_goal_poses", lambda *_: [])
+    monkeypatch.setattr(sampled_run, "chained_goal_poses", lambda *_: [])
     failures: list[Failure] = []
     assert SpaceRun.from_task(task).by_chains(0, failures) is None
     assert [failure.message for failure in failures] == ["no collision-free pose at the goal was found"]

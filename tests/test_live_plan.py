@@ -80,16 +80,23 @@ def test_where_there_is_no_plan_the_last_one_stays(swan: ccm_opt.Problem) -> Non
     assert live.reason == ""
 
 
+def cost(plan: ccm_opt.Solution) -> float:
+    """The duration of a plan, doubled if it keeps nothing of the preferred clearance."""
+    problem = plan.problem
+    kept = plan.metrics["least_wall_clearance_m"] - problem.workspace.clearance
+    return plan.trajectory.duration * (2.0 - float(np.clip(kept / problem.wanted_gap, 0.0, 1.0)))
+
+
 @pytest.mark.drawn(20, of="dear tests")
-def test_a_plan_made_anew_is_kept_only_where_it_is_shorter() -> None:
-    """It is never longer than the one that followed the drags; with room, errors and simulation it is a whole one."""
+def test_a_plan_made_anew_is_kept_only_where_it_costs_less() -> None:
+    """It never costs more than the one that followed the drags; with room, errors and simulation it is a whole one."""
     live = LivePlan(clutter(3, count=20).problem())
     goal = live.problem.goal
     assert isinstance(goal, TipGoal)
     live.move_goal(goal.position + 0.01)
-    before = live.plan.trajectory.duration
+    before = cost(live.plan)
     assert live.plan_anew().current
-    assert live.plan.trajectory.duration <= before
+    assert cost(live.plan) <= before + 1e-9
     whole = live.finished()
     assert whole.room is not None
     assert whole.simulation.verdict.followed

@@ -322,9 +322,10 @@ class LivePlan:
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
-        """Plan the present problem from scratch, and keep the old or the new plan, whichever takes less time.
+        """Plan the present problem from scratch, and keep the old or the new plan, whichever costs less.
 
-        Plans made during a drag stay in one homotopy class; planning from scratch may find a shorter motion.
+        Plans made during a drag stay in one homotopy class; planning from scratch may find a better motion. The cost of
+        a plan is its duration, doubled if it keeps none of the preferred clearance.
 
         Args:
             time_limit: CPU time limit of planning [s]; None for that of the problem.
@@ -341,8 +342,8 @@ class LivePlan:
         planner = self._planner
         self._planner = replace(planner, known=(), dragging=False)
         self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
-        shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
-        if followed and not shorter:
+        better = self.current and self._cost(self._verified) < self._cost(verified)
+        if followed and not better:
             self.current = True
             self.reason = ""
             self.plan = plan
@@ -412,7 +413,8 @@ class LivePlan:
         stages = Stages()
         self._planner.begin()
         legs = plan_legs(problem, self._planner)
-        self._keep(timed_and_verified(problem, legs, stages, None, self._terms, self._settings), stages)
+        settings = self._settings if self._planner.dragging else self.settings
+        self._keep(timed_and_verified(problem, legs, stages, None, self._terms, settings), stages)
         self._planner.known = self._planner.made
 
     @on_one_thread()
@@ -433,6 +435,12 @@ class LivePlan:
             return False
         self._keep(replace(self._verified, checks=checks), Stages())
         return True
+
+    def _cost(self, verified: VerifiedPlan) -> float:
+        """Return the duration of a plan, doubled if it keeps none of the preferred clearance [s]."""
+        lacking = self.problem.workspace.clearance + self.problem.wanted_gap - _wall_gap(verified.checks)
+        lack = lacking / self.problem.wanted_gap if self.problem.wanted_gap > 0.0 else 0.0
+        return verified.trajectory.duration * (1.0 + min(max(lack, 0.0), 1.0))
 
     def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
         """Make a verified plan the current plan of the present problem."""
