@@ -110,7 +110,7 @@ class CoverageViews:
         if self.lookup is None:
             self._sample()
         elif self.problem.arm.links <= _FEW_LINKS and self.problem.arm.feed is None:
-            self._grow_roadmap(self.lookup)
+            self._begin_roadmap(self.lookup)
         else:
             self._sample()
             self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
@@ -128,29 +128,37 @@ class CoverageViews:
         self.views = self.views.with_further(views)
         self.posed = np.append(self.posed, np.full(len(views.tips), int(bool(poses))))
 
-    def _grow_roadmap(self, lookup: TipLooker) -> None:
+    def _begin_roadmap(self, lookup: TipLooker) -> None:
         """Draw poses until those to which motions lead from the start see enough, or as long as that is likely."""
         start = lookup.stepper.pose(lookup.start)
         pace = np.minimum(self.problem.limits.of_coordinates(self.problem.arm.coordinates).velocity, _FASTEST)
         self.roadmap = PoseRoadmap(lookup.stepper.safe, pace, np.array([start.q]))
-        further = lookup.drawn_free(_MOST_DRAWN)
-        drawn, fresh, known = [start], [start], self.roadmap.joined
-        while fresh:
-            before = self._lacking()
-            self._add(self.sampler.from_poses(self.problem.arm, [pose.q for pose in fresh]), fresh)
-            self.poses += fresh
-            lacking = self._lacking()
-            if lacking <= _ROUNDING or (len(self.poses) > 1 and before - lacking < _GAIN * lacking):
+        self._drawn, self._further = [start], lookup.drawn_free(_MOST_DRAWN)
+        self._add_poses([start])
+        while (before := self._lacking()) > _ROUNDING and self._grow():
+            if before - self._lacking() < _GAIN * self._lacking():
                 return
-            fresh = []
-            while len(fresh) < _JOINED and (some := list(islice(further, _ROADMAP_POSES))):
-                drawn += some
-                self.roadmap.add(np.array([pose.q for pose in some]))
-                self.roadmap.find_neighbours()
-                self.roadmap.join()
-                known = np.append(known, np.zeros(len(some), dtype=bool))
-                fresh += [drawn[k] for k in np.flatnonzero(self.roadmap.joined & ~known)]
-                known = self.roadmap.joined.copy()
+
+    def _grow(self) -> bool:
+        """Draw poses until motions lead from the start to some more, which are views; return whether there are any."""
+        roadmap, fresh = self.roadmap, list[Pose]()
+        if roadmap is None:
+            return False
+        while len(fresh) < _JOINED and (some := list(islice(self._further, _ROADMAP_POSES))):
+            known = np.append(roadmap.joined, np.zeros(len(some), dtype=bool))
+            self._drawn += some
+            roadmap.add(np.array([pose.q for pose in some]))
+            roadmap.find_neighbours()
+            roadmap.join()
+            fresh += [self._drawn[k] for k in np.flatnonzero(roadmap.joined & ~known)]
+        if fresh:
+            self._add_poses(fresh)
+        return bool(fresh)
+
+    def _add_poses(self, poses: list[Pose]) -> None:
+        """Add poses, and what is seen from them as views."""
+        self._add(self.sampler.from_poses(self.problem.arm, [pose.q for pose in poses]), poses)
+        self.poses += poses
 
     def _lacking(self) -> float:
         """Return the share that the known poses lack."""
@@ -222,9 +230,10 @@ class CoverageViews:
             if np.all(self.reasons == NOT_LOOKED_AT):
                 self._sample()
         alive = np.flatnonzero(self.posed >= 0)
-        together = self._share_of(self.views.sees[alive])
-        if together < self.share - _ROUNDING:
-            raise self._not_enough(together)
+        while (together := self._share_of(self.views.sees[alive])) < self.share - _ROUNDING:
+            if not self._grow():
+                raise self._not_enough(together)
+            alive = np.flatnonzero(self.posed >= 0)
         return alive
 
     def _have_poses(self, some: IntArray) -> bool:
@@ -257,6 +266,7 @@ class CoverageViews:
             return -1
         self.poses.append(pose)
         if self.roadmap is not None:
+            self._drawn.append(pose)
             self.roadmap.add(pose.q[None])
             self.roadmap.find_neighbours()
         self.pose_of[k] = pose
