@@ -35,7 +35,10 @@ def test_the_tip_of_a_needle_grows_and_nobody_is_warned() -> None:
 def test_a_grown_shape_holds_all_that_is_within_the_distance(
     seed: int, distance: float, limit: float, needle: bool
 ) -> None:
-    """However near corners are cut off, all points within the distance lie inside, of needles as well."""
+    """However near corners are cut off, all points within the distance lie inside, of needles as well.
+
+    GEOS leaves out dents of less than a hundredth of the distance (its simplify factor), which may cost as much.
+    """
     rng = np.random.default_rng(seed)
     shape = random_polygon(rng, np.zeros(2))
     if needle:
@@ -44,4 +47,4 @@ def test_a_grown_shape_holds_all_that_is_within_the_distance(
         shape = shapely.Polygon(np.vstack((corners[0], out, corners)))
     grown = mitred(shape, distance, limit)
     with np.errstate(all="ignore"):
-        assert shapely.contains(shapely.buffer(grown, 1e-9), shapely.buffer(shape, distance))
+        assert shapely.contains(shapely.buffer(grown, 0.01 * distance), shapely.buffer(shape, distance))

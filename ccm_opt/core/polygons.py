@@ -140,7 +140,8 @@ _ARC = 8
 def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
     """Return planar polygons offset by a distance with mitred corners.
 
-    For a positive distance, the result contains every point within this distance of the polygons.
+    For a positive distance, the result contains every point within this distance of the polygons, but for what GEOS
+    loses where it leaves out shallow dents: rarely some 1e-5, and never more than 0.01, of the distance.
 
     Args:
         shape: polygons in the plane [m].
