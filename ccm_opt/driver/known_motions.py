@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import shortest_path
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.core.polyline import points_at
 from ccm_opt.driver.legs import LEAST_TIME, Leg, Planner, end_to_end
 from ccm_opt.driver.pose_roadmap import PoseRoadmap
 from ccm_opt.planning.joining import PathJoiner, chain_time
@@ -156,7 +157,7 @@ class KnownMotions:
             rows[[0, -1]] = self.rests[first].q, self.rests[second].q
             time = chain_time(rows, pace)
             at = np.linspace(0.0, time[-1], max(round(float(time[-1]) / step), 1) + 1)
-            even = np.column_stack([np.interp(at, time, column) for column in rows.T])
+            even = points_at(rows, time, at)
             even[[0, -1]] = rows[[0, -1]]
             self.roadmap.add_motion(first, second, even)
         self.roadmap.find_neighbours()
