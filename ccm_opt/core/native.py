@@ -29,6 +29,8 @@ _NUMBERS: dict[str, Any] = {"int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32
                             "float": ctypes.c_float}  # fmt: skip
 _ELEMENTS = {"int64_t": np.int64, "int32_t": np.int32, "double": np.float64, "float": np.float32, "uint8_t": np.uint8}
 _BYTES = np.dtype(np.uint8)
+_HEADER = object.__basicsize__
+"""Size of the header of a Python object, behind which an array keeps the address of its data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +234,8 @@ class _OwnedStruct:
 
 def _address(owner: Any) -> Any:
     if isinstance(owner, np.ndarray):
-        return owner.__array_interface__["data"][0]
+        # As `owner.ctypes.data`, which takes eight times as long: most calls of C are short.
+        return ctypes.c_void_p.from_address(id(owner) + _HEADER).value
     if isinstance(owner, _OwnedStruct):
         return ctypes.addressof(owner.struct)
     if isinstance(owner, bytes):
