@@ -85,6 +85,30 @@ def test_of_segments_in_a_row_the_nearest_is_told(
 
 
 @settings(max_examples=60)
+@given(
+    seed=seeds,
+    count=st.integers(1, 300),
+    reach=reaches,
+    poses=st.integers(1, 30),
+    move=st.sampled_from((0.0, 0.01, 1.0)),
+)
+def test_poses_of_a_motion_give_what_each_gives_alone(
+    seed: int, count: int, reach: float, poses: int, move: float
+) -> None:
+    """Where the poses of a chain are looked at together, gaps and half-spaces are the same; what is NaN stays so."""
+    rng = np.random.default_rng(seed)
+    tree = SurfaceTree.from_triangles(random_triangles(rng, count))
+    moves = move * rng.normal(size=(poses, 1, 1, 3))
+    segments = (random_segments(rng, 3) + np.cumsum(moves, axis=0)).reshape(-1, 2, 3)
+    if seed % 4 == 0:
+        segments[rng.integers(len(segments)), 0, 0] = np.nan
+    np.testing.assert_array_equal(tree.distances(segments, reach, poses=poses), tree.distances(segments, reach))
+    together, alone = (vars(tree.planes(segments, reach, most=6, poses=each)) for each in (poses, 1))
+    for name, values in alone.items():
+        np.testing.assert_array_equal(together[name], values, err_msg=name)
+
+
+@settings(max_examples=60)
 @given(seed=seeds, count=st.integers(1, 300), reach=reaches, slack=st.sampled_from((1e-3, 0.02, 0.3)))
 def test_slack_lowers_distances_by_no_more(seed: int, count: int, reach: float, slack: float) -> None:
     """With slack no distance is above the least, and none is below by more than the slack."""
@@ -264,7 +288,8 @@ def test_a_segment_that_is_not_finite_is_not_free() -> None:
     for tree in trees(scene):
         assert np.isnan(tree.distances(segments, 1.0)).tolist() == [True, True, False]
         assert np.isnan(tree.nearest(segments, 1.0).gap).tolist() == [True, True, False]
-        assert np.isnan(tree.nearest(segments, 1.0, together=3).gap).tolist() == [True, True, False]
+        twice = np.concatenate((np.where(np.isfinite(segments), segments, 0.0), segments))
+        assert np.isnan(tree.nearest(twice, 1.0, together=3).gap).tolist() == [False] * 3 + [True, True, False]
 
 
 @pytest.mark.parametrize("kind", ["points", "one place", "segments"])

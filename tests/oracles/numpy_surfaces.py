@@ -44,9 +44,9 @@ class NumpySearch:
 
     boxes: SurfaceBoxes
 
-    def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
+    def distances(self, segments: FloatArray, reach: float, slack: float, row: int = 0) -> FloatArray:
         """Return the minimum distance of each segment, at most ``reach`` [m]; NaN for segments that are not finite."""
-        del slack  # all pairs in question are looked at anyway
+        del slack, row  # all pairs in question are looked at anyway
         gap = np.full(len(segments), reach, dtype=np.float64)
         found = self._near(segments, reach, nearest_only=True)
         np.minimum.at(gap, found.segment, found.gap)
@@ -75,9 +75,11 @@ class NumpySearch:
         witnesses.normal[k], witnesses.point[k] = self._sides(segments, found)
         return witnesses
 
-    def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
+    def planes(
+        self, segments: FloatArray, reach: float, most: int, behind: float, slack: float, row: int = 0
+    ) -> PlaneRows:
         """Return half-spaces that separate each segment from nearby triangles."""
-        del slack  # the nearest is at hand
+        del slack, row  # the nearest is at hand
         found = self._near(segments, reach, nearest_only=False)
         kept: list[IntArray] = []
         for segment in range(len(segments)):

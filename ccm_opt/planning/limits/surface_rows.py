@@ -83,7 +83,8 @@ def _half_spaces(
     """
     first, axes = sweep.space.arm.exposed_links(points)
     beyond = axes.shape[1]
-    planes = tree.planes(axes.reshape(-1, 2, 3), reach, _PLANES, _BEHIND * sweep.space.nominal_length)
+    behind = _BEHIND * sweep.space.nominal_length
+    planes = tree.planes(axes.reshape(-1, 2, 3), reach, _PLANES, behind, poses=len(points))
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
@@ -139,5 +140,5 @@ def distance_shortfall(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: Fl
         Shortfall of every pose, at least 0, shape (k,) [m].
     """
     first, axes = arm.exposed_links(points)
-    distances = tree.distances(axes.reshape(-1, 2, 3), float(np.max(kept))).reshape(len(points), -1)
+    distances = tree.distances(axes.reshape(-1, 2, 3), float(np.max(kept)), poses=len(points)).reshape(len(points), -1)
     return np.asarray(np.max(kept[first:] - distances, axis=1, initial=0.0))

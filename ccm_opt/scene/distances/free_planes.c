@@ -9,7 +9,7 @@
    farther by more than that, and of a box of small triangles that a plane parts only what is before the plane counts. */
 
 #include "native.h"
-#include "faces.h"
+#include "surface_walk.h"
 
 #define FLATTEST 1e-6 /* squared sine of the angle between planes that meet anywhere */
 
@@ -28,10 +28,15 @@ typedef struct {
     int64_t most, rows;      /* planes a segment; rows in all, −1 where there is too little memory */
     int64_t *segment, *face; /* (k most,), likewise below */
     double *share, *normal, *point, *gap;
+    int64_t row;   /* of a moving chain so many segments are a row; 0 where each is for itself */
+    double *known; /* (k,) of a moving chain; the reach where nothing is as near */
 
     Entry *waiting; /* a heap, the least gap on top */
     int64_t size, room;
 } PlaneQuery;
+
+void gaps_of_rows(const Surfaces *surfaces, const double *segments, int64_t count, int64_t row, double reach,
+                  double slack, double *gap);
 
 static inline int before(const Entry *one, const Entry *other)
 {
@@ -234,10 +239,13 @@ PUBLIC void free_planes(PlaneQuery *q)
     q->rows = 0;
     q->waiting = NULL;
     q->room = 0;
-    for (int64_t k = 0; k < q->count; k++)
+    if (q->row) gaps_of_rows(&q->surfaces, q->segments, q->count, q->row, q->reach, q->reach, q->known);
+    for (int64_t k = 0; k < q->count; k++) {
+        if (q->row && q->known[k] >= q->reach) continue;
         if (!planes_about(q, k)) {
             q->rows = -1;
             break;
         }
+    }
     free(q->waiting);
 }

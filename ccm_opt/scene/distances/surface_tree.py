@@ -119,15 +119,17 @@ class SurfaceSearch:
         """Tree of boxes as named fields of ``Surfaces`` in surface_nodes.h."""
         return {"nodes": self.boxes.nodes, "corners": self.boxes.corners, "rounding": self.boxes.rounding}
 
-    def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
+    def distances(self, segments: FloatArray, reach: float, slack: float, row: int = 0) -> FloatArray:
         """Return the least gap of each segment (k, 2, 3) from the surfaces, capped at `reach`, shape (k,) [m].
 
-        The reported gap may be too small by at most `slack` [m]; it is NaN for segments with NaN.
+        The reported gap may be too small by at most `slack` [m]; it is NaN for segments with NaN. ``row`` is the number
+        of segments of a moving chain, or 0.
         """
         gap = np.empty(len(segments))
         NativeCall(
             "nearest_surfaces",
             surfaces=self.for_c, count=len(segments), together=1, segments=segments, reach=reach, slack=slack, gap=gap,
+            row=row,
         )()  # fmt: skip
         return gap
 
@@ -146,10 +148,13 @@ class SurfaceSearch:
         )()  # fmt: skip
         return found
 
-    def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
+    def planes(
+        self, segments: FloatArray, reach: float, most: int, behind: float, slack: float, row: int = 0
+    ) -> PlaneRows:
         """Return up to ``most`` free half-spaces around each segment (k, 2, 3), nearest first up to ``slack`` [m].
 
-        Surfaces that protrude through a half-space's plane by less than ``behind`` [m] count as excluded.
+        Surfaces that protrude through a half-space's plane by less than ``behind`` [m] count as excluded. ``row`` is
+        the number of segments of a moving chain, or 0.
         """
         count = len(segments)
         whole = np.empty((2, count * most), dtype=np.int64)
@@ -160,6 +165,7 @@ class SurfaceSearch:
             "free_planes",
             surfaces=self.for_c, count=count, segments=segments, reach=reach, behind=behind, slack=slack, most=most,
             segment=whole[0], face=whole[1], share=share, normal=normal, point=point, gap=gap,
+            row=row, known=np.empty(count if row else 0),
         )  # fmt: skip
         call()
         rows = call.fields.rows
@@ -247,7 +253,7 @@ class SurfaceTree:
         boxes = SurfaceBoxes.from_triangles(triangle_soup.triangles, triangle_soup.rounding, settings.leaf)
         return cls(triangle_soup.owner[boxes.order], SurfaceSearch(boxes), settings)
 
-    def distances(self, segments: FloatArray, reach: float, slack: float = 0.0) -> FloatArray:
+    def distances(self, segments: FloatArray, reach: float, slack: float = 0.0, poses: int = 1) -> FloatArray:
         """Return the least distance of each of k segments from the surfaces.
 
         Args:
@@ -255,13 +261,15 @@ class SurfaceTree:
             reach: value at which distances are capped [m].
             slack: largest amount by which reported distances may be too small; they are never too large [m]. Along
                 finely meshed walls a little slack saves most of the time.
+            poses: number of consecutive poses of a chain, to which equally many of the segments belong, one pose after
+                the other. Where a chain moves little from pose to pose this is much faster.
 
         Returns:
             Distances, at most the reach, negative inside the radius of an inflated triangle, shape (k,) [m].
         """
         if self.search is None:
             return np.full(len(segments), float(reach))
-        return self.search.distances(_checked(segments), reach, slack)
+        return self.search.distances(_checked(segments), reach, slack, _row(segments, poses))
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
         """Return the nearest points of each of k segments and the surfaces, with gaps as in ``distances``.
@@ -282,7 +290,12 @@ class SurfaceTree:
         return replace(found, owner=np.where(found.owner < 0, -1, self.owner[found.owner]))
 
     def planes(
-        self, segments: FloatArray, reach: float, most: int | None = None, behind: float | None = None
+        self,
+        segments: FloatArray,
+        reach: float,
+        most: int | None = None,
+        behind: float | None = None,
+        poses: int = 1,
     ) -> PlaneRows:
         """Return half-spaces that bound a convex free region around each of k segments.
 
@@ -295,6 +308,7 @@ class SurfaceTree:
             most: maximum number of planes per segment; that of the settings if None.
             behind: distance by which a surface may protrude through a plane and still count as behind the plane [m];
                 that of the settings if None.
+            poses: as in ``distances``.
         """
         if self.search is None:
             none = np.zeros(0, dtype=np.intp)
@@ -302,7 +316,7 @@ class SurfaceTree:
         most = self.settings.most_planes if most is None else most
         behind = self.settings.behind * reach if behind is None else behind
         slack = self.settings.slack * reach
-        found = self.search.planes(_checked(segments), reach, most, behind, slack)
+        found = self.search.planes(_checked(segments), reach, most, behind, slack, _row(segments, poses))
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
@@ -335,3 +349,14 @@ def _checked(segments: FloatArray, together: int = 1) -> FloatArray:
     if segments.ndim != 3 or segments.shape[1:] != (2, 3) or together < 1 or len(segments) % together:
         raise ValueError(f"segments have the shape {segments.shape}; expected (k, 2, 3), k a multiple of {together}")
     return segments
+
+
+def _row(segments: FloatArray, poses: int) -> int:
+    """Return how many of the segments (k, 2, 3) of several poses belong to each; 0 for a single pose.
+
+    Raises:
+        ValueError: the number of segments is no multiple of that of the poses.
+    """
+    if poses < 1 or len(segments) % poses:
+        raise ValueError(f"{len(segments)} segments; expected a multiple of {poses}, the number of poses")
+    return 0 if poses == 1 else len(segments) // poses

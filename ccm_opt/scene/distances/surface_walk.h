@@ -78,4 +78,17 @@ static inline Found nearest_face(const Surfaces *surfaces, const Segment *segmen
     return found;
 }
 
+/* By how much the gap of a segment may differ from that of another one: no more than the ends are apart; of what is no
+   segment nothing is known. */
+static inline double moved(const double *now, const double *before)
+{
+    double square[2];
+    for (int end = 0; end < 2; end++) {
+        double way[3];
+        minus(now + 3 * end, before + 3 * end, way);
+        square[end] = dot(way, way);
+    }
+    return isfinite(square[0] + square[1]) ? (1.0 + 1e-9) * sqrt(larger(square[0], square[1])) : INFINITY;
+}
+
 #endif
