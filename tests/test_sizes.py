@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scipy.optimize import brentq
 from typer.testing import CliRunner
 
 from ccm_opt import load_problem
@@ -20,6 +22,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.diagnosis.sizes import SIZES, Proofs, size_of
 from ccm_opt.driver.settings import DEFAULT_SETTINGS
 from ccm_opt.driver.size_search import SizeSearch
+from ccm_opt.ik.shortest_arm import shortest_arm
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.size_files import front_files
 from ccm_opt.problem import Problem
@@ -93,6 +96,45 @@ def test_the_proved_length_is_that_of_the_way_round_a_disc(at: float, top: float
     shortest = round_disc(0.7, at, top, radius) - problem.tolerances.position
     assert 0.99 * shortest - 2e-3 <= problem.arm.links * proved <= shortest + 4e-3
     assert proofs.holds(0.7 * proved)[0]
+
+
+def arched(problem: Problem) -> np.ndarray:
+    """Bends, shape (n,), of the regular arc of an arm from its base, upright or so, to a goal on the x axis."""
+    n, length = problem.arm.links, problem.arm.link_length
+    away = float(problem.goal.tip(problem.arm)[0])
+    bend = brentq(lambda b: length * np.sin(0.5 * n * b) / np.sin(0.5 * b) - away, 1e-6, 2.0 * np.pi / n)
+    return np.append(0.5 * (n - 1) * bend - problem.arm.base_heading, np.full(n - 1, -bend))
+
+
+@settings(max_examples=3, deadline=None)
+@given(at=st.floats(0.25, 0.35), top=st.floats(0.1, 0.3), radius=st.floats(0.01, 0.05), slack=st.floats(0.0, 0.3))
+def test_the_shortest_arm_has_a_free_pose_no_shorter_than_the_shortest_way(
+    at: float, top: float, radius: float, slack: float
+) -> None:
+    """Measured by shapely: the pose reaches the goal clear of the fence; no arm beats the way by geometry."""
+    problem = fence(at, top, radius)
+    found = shortest_arm(problem, arched(problem), slack)
+    if found is None:
+        return
+    arm = replace(problem.arm, link_length=found.link_length)
+    points = arm.joint_positions_at(found.configuration)
+    assert np.linalg.norm(points[-1] - [0.6, 0.0]) <= problem.tolerances.position
+    assert np.all(np.abs(found.configuration) <= arm.bend_limits)
+    wall = shapely.LineString([(at, -2.0), (at, top)]).buffer(0.5e-3, cap_style="flat")
+    mount = shapely.Point(0.0, 0.0).buffer(arm.mount_length)
+    assert shapely.distance(shapely.LineString(points).difference(mount), wall) >= radius - 1e-9
+    assert arm.length >= round_disc(0.6, at, top, radius) - problem.tolerances.position
+
+
+def test_the_shortest_arm_is_hardly_longer_than_the_shortest_way() -> None:
+    """With links that bend as far as the way does, the arm is longer by the corners of its links alone; or as asked."""
+    problem = fence()
+    found = shortest_arm(problem, arched(problem), 0.0)
+    assert found is not None
+    assert found.link_length * problem.arm.links <= 1.02 * round_disc(0.6, 0.3, 0.2, 0.02)
+    longer = shortest_arm(problem, arched(problem), 0.0, least=0.08)
+    assert longer is not None
+    assert longer.link_length == pytest.approx(0.08, rel=1e-6)
 
 
 def test_a_proof_for_a_radius_excuses_the_mount_of_the_thickest() -> None:

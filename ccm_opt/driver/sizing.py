@@ -190,7 +190,9 @@ def _sized(search: SizeSearch, trials: Sequence[SizeTrial], **places: int) -> Ar
     try:
         if search.best is None:
             search.begin()
+            search.shorten()
             search.narrow()
+            search.shorten()
         search.confirm()
         return search.result(trials, **places)
     except KeyboardInterrupt as interrupt:
