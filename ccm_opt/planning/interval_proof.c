@@ -213,9 +213,10 @@ static int all_walls_clear(const ProofQuery *q, const Place *first, const Place 
     for (int64_t link = q->first_link; outcome == CLEAR && link < q->links; link++) {
         if (q->radii[link] < 0.0) continue; /* a link without a body */
         double most = most_of(interval, link), wall = q->wall[link], reach = wall + most, slack = q->slack * most;
+        /* So far off half-way that it comes to no wall: from there it moves half as far at most. */
+        double far = wall + 0.5 * most;
+        if (gap_of(q, &interval->middle, link, far, slack) >= far) continue;
         double at_first = known_gap(q, first, start.told, start.told_reach, link, reach, slack, 0);
-        /* So far off that it comes to no wall, wherever it moves. */
-        if (at_first >= reach) continue;
         double at_last = known_gap(q, last, end.told, end.told_reach, link, reach, slack, 0);
         if (at_first >= wall && at_last >= wall && at_first + at_last - most >= 2.0 * wall) continue;
         at_first = known_gap(q, first, start.sure, start.sure_reach, link, reach, FINE * slack, 1);

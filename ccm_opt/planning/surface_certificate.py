@@ -8,8 +8,8 @@ S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of 
 and since its mean velocity is the chord from end to end, a velocity of at most |chord_k| + ½ c_k.
 
 A point that moves by at most v over an interval, and whose distance from the walls is d(0) and d(1) at its ends, has at
-any time a distance of at least ½ (d(0) + d(1) − v). An interval not proved this way is halved in time, and only the
-links and pairs of links without proof are checked again.
+any time a distance of at least ½ (d(0) + d(1) − v), and of at least d(½) − ½ v. An interval not proved this way is
+halved in time, and only the links and pairs of links without proof are checked again.
 """
 
 from dataclasses import dataclass, field
