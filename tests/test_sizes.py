@@ -19,13 +19,15 @@ from ccm_opt import load_problem
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.sizing import front_lines, size_sentence
 from ccm_opt.core.errors import ProblemError
+from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.last_link import last_link_is_led_to
 from ccm_opt.diagnosis.sizes import SIZES, Proofs, size_of
 from ccm_opt.driver.settings import DEFAULT_SETTINGS
 from ccm_opt.driver.size_search import SizeSearch
 from ccm_opt.ik.shortest_arm import shortest_arm
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.size_files import front_files
-from ccm_opt.problem import Problem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import ArmSize, SizeFront, SizeTrial
 from ccm_opt.viz.size_picture import size_png
 
@@ -96,6 +98,43 @@ def test_the_proved_length_is_that_of_the_way_round_a_disc(at: float, top: float
     shortest = round_disc(0.7, at, top, radius) - problem.tolerances.position
     assert 0.99 * shortest - 2e-3 <= problem.arm.links * proved <= shortest + 4e-3
     assert proofs.holds(0.7 * proved)[0]
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    bends=st.lists(st.floats(-0.6, 0.2), min_size=12, max_size=12),
+    at=st.floats(0.2, 0.5),
+    top=st.floats(-0.5, 0.5),
+    longer=st.floats(1.0, 1.5),
+)
+def test_no_arm_in_a_free_pose_nor_a_longer_one_is_proved_too_short(
+    bends: list[float], at: float, top: float, longer: float
+) -> None:
+    """A pose beside the fence has the length that its goal, with the direction of its last link, takes."""
+    problem = fence(at, top)
+    points = problem.arm.joint_positions_at(np.array(bends))
+    wall = shapely.LineString([(at, -2.0), (at, top)]).buffer(0.5e-3, cap_style="flat")
+    room = shapely.box(-1.0, -2.0, 2.0, 2.0).buffer(-problem.arm.radius)
+    axis = shapely.LineString(points)
+    if shapely.distance(axis, wall) < problem.arm.radius or not shapely.covers(room, axis):
+        return
+    along = problem.arm.link_rotations(np.array(bends))[-1, :, 0]
+    posed = replace(problem, goal=TipGoal(points[-1], along))
+    asked = SIZES["length"].at(posed, longer * problem.arm.link_length)
+    assert not failed(asked, (last_link_is_led_to,))
+
+
+def test_the_last_link_makes_arms_longer_that_come_from_ahead() -> None:
+    """The arm over the fence ends upright: it needs the way to a link's length below its goal, and that link."""
+    problem = fence()
+    problem = replace(problem, goal=TipGoal(np.array([0.6, 0.0]), np.array([0.0, 1.0])))
+    size = SIZES["length"]
+    proofs = Proofs(problem, size, size.hardest * 0.1, 0.0, 5.0)
+    proved = proofs.easiest(size.nearest * 0.1, 0.002)
+    assert proved is not None
+    plain = round_disc(0.6, 0.3, 0.2, 0.02)
+    assert 12.0 * proved > plain + 1.2 * proved
+    assert "its last link lies along the goal's direction" in proofs.findings(proved)[0].reason
 
 
 def arched(problem: Problem) -> np.ndarray:

@@ -22,6 +22,7 @@ from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.diagnosis.axis_paths import axis_path_exists, is_any_goal_closed_off
 from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, touching_overlap, within_torque_limits
+from ccm_opt.diagnosis.last_link import last_link_is_led_to
 from ccm_opt.diagnosis.named_goals import NamedPose, named_poses
 from ccm_opt.diagnosis.ranking import degrees, listed, point
 from ccm_opt.diagnosis.reach import within_bend_limits, within_joint_limits, within_reach
@@ -299,6 +300,8 @@ NECESSARY_CHECKS: tuple[Check, ...] = (
     *(within_torque_limits, three_links_turn),
 )
 """All checks of necessary conditions for a plan, the most elementary first."""
+_TIMED = (axis_path_exists, last_link_is_led_to)
+"""Checks that take a deadline."""
 QUICK_CHECKS = tuple(check for check in NECESSARY_CHECKS if check is not axis_path_exists)
 """All necessary checks except the search for axis paths, which takes long to explain its result."""
 
@@ -340,7 +343,7 @@ def find_scaled(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) 
 
 
 def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]:
-    return check(problem, until) if check is axis_path_exists else check(problem)
+    return check(problem, until) if check in _TIMED else check(problem)
 
 
 def is_goal_closed_off(problem: Problem, until: Deadline) -> bool:

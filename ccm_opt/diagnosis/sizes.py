@@ -24,6 +24,7 @@ from ccm_opt.core.errors import Finding, ProblemError
 from ccm_opt.diagnosis.axis_paths import axis_path_exists
 from ccm_opt.diagnosis.checks import Check, failed, is_covered, is_goal_closed_off
 from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips
+from ccm_opt.diagnosis.last_link import last_link_is_led_to
 from ccm_opt.diagnosis.named_goals import named_poses
 from ccm_opt.diagnosis.parameters import LENGTH, RADIUS, Parameter
 from ccm_opt.diagnosis.reach import within_bend_limits, within_reach
@@ -153,7 +154,13 @@ def _against_walls(check: Check) -> Check:
 
 SIZES: dict[str, Size] = {
     "length": Size(
-        "length", LENGTH, (within_reach, _proportional, axis_path_exists), "is enough", "is too short", 2.0, 0.02
+        "length",
+        LENGTH,
+        (within_reach, _proportional, axis_path_exists, last_link_is_led_to),
+        "is enough",
+        "is too short",
+        2.0,
+        0.02,
     ),
     "links": Size("links", LINKS, (within_reach, axis_path_exists), "are enough", "are too few", 2.0, 0.02, step=2),
     "radius": Size(

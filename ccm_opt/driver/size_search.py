@@ -33,6 +33,8 @@ from ccm_opt.problem.solution.sizes import ArmSize, SizeTrial, TrialOutcome
 
 _SHARE = 0.01
 """Relative precision of a size: by so much the next smaller one that was tried differs. Heuristic."""
+_PROOF_SHARE = 0.001
+"""Relative precision of the border of what is proved. Heuristic: a proof takes a fraction of a trial."""
 _SHORT = 0.2
 """Share of the time limit that a trial has until the border is reached. Heuristic."""
 _AHEAD = (0.0, 0.25, 0.5, 1.0)
@@ -172,7 +174,7 @@ class SizeSearch:
             findings = rank_findings(self.proofs.findings(self.easiest))
             why = findings[0].reason if findings else no_axis_path_error(self.at(self.easiest)).diagnosis.reason
             raise UnreachableGoal(Diagnosis(f"even {most} {self.size.beyond}: {why}", "sizes", findings=findings))
-        return self.proofs.easiest(self.easiest, 0.5 * _SHARE)
+        return self.proofs.easiest(self.easiest, _PROOF_SHARE)
 
     @cached_property
     def bound(self) -> SizeTrial | None:
