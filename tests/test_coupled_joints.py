@@ -112,7 +112,11 @@ def test_problem_is_written_as_it_was_read() -> None:
         ("[0, 0.6, 0]", "[0, 0.6]", r"arm.coupling\[3\]: expected one number for each of the 3 drives; got 2"),
         ("[0, 0.6, 0]", "[0, 0.6, 0.1]", r"arm.coupling\[3\]: 2 drives move one bend"),
         ("[1, 0, 0], [0, 1, 0]", "[0, 0, 0], [0, 1, 0]", r"start.joints_deg|goal.bends"),
-        ("payload = 0.0", "feed = { range = [0, 1] }", "arm.feed: not supported together with arm.coupling"),
+        (
+            "payload = 0.0",
+            "feed = { range = [0, 1] }",
+            r"goal.joints_deg\[0\]: this joint is still inside the guide tube",
+        ),
         ("[1.0, 2.0, 3.0]", "[1.0, 2.0]", "limits.velocity: expected one value per drive or revolute"),
         ("[0, 32]", "[0, 33]", r"goal.bends differ by up to [\d.]+° from those of coupled joints"),
         ("acceleration = 5.0", "acceleration = 5.0\ntip_velocity = 1.0", "limits.tip_velocity: not supported"),

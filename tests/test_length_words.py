@@ -19,6 +19,7 @@ from ccm_opt.core.length_words import (
     short_length,
     words_for_unit,
     words_in,
+    words_in_plane,
 )
 from ccm_opt.core.progress import Progress, Stages
 
@@ -52,6 +53,8 @@ def test_every_kind_of_word_has_the_files_unit() -> None:
         assert long_length(0.254) == "10.00 in"
         assert short_length(0.0254) == "1.000 in"
         assert place((0.0254, 0.0, 0.0508)) == "(1.00, 0.00, 2.00) in"
+        with words_in_plane():
+            assert place((0.0254, 0.0, 0.0508)) == place((0.0254, 0.0508)) == "(1.00, 2.00) in"
         assert file_length(0.0127, 6) == "0.5 in"
     assert (long_length(0.254), short_length(0.0254)) == ("0.254 m", "25.4 mm")
 

@@ -1,15 +1,19 @@
 """A goal's direction in space that the last link cannot take is turned no farther than is needed."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, VerificationError
-from ccm_opt.diagnosis.moved_goal import turned_direction
+from ccm_opt.diagnosis.moved_goal import turned_direction, turned_roll
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.tool import Tool
 from ccm_opt.scene.workspace import Workspace
 from tests.scenes import later
 from tests.space_arms import space_arm
@@ -106,6 +110,37 @@ def test_a_plan_without_a_direction_is_one_with_that_of_its_end() -> None:
     told = {each.key: each for each in relaxations(problem, (), trials)}["goal.direction"]
     assert told.words.startswith("goal.direction turned by ")
     assert angle(named(told.words), taken) < 2e-3
+
+
+@given(seed=st.integers(0, 2**32 - 1), whole=st.floats(0.1, 3.0))
+def test_direction_and_roll_of_a_tool_are_turned_to_those_it_takes(seed: int, whole: float) -> None:
+    """What is tried first is the direction in which the tool points, or the roll that it has, told by its angle."""
+    rng = np.random.default_rng(seed)
+    axes = Rotation.random(2, rng=rng).as_matrix()
+    tool = Tool(tip=np.zeros(3), direction=axes[0][0], up=axes[0][2])
+    end = rng.normal(0.0, 0.4, 2 * LINKS)
+    problem = asked_for(axes[1][0], end)
+    problem = replace(problem, arm=replace(problem.arm, tool=tool))
+    last = problem.arm.link_rotations(end)[-1]
+    turned = turned_direction(problem, end)
+    assert turned is not None
+    direction = direction_of(turned.write(problem, turned.tried[0]))
+    assert direction is not None
+    assert angle(direction, last @ tool.direction) < ROUNDED
+
+    direction = last @ tool.direction
+    up = Rotation.from_rotvec(rng.choice((-1.0, 1.0)) * whole * direction).apply(last @ tool.up_axis)
+    rolled = replace(problem, goal=TipGoal(problem.goal.tip(problem.arm), direction, up=up))
+    by = turned_roll(rolled, end)
+    assert by is not None
+    assert abs(by.tried[0] - whole) < 1e-7
+    changed = by.write(rolled, by.tried[0]).goal
+    assert isinstance(changed, TipGoal)
+    assert abs(changed.roll_of(last @ tool.up_axis)) < 2.0 * ROUNDED
+    named_up = named(by.words(rolled, by.tried[0]))
+    assert changed.up is not None
+    assert angle(named_up, changed.up) < 1e-9
+    assert turned_roll(by.write(rolled, by.tried[0]), end) is None
 
 
 def test_opposite_directions_are_turned_about_some_axis() -> None:

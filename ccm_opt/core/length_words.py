@@ -93,10 +93,12 @@ class LengthFormat:
     Attributes:
         metres: metres per unit of the numbers.
         unit: unit shown.
+        planar: whether places in space are those of a problem in the plane, which is world x-z.
     """
 
     metres: float = 1.0
     unit: LengthUnit = "m"
+    planar: bool = False
 
 
 _IN_METRES = LengthFormat()
@@ -119,6 +121,13 @@ def words_for_unit(metres: float) -> Iterator[None]:
     """
     current = _FORMAT.get()
     with _set_format(replace(current, metres=metres * current.metres)):
+        yield
+
+
+@contextmanager
+def words_in_plane() -> Iterator[None]:
+    """Show places in space in messages as those in the plane, which is world x-z, until the end of a block."""
+    with _set_format(replace(_FORMAT.get(), planar=True)):
         yield
 
 
@@ -181,8 +190,10 @@ def file_length(length: float, figures: int = 4) -> str:
 
 def place(point: FloatArray | tuple[float, ...]) -> str:
     """Return text for the coordinates of a point, (x, y) or (x, y, z), given in the unit in force, with their unit."""
-    rule = _LONG[_FORMAT.get().unit]
-    coordinates = [in_metres(float(coordinate)) for coordinate in point]
+    current = _FORMAT.get()
+    rule = _LONG[current.unit]
+    shown = point[::2] if current.planar and len(point) == 3 else point
+    coordinates = [in_metres(float(coordinate)) for coordinate in shown]
     size = max(map(abs, coordinates))
     return f"({', '.join(rule.number(coordinate, size) for coordinate in coordinates)}) {rule.unit}"
 

@@ -23,6 +23,7 @@ from ccm_opt.diagnosis.planar_axis_paths import beyond_hole
 from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, within_bend_limits
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.tool import across
 
 _NEAR = 4.0
 """Half the side of the cube searched around the goal in space, as a multiple of radius plus clearance. Heuristic."""
@@ -110,10 +111,10 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
     if not refused(wanted) or next(contact_at_tips(anyhow), None) is not None:
         return None
     for size in np.arange(_TURN_STEP, np.pi, _TURN_STEP):
-        for across in _all_across(wanted):
+        for aside in _all_across(wanted):
             if until.passed():
                 return None
-            direction = np.cos(size) * wanted + np.sin(size) * across
+            direction = np.cos(size) * wanted + np.sin(size) * aside
             if not refused(direction):
                 return np.asarray(direction)
     return None
@@ -141,9 +142,9 @@ def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
 
 
 def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
-    """Return a parameter that turns the goal's direction towards that of the last link in a given configuration.
+    """Return a parameter that turns the goal's direction towards that of the tool or last link in a configuration.
 
-    The result is None if the goal has no direction, or if the last link's direction is within the goal's tolerance.
+    The result is None if the goal has no direction, or if that direction is within the goal's tolerance.
 
     Args:
         problem: the problem.
@@ -152,9 +153,28 @@ def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
     goal = tip_goal(problem)
     if goal is None or goal.direction is None:
         return None
-    taken = problem.arm.link_rotations(end)[-1, :, 0]
+    taken = problem.arm.link_rotations(end)[-1] @ problem.arm.ahead_in_last_link
     whole = angle_between(goal.direction, taken)
     return None if whole <= problem.tolerances.heading else _turned(goal, taken, None, (whole,))
+
+
+def turned_roll(problem: Problem, end: FloatArray) -> Parameter | None:
+    """Return a parameter that turns the goal's up direction about its direction towards that of a configuration.
+
+    The result is None if the goal leaves the roll free, or if the roll is within the goal's tolerance.
+
+    Args:
+        problem: the problem, in space.
+        end: a configuration with the tip at the goal and its direction, shape (c,) [rad, m].
+    """
+    goal = tip_goal(problem)
+    if goal is None or goal.direction is None or goal.up is None:
+        return None
+    roll = goal.roll_of(problem.arm.link_rotations(end)[-1] @ problem.arm.up_in_last_link)
+    above = across(goal.up, goal.direction)
+    beside = np.sign(roll) * np.cross(goal.direction, above)
+    whole = abs(roll)
+    return None if whole <= problem.tolerances.roll else _turning(goal, "up", (above, beside), None, (whole,))
 
 
 def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tuple[float, ...]) -> Parameter:
@@ -168,29 +188,52 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
     """
     assert goal.direction is not None  # noqa: S101 - said by who asks
     wanted = goal.direction / np.linalg.norm(goal.direction)
-    across = _across(wanted, towards / np.linalg.norm(towards))
+    aside = _across(wanted, towards / np.linalg.norm(towards))
+    return _turning(goal, "direction", (wanted, aside), bound, tried)
+
+
+def _turning(
+    goal: TipGoal,
+    name: str,
+    plane: tuple[FloatArray, FloatArray],
+    bound: float | None,
+    tried: tuple[float, ...],
+) -> Parameter:
+    """Return a parameter, an angle by which a direction of a goal is turned in a plane.
+
+    Args:
+        goal: the goal.
+        name: its attribute, "direction" or "up".
+        plane: the direction, and that a right angle away from it towards which it is turned, unit vectors (d,).
+        bound: least rotation that is necessary, if known [rad].
+        tried: rotations to try [rad].
+    """
+    wanted, aside = plane
     planar = len(wanted) == 2
+    key = "goal.heading_deg" if planar else f"goal.{name}"
 
     def direction_at(angle: float) -> FloatArray:
-        turned = np.cos(angle) * wanted + np.sin(angle) * across
+        turned = np.cos(angle) * wanted + np.sin(angle) * aside
         # Rounded as in the problem file, so that the reported direction is the one that was solved.
         rounded = turned if planar else np.round(turned, _DECIMALS)
         return np.asarray(rounded)
 
     def turn_goal(p: Problem, angle: float) -> Problem:
         direction = direction_at(angle)
-        return replace(p, goal=replace(goal, direction=direction / np.linalg.norm(direction), heading=None))
+        unit = direction / np.linalg.norm(direction)
+        turned = replace(goal, up=unit) if name == "up" else replace(goal, direction=unit, heading=None)
+        return replace(p, goal=turned)
 
     def words(angle: float) -> str:
         if planar:
-            sign = float(np.sign(wanted[0] * across[1] - wanted[1] * across[0]))
+            sign = float(np.sign(wanted[0] * aside[1] - wanted[1] * aside[0]))
             heading = np.rad2deg(vector_heading(wanted) + sign * angle)
-            return f"goal.heading_deg turned by {np.rad2deg(angle):.4g}°, to {heading:.2f}°"
+            return f"{key} turned by {np.rad2deg(angle):.4g}°, to {heading:.2f}°"
         components = ", ".join(f"{float(component):.{_DECIMALS}f}" for component in direction_at(angle))
-        return f"goal.direction turned by {np.rad2deg(angle):.4g}°, to ({components})"
+        return f"{key} turned by {np.rad2deg(angle):.4g}°, to ({components})"
 
     return Parameter(
-        "goal.heading_deg" if planar else "goal.direction",
+        key,
         +1,
         lambda _: 0.0,
         turn_goal,
@@ -217,7 +260,7 @@ def omissions(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Whole
     due_to_direction = all(_may_be_due_to_direction(finding) for finding in findings)
     if goal.up is not None and due_to_direction:
         free = replace(goal, up=None)
-        yield WholeChange("goal.up left out", "goal.up", None, lambda p: replace(p, goal=free))
+        yield WholeChange("goal.up left out", "goal.up", None, lambda p: replace(p, goal=free), part=turned_roll)
     if goal.direction is not None and due_to_direction:
         key = "goal.heading_deg" if problem.dimension == 2 else "goal.direction"
         without = replace(goal, direction=None, heading=None, up=None)

@@ -152,7 +152,7 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
         tip = points_with_tool(arm, trajectory.positions[-1])[-1]
         figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.tip(arm))))
         if problem.goal.heading is not None:
-            x, y = (1.0, 0.0) if arm.tool is None else arm.tool.direction
+            x, y = arm.ahead_in_last_link
             turn = wrap(arm.headings(trajectory.bend_angles[-1])[-1] + np.arctan2(y, x) - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))
     return figures

@@ -156,7 +156,7 @@ _NOT_ALONG_PATH = "not supported along goal.path; leave it out"
 _LEAVE_OUT = 'not supported for sections with drive = "section"; leave it out'
 _NOT_IN_PLANE = 'not supported in the plane for sections with drive = "section"; give arm.tool, or leave it out'
 _UNSUPPORTED = (
-    *(("arm", key) for key in ("base_limit_deg", "feed", "link_mass")),
+    *(("arm", key) for key in ("base_limit_deg", "link_mass")),
     *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
     ("tolerance", "joint_error_deg"),
 )
@@ -225,15 +225,17 @@ def _need_masses(data: Mapping[str, object], rows: Sequence[Mapping[str, object]
         issues.add(("arm", "sections", 0, "mass"), "missing; limits.torque needs the mass of each section")
 
 
-_NOT_COUPLED = (("arm", "feed"), ("tolerance", "joint_error_deg"))
-_NOT_COUPLED_LIMITS = tuple(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points"))
+_NOT_COUPLED = (
+    ("tolerance", "joint_error_deg"),
+    *(("limits", key) for key in ("tip_velocity", "tip_acceleration", "points")),
+)
 
 
 def _check_coupled_joints(data: Mapping[str, object], issues: Issues) -> None:
     """Report what joints that share a drive do not support."""
     if lookup(data, ("arm", "coupling")) is None:
         return
-    for path in (*_NOT_COUPLED, *_NOT_COUPLED_LIMITS):
+    for path in _NOT_COUPLED:
         if lookup(data, path):
             issues.add(path, "not supported together with arm.coupling; leave it out")
     for key, only in (("method", "nlp"), ("retiming", "toppra")):
@@ -268,12 +270,24 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
                 issues.add(path, "only allowed together with arm.feed; leave it out for a fixed base")
         _check_paths(data, issues)
         return
+    _check_followed_paths(data, issues)
     for path in limits[:2]:
         if lookup(data, path) is None and isinstance(data.get("limits"), Mapping):
             issues.add(path, "missing; an arm with a feed axis needs this limit")
     for path in poses[1:]:
         if lookup(data, path) is not None and _given(data, path[:-1], ("position", "path", "look_at", "see")):
             issues.add(path, "only allowed with a whole-arm goal; with a tip goal the feed is planned")
+
+
+def _check_followed_paths(data: Mapping[str, object], issues: Issues) -> None:
+    """Report paths of the tip of an arm on a feed axis whose drives move several joints."""
+    sections = lookup(data, ("arm", "sections"))
+    rows = [each for each in sections if isinstance(each, Mapping)] if isinstance(sections, list) else []
+    if lookup(data, ("arm", "coupling")) is None and not any(row.get("drive") == "section" for row in rows):
+        return
+    for path in ((*each, "path") for each in goal_paths(data)):
+        if lookup(data, path) is not None:
+            issues.add(path, "followed by joints that bend one by one; make arm.feed the last of arm.base.axes")
 
 
 def _check_paths(data: Mapping[str, object], issues: Issues) -> None:

@@ -302,11 +302,15 @@ def _check_built_pose(
         issues.add((*path, "feed"), words)
     # A list of the wrong length is reported elsewhere, hence no strict zip.
     given: Sequence[Any] = pose.joints_deg or []
-    for k, (held, bends) in enumerate(zip(arm.held(at), given, strict=False)):
+    inside, what = arm.held(at), "joint"
+    if arm.sections is not None and len(given) == len(arm.sections.counts):
+        inside, what = inside[[arm.sections.link_ending_at(k, 0) for k in range(len(given))]], "section"
+    for k, (held, bends) in enumerate(zip(inside, given, strict=False)):
         if held and np.max(np.abs(bends)) > ANGLE_TOLERANCE:
             straight = "[0, 0]" if np.ndim(bends) else "0"
             words = (
-                f"this joint is still inside the guide tube of the feed axis, where it cannot bend; expected {straight}"
+                f"this {what} is still inside the guide tube of the feed axis, where it cannot bend; "
+                f"expected {straight}"
             )
             issues.add((*path, "joints_deg", k), words)
 

@@ -22,6 +22,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import points_at
 from ccm_opt.planning.pose import CurveUnknowns, Pose
+from ccm_opt.planning.sampled_motions import Emergence
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares, free_before
 
@@ -291,6 +292,16 @@ class CurveMap(CurveUnknowns):
         return locked if np.any(locked[:, 0] != locked[:, 1]) else None
 
     @property
+    def emergence(self) -> Emergence | None:
+        """How bends grow beyond the guide tube, if they are linear in the unknowns otherwise; None if they are not."""
+        return None
+
+    @property
+    def bending_places(self) -> FloatArray:
+        """Arc length that has to be out of the guide tube for each joint to bend, shape (links,) [m]."""
+        return self.arm.bending_places
+
+    @property
     def _base_turns(self) -> int:
         """Number of unknowns of the first joint's rotation, which precede those of the curve: 2, or 0 if fed."""
         return 0 if self.arm.feed else 2
@@ -541,12 +552,12 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
     """
     arm = curve.arm
     straight = curve.straight_before
-    places = feed + arm.joint_places[:-1] - arm.hole
+    places = feed + curve.bending_places - arm.hole
     if forward:
         inside = places[places < 0.0]
-        return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf
+        return float(-np.max(inside)) + 0.8 * straight if len(inside) else np.inf
     outside = places[places > straight]
-    return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
+    return float(np.min(outside)) - 0.2 * straight if len(outside) else np.inf
 
 
 def _first_bent(at: FloatArray, values: FloatArray) -> float:

@@ -13,6 +13,7 @@
 #define STRIDE 0.5        /* share of what is kept by which a link may move unseen */
 #define FASTER 1.1        /* by which a link may become faster while no link turns by more than this: */
 #define TURN 0.2          /* [rad] */
+#define EMERGING 0.25     /* share of the way on which bends grow beyond a tube that the base moves unseen */
 #define BLOCK 4           /* places along a side of a block; measured: with 2 or 3 it takes a third longer */
 #define MOST_NEAR 31      /* triangles known for a block */
 
@@ -38,9 +39,12 @@ typedef struct {
     double mount, longest, pair; /* share of the first link inside the mount, longest link, gap between links */
     Carrier carrier;
     const double *low, *high; /* limits of the coordinates, (c,) */
+    const double *beyond;     /* how far out of a guide tube what each bend waits for is at a feed of zero, (2 links,);
+                                 missing without a tube */
+    double straight, whole;   /* distances from the tube up to which bends are zero, and from which on they are whole */
     Grid wide, fine;     /* the latter tells just what is near to the gap that is kept */
     Surfaces surfaces;
-    double *work; /* 19 numbers a link, 2 an axis, and 6 more */
+    double *work; /* 19 numbers a link, 3 an axis, and 6 more */
 
     int64_t motions;
     const double *start, *end; /* (motions, c) */
@@ -235,22 +239,41 @@ static double next_step(const Motions *m, const double *q, const double *moved, 
     return step;
 }
 
+/* Multiply bends by how much of them there is beyond a guide tube, and their rates, (c,), likewise. */
+static void emerge(const Motions *m, double *q, double *moved)
+{
+    double way = m->whole - m->straight, feed = q[2 * m->links], fed = moved == NULL ? 0.0 : moved[2 * m->links];
+    for (int64_t i = 0; m->beyond != NULL && i < 2 * m->links; i++) {
+        double x = smaller(larger((feed + m->beyond[i] - m->straight) / way, 0.0), 1.0), part = x * x * (3.0 - 2.0 * x);
+        if (moved != NULL) moved[i] = part * moved[i] + 6.0 * x * (1.0 - x) / way * fed * q[i];
+        q[i] *= part;
+    }
+}
+
 static double free_share(const Motions *m, const double *from, const double *to, int end_first)
 {
     int64_t n = m->links, c = 2 * n + m->carrier.count;
-    double *moved = m->work, *room = moved + c, *q = room + n, *points = q + c; /* and rotations behind them */
+    double *moved = m->work, *room = moved + c, *q = room + n, *rate = q + c;
+    double *points = rate + c; /* and rotations behind them */
     for (int64_t i = 0; i < c; i++) {
         if (to[i] < m->low[i] || to[i] > m->high[i]) return 0.0;
         moved[i] = to[i] - from[i];
+        q[i] = to[i];
     }
-    if (end_first && !pose_room(m, to, points, room)) return 0.0;
-    double share = 0.0, reached = 0.0;
+    emerge(m, q, NULL);
+    if (end_first && !pose_room(m, q, points, room)) return 0.0;
+    double share = 0.0, reached = 0.0, longest = 1.0;
+    if (m->beyond != NULL && moved[2 * n] != 0.0) longest = EMERGING * (m->whole - m->straight) / fabs(moved[2 * n]);
     for (int64_t pose = 0; pose < MOST_POSES; pose++) {
-        for (int64_t i = 0; i < c; i++) q[i] = from[i] + share * moved[i];
+        for (int64_t i = 0; i < c; i++) {
+            q[i] = from[i] + share * moved[i];
+            rate[i] = moved[i];
+        }
+        emerge(m, q, rate);
         if (!pose_room(m, q, points, room)) break;
         reached = share;
         if (share >= 1.0) break;
-        share = smaller(share + next_step(m, q, moved, points, room), 1.0);
+        share = smaller(share + smaller(next_step(m, q, rate, points, room), longest), 1.0);
         if (share >= 1.0 && end_first) return 1.0;
     }
     return reached;

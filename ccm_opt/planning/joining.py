@@ -253,7 +253,7 @@ class Tube:
 
     def beyond(self, q: FloatArray) -> FloatArray:
         """Return how far each coordinate of a bend is beyond the end of the tube, shape (..., bends) [m]."""
-        places = np.repeat(self.arm.joint_places[:-1], self.arm.bends_a_joint)
+        places = np.repeat(self.arm.bending_places, self.arm.bends_a_joint)
         return np.asarray(q[..., -1:] + places - self.arm.hole)
 
     def bent_inside(self, q: FloatArray) -> BoolArray:

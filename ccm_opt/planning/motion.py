@@ -51,8 +51,7 @@ class CurveMotion(Generic[CurveType]):
 
     def without_blending(self, curve: CurveType) -> "CurveMotion[CurveType]":
         """Return the motion in a map with more unknowns, which blend into a goal pose and are set to 0 here."""
-        further = curve.dimension - self.unknowns.shape[1]
-        return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
+        return replace(self, curve=curve, unknowns=curve.extended(self.unknowns, self.curve))
 
     def through(self, unknowns: FloatArray) -> "CurveMotion[CurveType]":
         """Return a copy of the motion with other keyframes, given by unknowns (K, p)."""

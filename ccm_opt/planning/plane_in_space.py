@@ -6,6 +6,7 @@ those between the arm and prisms, so that what is certified in space is certifie
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TypeVar
 
@@ -13,6 +14,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Finding, NoPlanFound
+from ccm_opt.core.length_words import words_in_plane
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, VerificationOptions
 from ccm_opt.problem.solution import JointPath
@@ -60,6 +63,27 @@ def problem_in_space(problem: Problem) -> Problem:
         planner=replace(problem.planner, mapping="least-squares", wanted_gap=problem.wanted_gap),
         verification=VerificationOptions(problem.contact_tolerance),
     )
+
+
+@contextmanager
+def told_in_plane() -> Iterator[None]:
+    """Provide a ``with`` block for a problem in the plane that is planned in space, whose places are told in the plane.
+
+    Raises:
+        NoPlanFound: raised in the block; places in its diagnosis are in the plane.
+    """
+    try:
+        with words_in_plane():
+            yield
+    except NoPlanFound as failure:
+        findings = tuple(map(_finding, failure.diagnosis.findings))
+        raise type(failure)(replace(failure.diagnosis, findings=findings)) from failure
+
+
+def _finding(finding: Finding) -> Finding:
+    """Return a finding in space with its places in the plane."""
+    place = finding.place if finding.place is None else finding.place[::2]
+    return replace(finding, place=place, way=tuple(each[::2] for each in finding.way))
 
 
 def path_in_plane(path: JointPath, arm: Arm) -> JointPath:

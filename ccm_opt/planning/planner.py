@@ -40,7 +40,7 @@ from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, with_more_clearance
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.path_following import motion_along
-from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space
+from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space, told_in_plane
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.resuming import nearest_known, resumed, resumed_in_space
@@ -191,7 +191,9 @@ class MotionPlanner:
         """
         arm = problem.arm
         if arm.dimension == 2:
-            return self.planned_in_space(problem_in_space(problem), known).mapped(partial(path_in_plane, arm=arm))
+            with told_in_plane():
+                planned = self.planned_in_space(problem_in_space(problem), known)
+            return planned.mapped(partial(path_in_plane, arm=arm))
         if arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             back = partial(path_without_tool_links, arm=arm, whole=whole.arm)

@@ -146,6 +146,10 @@ class CurveUnknowns(ABC):
         """Return keyframes' unknowns (K, p) with others inserted so that configurations are linear between, (m, p)."""
         return unknowns
 
+    def extended(self, unknowns: FloatArray, given_in: "CurveUnknowns") -> FloatArray:
+        """Return unknowns (K, p) of the map from which this one was made by ``blended_to`` in this map, (K, p')."""
+        return np.pad(unknowns, ((0, 0), (0, self.dimension - given_in.dimension)))
+
     @property
     def affine(self) -> bool:
         """Whether configurations are affine functions of the unknowns."""

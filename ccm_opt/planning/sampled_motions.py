@@ -1,5 +1,7 @@
 """Fast collision checks by samples of motions in space that are linear in bends and base axes.
 
+On a feed axis bends grow with their distance from the guide tube instead, from zero to the linear ones.
+
 Distances come from grids and, near surfaces, from a distance tree. A motion that passes is not proved to be free; the
 certificate proves that later.
 """
@@ -43,20 +45,37 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Emergence:
+    """How bends grow as the arm leaves a guide tube: by the smooth step x² (3 − 2 x) of their distance from it.
+
+    Attributes:
+        beyond: how far out of the tube what each bend waits for is at a feed of zero, shape (2 links,) [m].
+        straight: distance from the tube up to which bends are zero [m].
+        whole: distance from which on they are whole [m].
+    """
+
+    beyond: FloatArray
+    straight: float
+    whole: float
+
+
+@dataclass(frozen=True, eq=False)
 class SampledMotions:
-    """Collision checker by samples for motions of an arm without a guide tube that are linear in its coordinates.
+    """Collision checker by samples for motions of an arm that are linear in its coordinates.
 
     Attributes:
         arm: the arm.
         tree: distance tree of the surfaces.
         clearance: gap that the arm has to keep from the surfaces [m].
         box: extent of the surfaces, lower and upper corner, shape (2, 3) [m]; empty without surfaces.
+        emergence: how bends grow beyond the guide tube of a feed axis; None without one.
     """
 
     arm: Arm
     tree: SurfaceTree
     clearance: float
     box: FloatArray
+    emergence: Emergence | None = None
 
     @cached_property
     def kept(self) -> FloatArray:
@@ -85,6 +104,7 @@ class SampledMotions:
             "lengths": arm.lengths, "arcs": arm.arcs, "turns": arm.turns, "mount": share, "longest": arm.longest_link,
             "wall": self.kept + spared, "radii": arm.radii, "pair": spared,
             "carrier": arm.carrier_for_c, "low": arm.lower_limits - _ROUNDING, "high": arm.upper_limits + _ROUNDING,
+            **({} if self.emergence is None else vars(self.emergence)),
             **{
                 name: {"counts": counts[name].tolist(), "low": low, "cell": each, "reach": far,
                        "values": _untouched(counts[name], np.float32), "blocks": blocks[name].tolist(),
@@ -94,7 +114,7 @@ class SampledMotions:
                 for name, (each, far) in grids.items()
             },
             **({} if self.tree.search is None else {"surfaces": self.tree.search.for_c}),
-            "work": np.empty(19 * arm.links + 2 * len(arm.base_axes) + 6),
+            "work": np.empty(19 * arm.links + 3 * len(arm.base_axes) + 6),
         }  # fmt: skip
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:

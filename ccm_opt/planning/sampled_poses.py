@@ -45,6 +45,8 @@ _NEAREST = 256
 tenth
 of a millisecond each. Measured among bars: of these one in a hundred is free, of shapes with the tip anywhere one in a
 thousand."""
+_NEAREST_FED = 32
+"""The same for an arm on a feed axis, whose shapes are moved one by one. Heuristic: it takes some milliseconds each."""
 _FACING = 0.3
 """Position error that is equivalent to a direction error of one radian, in arm lengths. Heuristic."""
 _ROLLED = 0.1
@@ -102,7 +104,7 @@ def free_goal_poses(
     """Return poses at the goal, smooth random shapes moved onto it, that touch nothing and respect the joint limits.
 
     Args:
-        task: task with a goal for the tip, of an arm without a guide tube.
+        task: task with a goal for the tip.
         points: scaled unknowns in which the shapes are moved.
         motions: sampled check of contact.
         rng: random generator.
@@ -111,6 +113,9 @@ def free_goal_poses(
     stepper = points.stepper
     shapes = smooth_unknowns(stepper, rng, _SHAPES)
     near = np.argsort(_off_goal(stepper, goal, shapes))[:_NEAREST]
+    if not stepper.space.affine:
+        onto = (moved_onto(stepper.space, goal, stepper.pose(v)) for v in shapes[near[:_NEAREST_FED]])
+        return [pose for pose in onto if goal.reached(pose) and _free(stepper, pose)]
     moved = shapes[near] @ points.root
     moved = points.unknowns(moved[points.moved_onto(goal, moved) < _ARRIVED])
     q = stepper.space.configurations(moved)
@@ -194,7 +199,7 @@ class CurvePoints:
     """Linear map from unknowns of a curve to points whose Euclidean distances approximate rotations of the links.
 
     Attributes:
-        stepper: solver of QP steps in the unknowns, of an arm without a guide tube.
+        stepper: solver of QP steps in the unknowns.
         start: pose at which the metric of the unknowns is evaluated.
     """
 
@@ -205,7 +210,13 @@ class CurvePoints:
     def root(self) -> FloatArray:
         """Cholesky factor of the metric; a row of unknowns times this matrix is the point, shape (p, p)."""
         curve = self.stepper.space
-        metric = curve.metric(self.start)
+        start = self.start
+        if not curve.affine:
+            # All of the arm moves once it is out of the guide tube.
+            out = start.v.copy()
+            out[curve.feed_column] = curve.arm.base_range[1] / curve.scale[curve.feed_column]
+            start = self.stepper.pose(out)
+        metric = curve.metric(start)
         # A joint on an axis parallel to its own may turn back by what the axis turns it, which moves no link.
         axes = np.arange(curve.dimension)[curve.axis_columns]
         metric[axes, axes] *= 1.0 + _AXIS_SHARE
@@ -213,7 +224,10 @@ class CurvePoints:
 
     @cached_property
     def configurations(self) -> tuple[FloatArray, FloatArray]:
-        """Configuration at point zero, shape (c,), and its derivatives with respect to the point, shape (p, c)."""
+        """Configuration at point zero, shape (c,), and its derivatives with respect to the point, shape (p, c).
+
+        On a feed axis, bends are those out of the guide tube.
+        """
         curve = self.stepper.space
         slopes = np.asarray(np.linalg.solve(self.root, curve.drive_rows.T), dtype=np.float64)
         return curve.configuration(np.zeros(curve.dimension)), slopes

@@ -75,12 +75,12 @@ class SampledRun(SearchRun[SpaceTask, CurveMap]):
         if task.goal_pose is None:
             stepper = task.stepper(curve)
             return cls(task, stepper, stepper.pose(start), goal)
-        curve, end = curve.blended_to(task.goal_pose)
+        plain = curve
+        curve, end = plain.blended_to(task.goal_pose)
         stepper = task.stepper(curve)
         whole = stepper.pose(end)
         goal = replace(goal, position=whole.tip, direction=whole.tip_direction, coordinates=end)
-        # A curve gets one more unknown, the weight of its blend.
-        return cls(task, stepper, stepper.pose(np.pad(start, (0, len(end) - len(start)))), goal)
+        return cls(task, stepper, stepper.pose(curve.extended(start[None], plain)[0]), goal)
 
     def to_poses(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return a motion to a pose at the goal, or None if none is found.
@@ -220,7 +220,7 @@ class SampledRun(SearchRun[SpaceTask, CurveMap]):
     @cached_property
     def _motions(self) -> SampledMotions:
         task = self.task
-        return SampledMotions(task.arm, task.tree, task.clearance, task.scene)
+        return SampledMotions(task.arm, task.tree, task.clearance, task.scene, self.stepper.space.emergence)
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
         """Return an iterator over poses at the goal: that of the whole arm, or poses sampled at the tip's goal."""

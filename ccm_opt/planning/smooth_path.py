@@ -303,5 +303,5 @@ def _bent_inside(arm: Arm, spline: BSpline) -> IntArray:
     of_span = np.lib.stride_tricks.sliding_window_view(feed, PATH_SAMPLES + 1)[::PATH_SAMPLES]
     way = np.max(np.abs(np.diff(of_span, axis=1)), axis=1)
     least = np.min(of_span, axis=1) - 0.5 * way
-    outside = least[:, None] + arm.joint_places[:-1] - arm.hole
+    outside = least[:, None] + arm.bending_places - arm.hole
     return np.flatnonzero(np.any(bent_on_span & (outside < 0.0), axis=1))

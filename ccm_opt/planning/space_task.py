@@ -339,7 +339,11 @@ def space_task(
         scene=problem.workspace.extent if len(problem.workspace.triangle_soup) else np.zeros((0, 3)),
         names=problem.workspace.triangle_soup.names,
         slowness=slowness(problem),
-        follows=arm.feed is not None and terms is None and options.optimiser != "none" and options.retiming != "paul",
+        follows=arm.feed is not None
+        and arm.drives is None
+        and terms is None
+        and options.optimiser != "none"
+        and options.retiming != "paul",
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,

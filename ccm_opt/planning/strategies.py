@@ -385,8 +385,12 @@ def _is_fed(run: SpaceRun) -> bool:
 
 
 def _is_carried(run: SpaceRun) -> bool:
-    """Return whether axes carry the arm, which sampling moves together with its joints sooner than ways of the tip."""
-    return bool(run.task.arm.carrier)
+    """Return whether axes carry the arm, which sampling moves together with its joints sooner than ways of the tip.
+
+    A feed axis does if drives move several joints, which do not follow the tip.
+    """
+    arm = run.task.arm
+    return bool(arm.carrier) or (arm.feed is not None and arm.drives is not None)
 
 
 def _passes_places(run: SpaceRun) -> bool:
@@ -417,9 +421,9 @@ def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
 
 
 def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, SpaceMotion]:
-    """Return the strategy of one round of sampled trees (RRT-Connect), for arms in space on a fixed base.
+    """Return the strategy of one round of sampled trees (RRT-Connect), for arms in space.
 
-    Fed arms are excluded: their joints leave the guide tube one by one, which no motion linear in bends describes.
+    Fed arms of joints that bend one by one are excluded: these leave the guide tube one by one, along a curve.
 
     Args:
         number: index of the round.
@@ -428,7 +432,7 @@ def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, S
 
     def applies(run: SpaceRun) -> bool:
         fits = whole is None or (run.task.goal_pose is not None) == whole
-        return fits and _passes_none(run) and not _is_fed(run)
+        return fits and _passes_none(run) and (not _is_fed(run) or _is_carried(run))
 
     return Strategy(
         f"sampled {CONNECT}", lambda run, failed: run.by_sampling(number, failed), applies, costly=number > 1

@@ -80,9 +80,17 @@ class SpaceRun(SampledRun):
         ways = self.ways()
         yield from ways.first()
         arm = self.task.arm
-        earlier = max(arm.link_length + free_before(arm) - ways.out, 0.0)
+        earlier = max(self._first_bending + free_before(arm) - ways.out, 0.0)
         if earlier < ways.straight:
             yield from replace(ways, straight=earlier).first()
+
+    @property
+    def _first_bending(self) -> float:
+        """Length of the part of the arm at its tip that bends first as the arm leaves the guide tube [m]."""
+        space = self.stepper.space
+        if space.arm.drives is None:
+            return space.arm.link_length
+        return space.arm.length - float(np.max(space.bending_places))
 
     def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return a motion along one of the tip paths not tried first, or None if all fail."""
@@ -225,7 +233,7 @@ class SpaceRun(SampledRun):
             return ways(start.tip_direction)
         feed = float(start.q[-1])
         out = feed + arm.length - arm.hole
-        straight = max(arm.link_length + _TURNS_OFF * min(arm.link_length, self.task.unit) - out, 0.0)
+        straight = max(self._first_bending + _TURNS_OFF * min(arm.link_length, self.task.unit) - out, 0.0)
         return ways(start.tip_direction, arm.base_range[1] - feed, straight, start.points, out)
 
     def follow_ways(
@@ -239,7 +247,7 @@ class SpaceRun(SampledRun):
             slides: whether the motion begins at the start of the task, so that all joints can slide along the tip path.
         """
         task = self.task
-        slides = slides and task.stage is None and task.arm.feed is not None
+        slides = slides and task.stage is None and task.arm.feed is not None and task.arm.drives is None
         for way in ways:
             slid = self._slid(way, failures) if slides and way.followed else None
             found = slid

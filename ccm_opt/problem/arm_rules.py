@@ -91,8 +91,8 @@ def coupling_defects(problem: "Problem", drives: DriveCoupling) -> Iterator[str]
         (arm.dimension == 3 or arm.coupled is None, "coupled joints are for arms in space"),
         (arm.sections is None or arm.coupled is None, "an arm has either sections that bend evenly or coupled joints"),
         (
-            arm.feed is None,
-            f"arm.feed is not supported for {what}; without guide tube, make it the last of arm.base.axes",
+            arm.feed is None or all(each.goal.path is None for each in problem.goals),
+            f"goal.path is not supported for {what} on a feed axis; make it the last of arm.base.axes",
         ),
         (not limits.points, f"limits of points of the arm are not supported for {what}"),
         (problem.joint_error == 0.0, f"tolerance.joint_error is not supported for {what}"),

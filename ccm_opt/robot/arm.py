@@ -319,6 +319,14 @@ class Arm(LinkLayout):
     def _axis_reaches(self) -> tuple[float, ...]:
         return axis_reaches(self.carrier, self.base_position, self.length) if self.carrier else ()
 
+    @cached_property
+    def bending_places(self) -> FloatArray:
+        """Arc length that has to be out of a guide tube for each joint to bend, shape (links,) [m].
+
+        It is that of the joint, or of the beginning of the arc that stands for it.
+        """
+        return fixed(self.joint_places[:-1] - (0.0 if self.arcs is None else self.arcs[:-1]))
+
     @property
     def base_travel(self) -> float:
         """Bound on how far axes move the base from where it is when all of them are at zero [m]; 0 if it is fixed."""
@@ -474,6 +482,13 @@ class Arm(LinkLayout):
         return np.eye(3)[2] if self.tool is None else self.tool.up_axis
 
     @property
+    def ahead_in_last_link(self) -> FloatArray:
+        """Direction in which the tool points, or x without one, in the frame of the last link but tool links, (d,)."""
+        if self.tool_links is not None:
+            return self.tool_links.direction
+        return np.eye(self.dimension)[0] if self.tool is None else self.tool.direction
+
+    @property
     def rigid_bodies(self) -> tuple[RigidBody, ...]:
         """All rigid bodies on links, the tool last."""
         return self.bodies if self.tool is None else (*self.bodies, self.tool)
@@ -591,7 +606,7 @@ class Arm(LinkLayout):
         Returns:
             Boolean array of shape (..., links).
         """
-        along = np.asarray(feed)[..., None] + self.joint_places[:-1]
+        along = np.asarray(feed)[..., None] + self.bending_places
         held: BoolArray = along < self.hole - HELD_TOLERANCE
         return held
 

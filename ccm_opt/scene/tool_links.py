@@ -272,7 +272,7 @@ def with_tool_links(arm: Arm, *, weighed: bool = False) -> Arm:
             chain.distant,
             starts / mean,
             ends / mean,
-            np.eye(arm.dimension)[0] if tool is None else tool.direction,
+            arm.ahead_in_last_link,
             np.eye(3)[2] if tool is None or arm.dimension == 2 else tool.up_axis,
         ),
     )

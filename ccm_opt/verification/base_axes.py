@@ -8,7 +8,7 @@ from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import BaseAxis, Feed
 from ccm_opt.verification.consistency import check_efforts, check_gains, check_rates
-from ccm_opt.verification.drives import Efforts, axis_limits, bends_a_ball, sample_words
+from ccm_opt.verification.drives import Efforts, axis_limits, bends_a_ball, sample_words, section_joints
 from ccm_opt.verification.limits import check_sources, finite_jerks, largest_magnitude, less_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -81,7 +81,7 @@ def _range(
 def _held(
     arm: Arm, axis: Feed, place: FloatArray, trajectory: JointTrajectory, settings: VerificationSettings
 ) -> Check:
-    """Check that every joint inside the guide tube is straight.
+    """Check that every joint inside the guide tube, and every arc that is partly inside, is straight.
 
     A joint that leaves the tube between two samples must be straight until it passes the hole at the tube's end. Feed
     and bend are linear between samples, so the bend at the hole is interpolated. The worst value is a bend as a
@@ -89,6 +89,10 @@ def _held(
     """
     # Depth of each joint behind the hole: positive within the guide tube.
     depth = axis.hole - place[:, None] - arm.joint_places[:-1]
+    if arm.sections is not None:
+        # An arc begins half of its length before the joint between its tangents.
+        for own, length in zip(section_joints(arm.sections), arm.sections.lengths, strict=True):
+            depth[:, own] += 0.5 * length / len(own)
     # A joint counts by the greatest of its bends.
     each = bends_a_ball(trajectory.coordinates)
     bends = np.abs(trajectory.bend_angles).reshape(len(trajectory.time), -1, each).max(axis=2)

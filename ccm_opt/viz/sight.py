@@ -35,7 +35,7 @@ def goal_sights(problem: Problem, trajectory: JointTrajectory) -> Iterator[tuple
             arm, q = problem.arm, trajectory.positions[sample]
             tip = points_with_tool(arm, q)[-1]
             frame = arm.link_rotations(q)[-1]
-            axis = frame[:, 0] if arm.tool is None else frame @ arm.tool.direction
+            axis = frame @ arm.ahead_in_last_link
             yield number, np.stack((tip, look_at.place)), _edge(tip, axis, look_at)
 
 

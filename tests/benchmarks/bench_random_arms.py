@@ -166,7 +166,7 @@ class Drawn:
             arm["mount_length"] = round(sum(row["link_length"] for row in rows[:1]) * int(rng.integers(0, 3)), 6)
         if "axes" in kinds:
             arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
-        elif "feed" in kinds and "coupled" not in kinds and rng.random() < (0.8 if "plane" in kinds else 0.3):
+        elif "feed" in kinds and "coupled" not in kinds and rng.random() < (0.8 if {"plane", "even"} & kinds else 0.3):
             length = sum(row["length"] if "length" in row else row["links"] * row["link_length"] for row in rows)
             arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
         if "coupled" in kinds:

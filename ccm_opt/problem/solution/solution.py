@@ -181,9 +181,9 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
     goal = problem.goal.for_tip
     if goal is None or goal.look_at is not None:
         return GoalErrors(None, None, roll)
-    tip, along = arm.joint_positions_at(last)[-1], turn[:, 0]
+    tip, along = arm.joint_positions_at(last)[-1], turn @ arm.ahead_in_last_link
     if arm.tool is not None:
-        tip, along = tip + turn @ arm.tool.tip, turn @ arm.tool.direction
+        tip = tip + turn @ arm.tool.tip
     off = float(np.linalg.norm(tip - goal.position))
     rolled = None if goal.up is None else abs(goal.roll_of(turn @ arm.tip_up))
     return GoalErrors(off, None if goal.direction is None else angle_between(along, goal.direction), roll, rolled)
