@@ -17,10 +17,17 @@ ELSEWHERE = TipGoal(np.array([0.4, -0.2, 0.15]), np.array([1.0, 0.0, 0.0]))
 
 @cache
 def bowed() -> Solution:
-    """A motion of an arm with a fixed base past a ball."""
+    """A motion of an arm with a fixed base past a ball, with a tool that weighs and looks aside."""
+    tool = {
+        "tip": (0.03, 0.0, 0.02),
+        "direction": (0.8, 0.0, 0.6),
+        "bodies": [{"capsule": {"from": (0, 0, 0), "to": (0.02, 0, 0.01), "radius": 0.006}}],
+        "mass": 0.1,
+    }
+    base = {"base": {"position": (0, 0, 0)}, "joint_limit_deg": 60, "tool": tool}
     problem = ccm_opt.make_problem(
         "bowed",
-        arm={"links": 12, "link_length": 0.05, "radius": 0.01, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 60},
+        arm={"links": 12, "link_length": 0.05, "radius": 0.01, **base},
         obstacles={"ball": {"sphere": {"center": (0.35, 0.3, 0.0), "radius": 0.05}}},
         limits={"velocity": 1.0, "acceleration": 4.0},
         goal={"position": (0.2, 0.4, 0.1)},

@@ -355,7 +355,7 @@ def retarget_command(
     ],
     direction: Annotated[
         str | None,
-        typer.Option(metavar="X,Y", help="New direction of the last link; in space X,Y,Z.", show_default="any"),
+        typer.Option(metavar="X,Y", help="New direction of the tool or last link; in space X,Y,Z.", show_default="any"),
     ] = None,
     time: Annotated[float | None, typer.Option(help="Time of the motion at which the new goal is known, in s.")] = None,
     joints_deg: Annotated[

@@ -30,8 +30,8 @@ def retarget_folder(
     Args:
         folder: an output folder of ``ccm-opt solve``.
         out: parent folder of the new output folder.
-        goal: position of the tip in the file's unit, and direction of the last link, each as numbers with commas
-            between them; None for any direction.
+        goal: position of the tip in the file's unit, and direction of the tool or last link, each as numbers with
+            commas between them; None for any direction.
         time: time at which the new goal is known [s]; None with ``joints``.
         joints: joint angles measured then, with commas between them [deg]; None with ``time``.
         feed: base feed measured then [m]; None without a feed axis.

@@ -25,7 +25,6 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
-from ccm_opt.problem.tool_rules import refuse_tool
 
 LATER = (0.15, 0.4, 1.0)
 """Fractions of the remaining duration after which an arm on a feed axis begins to brake instead. They are tried in turn
@@ -182,7 +181,6 @@ def _moment(solution: Solution, time: float | JointPose) -> float:
     Raises:
         ProblemError: the plan cannot be retargeted then.
     """
-    refuse_tool(solution.problem.arm, "retargeting")
     if solution.problem.limits.jerk is not None or solution.problem.limits.feed_jerk is not None:
         raise ProblemError("a motion with limits.jerk cannot be retargeted yet; leave jerk limits out")
     if isinstance(time, JointPose):

@@ -192,8 +192,8 @@ class MotionPlanner:
         arm = problem.arm
         if arm.dimension == 2:
             with told_in_plane():
-                planned = self.planned_in_space(problem_in_space(problem), known)
-            return planned.mapped(partial(path_in_plane, arm=arm))
+                in_space = self.planned_in_space(problem_in_space(problem), known)
+            return in_space.mapped(partial(path_in_plane, arm=arm))
         if arm.rigid_bodies:
             whole = problem_with_tool_links(problem, weighed=True)
             back = partial(path_without_tool_links, arm=arm, whole=whole.arm)
