@@ -58,8 +58,6 @@ _FREE_ROUNDS = 4
 """Maximum number of optimisation steps before the final pose is fixed. Measured (``bench_live``): with four and three
 steps, durations after 25 drags agree to 1 % with those of the nine and five steps of ``solve``, in four fifths of the
 time."""
-_KEYFRAMES = 60
-"""Largest number of keyframes taken from a leg of a given plan. Heuristic: more than planned motions have as a rule."""
 _END_ROUNDS = 3
 """Maximum number of optimisation steps with fixed final pose. Heuristic: the next change continues from the result."""
 
@@ -244,10 +242,7 @@ class LivePlan:
             return  # every motion is searched for
         ends = (0, *plan.trajectory.stops, len(plan.trajectory.time) - 1)
         legs = [plan.trajectory.positions[first : last + 1] for first, last in pairwise(ends) if last > first]
-        self._planner.known = tuple(
-            known_motion(plan.problem.arm, leg[np.unique(np.linspace(0, len(leg) - 1, _KEYFRAMES).astype(np.intp))])
-            for leg in legs
-        )
+        self._planner.known = tuple(known_motion(plan.problem.arm, leg) for leg in legs)
 
     @staticmethod
     def suits(problem: Problem) -> bool:

@@ -6,6 +6,11 @@
 
 #define FINE 0.0625 /* share of the slack that is left where distances are taken for halvings */
 
+/* How much farther than is needed the surfaces are looked for: so many motions of the link, or such a share of the
+   longest link if that is less. What is that far off need not be looked for again in as many intervals like this one. */
+#define AHEAD 8.0
+#define AHEAD_SHARE 0.2
+
 /* Least distance of a segment from the surfaces, (2, 3), cut off at a reach, and told too small by a slack at most. */
 double segment_gap(const Surfaces *surfaces, const double *segment, double reach, double slack);
 
@@ -25,13 +30,13 @@ typedef struct {
     const double *keyframes; /* (intervals + 1, c) */
     uint8_t *safe;           /* (intervals,) whether each is proved safe */
     const Surfaces *surfaces; /* may be missing */
-    double *end, *told; /* for the next call: where this one ends, and (2, 2, links) distances there */
+    double *end, *told; /* for the next call: where this one ends, and (5, links) distances there */
 } ProofQuery;
 
 /* Distances of the links at one end of an interval, told too small by a slack at most and taken for halvings, and the
-   reaches that they were cut off at, which are zero where a distance is not known. */
+   reaches that they were cut off at, which are zero where a distance is not known; and what no distance is less than. */
 typedef struct {
-    double *told, *told_reach, *sure, *sure_reach;
+    double *told, *told_reach, *sure, *sure_reach, *least;
 } EndGaps;
 
 typedef struct {
@@ -163,8 +168,15 @@ static Outcome walls_clear(const ProofQuery *q, const Place *first, const Place 
 
 static EndGaps end_gaps(double *memory, int64_t links)
 {
-    EndGaps gaps = {memory, memory + links, memory + 2 * links, memory + 3 * links};
+    EndGaps gaps = {memory, memory + links, memory + 2 * links, memory + 3 * links, memory + 4 * links};
     return gaps;
+}
+
+/* Forget all distances at an end. */
+static void forget(EndGaps *gaps, int64_t links)
+{
+    memset(gaps->told, 0, (size_t)(4 * links) * sizeof(double));
+    for (int64_t link = 0; link < links; link++) gaps->least[link] = -INFINITY;
 }
 
 /* Distance of a link at an end, looked up where it was measured as far. */
@@ -191,31 +203,34 @@ static Outcome exactly_clear(const ProofQuery *q, const Place *first, const Plac
 }
 
 /* Whether all links keep off the surfaces. Most intervals begin where the one before has ended, so that half of the
-   distances are known. */
+   distances are known, and of links that are far off, that they cannot have come near. */
 static int all_walls_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval)
 {
     int64_t most_links = q->links - q->first_link;
     if (!q->surfaces || most_links <= 0) return 1;
     int64_t *numbers = malloc((size_t)most_links * sizeof(int64_t));
-    double *memory = malloc((size_t)(2 * most_links + 4 * q->links) * sizeof(double));
+    double *memory = malloc((size_t)(2 * most_links + 5 * q->links) * sizeof(double));
     Links left = {0, numbers, memory, memory + most_links};
     Outcome outcome = numbers && memory ? CLEAR : TOUCHING;
-    size_t end_size = (size_t)coordinates(q) * sizeof(double), gaps_size = (size_t)(4 * q->links) * sizeof(double);
+    size_t end_size = (size_t)coordinates(q) * sizeof(double), gaps_size = (size_t)(5 * q->links) * sizeof(double);
     EndGaps start = end_gaps(memory + 2 * most_links, q->links), end = end_gaps(q->told, q->links);
     if (outcome == CLEAR) {
         if (memcmp(q->end, first->bends, end_size) == 0)
             memcpy(start.told, q->told, gaps_size);
         else
-            memset(start.told, 0, gaps_size);
+            forget(&start, q->links);
         memcpy(q->end, last->bends, end_size);
-        memset(q->told, 0, gaps_size);
+        forget(&end, q->links);
     }
     for (int64_t link = q->first_link; outcome == CLEAR && link < q->links; link++) {
         if (q->radii[link] < 0.0) continue; /* a link without a body */
         double most = most_of(interval, link), wall = q->wall[link], reach = wall + most, slack = q->slack * most;
         /* So far off half-way that it comes to no wall: from there it moves half as far at most. */
-        double far = wall + 0.5 * most;
-        if (gap_of(q, &interval->middle, link, far, slack) >= far) continue;
+        double far = wall + 0.5 * most, ahead = fmin(AHEAD * most, AHEAD_SHARE * q->longest);
+        double half = 0.5 * (1.0 + 1e-9) * most, middle = start.least[link] - half;
+        if (!(middle >= far)) middle = gap_of(q, &interval->middle, link, far + ahead, slack);
+        end.least[link] = middle - half;
+        if (middle >= far) continue;
         double at_first = known_gap(q, first, start.told, start.told_reach, link, reach, slack, 0);
         double at_last = known_gap(q, last, end.told, end.told_reach, link, reach, slack, 0);
         if (at_first >= wall && at_last >= wall && at_first + at_last - most >= 2.0 * wall) continue;
@@ -334,12 +349,18 @@ PUBLIC void prove_intervals(ProofQuery *q)
     int64_t size = coordinates(q);
     double *memory = malloc((size_t)(2 * place_size(q) + interval_size(q)) * sizeof(double));
     memset(q->safe, 0, (size_t)q->intervals);
-    if (!memory) return;
+    if (!memory || q->intervals == 0) {
+        free(memory);
+        return;
+    }
     Place first = place_in(q, memory), last = place_in(q, memory + place_size(q));
+    memcpy(last.bends, q->keyframes, (size_t)size * sizeof(double));
+    put(q, &last);
     for (int64_t k = 0; k < q->intervals; k++) {
-        memcpy(first.bends, q->keyframes + size * k, (size_t)size * sizeof(double));
+        Place before = first;
+        first = last;
+        last = before;
         memcpy(last.bends, q->keyframes + size * (k + 1), (size_t)size * sizeof(double));
-        put(q, &first);
         put(q, &last);
         Interval interval = interval_between(q, &first, &last, memory + 2 * place_size(q));
         /* Where coordinates are no numbers, no link is anywhere. */

@@ -34,6 +34,8 @@ class CurveMotion(Generic[CurveType]):
         end_pose: configuration of the offered goal pose in which the motion ends, for the arm with which the motion was
             planned, shape (c,); None if it ends elsewhere.
         follows: whether a fed arm follows a leader's path during the whole motion.
+        instead: configurations of a certified path between the same ends, shape (K, c), if the motion itself is not
+            certified; else None.
     """
 
     curve: CurveType
@@ -43,6 +45,7 @@ class CurveMotion(Generic[CurveType]):
     u: FloatArray | None = None
     end_pose: FloatArray | None = None
     follows: bool = False
+    instead: FloatArray | None = None
 
     @classmethod
     def from_poses(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":

@@ -22,7 +22,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.clamped_base import annotate_clamped_base, with_clamped_base
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
-from ccm_opt.planning.ending import ended_by_nlp
+from ccm_opt.planning.ending import ended_by_nlp, led_to
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
@@ -43,7 +43,7 @@ from ccm_opt.planning.path_following import motion_along
 from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space, told_in_plane
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
-from ccm_opt.planning.resuming import nearest_known, resumed, resumed_in_space
+from ccm_opt.planning.resuming import known_motion, moved_end, nearest_known, resumed
 from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
@@ -200,12 +200,9 @@ class MotionPlanner:
             return self.planned_in_space(whole, known).mapped(back)
         problem, task = self._space_task(problem)
         nearest = nearest_known(known, problem)
-        if nearest is not None:
-            with self.stages("motion"):
-                motion = resumed_in_space(nearest, task)
-            if motion is not None:
-                with suppress(MotionNotFound), self.stages("smooth path"):
-                    return replace(_smoothed(problem, task, (motion,)), resumed=True)
+        adapted = None if nearest is None else self._adapted(problem, task, nearest)
+        if adapted is not None:
+            return adapted
         try:
             found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
             planned = found or self._planned(problem, task)
@@ -216,6 +213,26 @@ class MotionPlanner:
         with self.stages("smooth path"):
             smooth = _smoothed(problem, task, planned.motions)
         return self._improvable(problem, task, replace(smooth, path=replace(smooth.path, goal_pose=planned.end)))
+
+    def _adapted(self, problem: Problem, task: SpaceTask, known: SpaceMotion) -> PlannedPath | None:
+        """Return the plan whose motion is a known one adapted to the task's goal, or None if it cannot be adapted.
+
+        Where the arm follows its tip, only that path is certified: the adapted motion gives its end.
+        """
+        with self.stages("motion"):
+            begun = moved_end(known, task)
+        if begun is not None and task.follows:
+            bent = next(begun[0].bent_to(begun[1]))
+            with self.stages("smooth path"):
+                behind = path_behind_tip(_bounded(problem, task), bent, optimised=True)
+            if behind is not None:
+                return PlannedPath(behind, replace(bent, instead=behind.keyframes), resumed=True)
+        with self.stages("motion"):
+            motion = None if begun is None else led_to(*begun, task, (0.0,))
+        if motion is not None:
+            with suppress(MotionNotFound), self.stages("smooth path"):
+                return replace(_smoothed(problem, replace(task, follows=False), (motion,)), resumed=True)
+        return None if known.instead is None else self._adapted(problem, task, known_motion(task.arm, known.instead))
 
     def _improvable(self, problem: Problem, task: SpaceTask, planned: PlannedPath) -> PlannedPath:
         """Return a plan in space whose path has a function that optimises it further, if that may gain clearance."""

@@ -27,12 +27,17 @@ from ccm_opt.robot.arm import Arm
 
 _Known = TypeVar("_Known", bound=CurveMotion[Any])
 
+_KEYFRAMES = 60
+"""Largest number of keyframes of a known motion that is given by its configurations. Heuristic: more than planned
+motions have as a rule."""
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations [rad, m]."""
 
 
 def known_motion(arm: Arm, configurations: FloatArray) -> CurveMotion[Any]:
-    """Return the motion through configurations (K, c) as a known one, to be adapted; the arm has no planar feed."""
+    """Return a motion near configurations (K, c) as a known one, to be adapted; the arm has no planar feed."""
+    few = np.unique(np.linspace(0, len(configurations) - 1, _KEYFRAMES).astype(np.intp))
+    configurations = configurations[few]
     if arm.dimension == 2:
         space, start = LinkSpace.through(arm, configurations[0])
         return CurveMotion(space, np.repeat(start[None], len(configurations), axis=0), configurations, "given")
@@ -124,23 +129,23 @@ def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTas
     return motion if len(task.failures(motion.curve, motion.unknowns)) == 0 else None
 
 
-def resumed_in_space(known: SpaceMotion, task: SpaceTask) -> SpaceMotion | None:
-    """Return a certified motion in space for a task, derived from a motion for a similar task, or None.
+def moved_end(known: SpaceMotion, task: SpaceTask) -> tuple[SpaceMotion, FloatArray] | None:
+    """Return a known motion in space from the start of a task, and the unknowns of a pose at the goal near its end.
 
-    The tip is moved from the end of the known motion onto the goal, and the motion is deformed to this end, more and
-    more along its length, or continued to it; before that, likewise to another start.
+    The tip is moved from the end of the known motion onto the goal. A motion from another start is deformed to begin at
+    that of the task, more and more along its length, or continued to it.
 
     Args:
         known: a motion to another goal, from another start, or among other obstacles.
         task: the current obstacles, goal and limits.
 
     Returns:
-        The motion; None for goals of the whole arm, for tasks with user limits or via points, and if the known motion
-        cannot be adapted, which does not prove that the task has no solution.
+        The motion and the unknowns, shape (p,); None for goals of the whole arm, for tasks with user limits or via
+        points, and if the goal is not reached.
     """
     if task.goal_pose is not None or task.user_limits or task.via:
         return None
-    known = replace(known, end_pose=None)
+    known = replace(known, end_pose=None, instead=None)
     if np.max(np.abs(known.configurations[0] - task.start)) > _SAME:
         curve, start = known.curve.blended_to(task.start)
         moved = led_to(known.without_blending(curve).backwards(), start, task, (0.0,))
@@ -152,4 +157,4 @@ def resumed_in_space(known: SpaceMotion, task: SpaceTask) -> SpaceMotion | None:
         settled = settle(stepper, task.limited_goal, stepper.pose(known.unknowns[-1]), task.deadline)
     except Stalled:
         return None
-    return led_to(known, settled[-1].v, task, (0.0,))
+    return known, settled[-1].v

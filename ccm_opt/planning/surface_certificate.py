@@ -61,7 +61,7 @@ class SpaceCertificate:
     @cached_property
     def _known(self) -> tuple[FloatArray, FloatArray]:
         """Where the interval that was proved last ends (c,), and distances there, for the next one: none at first."""
-        return np.full(len(self.arm.coordinates), np.nan), np.zeros((2, 2, self.arm.links))
+        return np.full(len(self.arm.coordinates), np.nan), np.zeros((5, self.arm.links))
 
     @cached_property
     def _single(self) -> tuple[FloatArray, BoolArray, NativeCall]:
