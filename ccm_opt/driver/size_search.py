@@ -1,13 +1,12 @@
 """Search for one size of an arm: trials between values that have no plan and values that have one, and proofs."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import (
     Diagnosis,
     MotionNotFound,
@@ -17,17 +16,16 @@ from ccm_opt.core.errors import (
     VerificationError,
 )
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.checks import is_covered
 from ccm_opt.diagnosis.ranking import no_axis_path_error, rank_findings
 from ccm_opt.diagnosis.relaxation import with_short_limit
 from ccm_opt.diagnosis.sizes import Proofs, Size
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.short_poses import Ends, has_short_pose, posed, short_poses, without_stops
 from ccm_opt.driver.solution_assembly import described
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.ik.shortest_arm import shortest_arm
-from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 from ccm_opt.problem.solution.sizes import ArmSize, SizeTrial, TrialOutcome
 
@@ -43,11 +41,6 @@ _BEYOND_PROOF = 0.1
 """Where the first value is tried if the given one is proved impossible, as a share of the way. Heuristic."""
 _PROOF_TIME = 8.0
 """CPU time limit of one proof [s]. Heuristic, like that of the search for ways in space."""
-_SLACKS = (0.02, 0.1, 0.2, 0.3)
-"""Shares of the joint limits that the shortest arm in a pose leaves unused, tried in turn: an arm at its limits reaches
-farthest, and seldom has a motion to its pose. Heuristic."""
-_WORTHWHILE = 0.002
-"""Share of the length by which an arm in a pose must be shorter to be tried. Heuristic: a fifth of the precision."""
 _GAP_KEPT = 0.999
 """Share of the clearance of a plan by which the arm is made thicker to verify the plan again. Heuristic."""
 
@@ -114,7 +107,7 @@ class SizeSearch:
         best: the plan.
         best_is_long: whether the plan was found with the problem's own options.
         failed: records of the values without a plan, by value.
-        ends: poses of the shortest arms that have a plan to them, shape (c,), by value.
+        ends: poses of the shortest arms that have a plan to them, by value.
     """
 
     problem: Problem
@@ -130,7 +123,7 @@ class SizeSearch:
     best: Solution | None = None
     best_is_long: bool = False
     failed: dict[float, SizeTrial] = field(default_factory=dict)
-    ends: dict[float, FloatArray] = field(default_factory=dict)
+    ends: dict[float, Ends] = field(default_factory=dict)
 
     @property
     def given(self) -> float:
@@ -267,40 +260,22 @@ class SizeSearch:
 
         Only for the length of an arm of equal links with one goal of the tip.
         """
-        if self.best is None or self.size.name != "length" or not _has_short_pose(self.problem):
+        if self.best is None or self.size.name != "length" or not has_short_pose(self.problem):
             return
-        tried = [each for each in self._short_poses(self.best) if each[0] not in self.failed]
+        tried = [each for each in short_poses(self.size, self.best) if each[0] not in self.failed]
         for first in range(0, len(tried), self.width):
             self._move_to(tried[first : first + self.width])
             if self.easy <= tried[first][0]:
                 return
 
-    def _short_poses(self, plan: Solution) -> Iterator[tuple[float, FloatArray]]:
-        """Yield lengths below that of a plan, each with a pose of an arm of that length at the goal, shape (c,)."""
-        for slack in _SLACKS:
-            found = shortest_arm(plan.problem, plan.trajectory.positions[-1], slack)
-            if found is None:
-                continue
-            value = self.size.rounded(self.problem, found.link_length)
-            if not self.size.harder(value, (1.0 - _WORTHWHILE) * self.easy):
-                return
-            pose = shortest_arm(self.at(value), found.configuration, slack, least=value)
-            if pose is not None:
-                yield value, pose.configuration
-
-    def _move_to(self, ends: Sequence[tuple[float, FloatArray]], *, long: bool = False) -> None:
-        """Solve the problem for several values, each with a pose (c,) in which the motion ends, and keep the plans."""
+    def _move_to(self, ends: Sequence[tuple[float, Ends]], *, long: bool = False) -> None:
+        """Solve the problem for several values, each with poses to which the motion leads, and keep the plans."""
         limit = self.limit if long else _SHORT * self.limit
-        problems: list[Problem] = []
-        for value, q in ends:
-            changed = self.at(value)
-            bends, base = q[changed.arm.coordinates.bends], q[changed.arm.coordinates.base]
-            shape = (changed.arm.links, changed.arm.bends_a_joint) if changed.dimension == 3 else changed.arm.links
-            pose = JointPose(np.reshape(bends, shape), float(base[0]) if len(base) else 0.0)
-            asked = replace(changed, goal=pose)
-            problems.append(asked if long else with_short_limit(asked, limit))
-        for (value, q), found in zip(ends, self.run(problems), strict=True):
-            plan = None if found.solution is None else held(self.at(value), found.solution, self.settings)
+        problems = [posed(self.at(value), poses) for value, poses in ends]
+        if not long:
+            problems = [with_short_limit(each, limit) for each in problems]
+        for (value, poses), found in zip(ends, self.run(problems), strict=True):
+            plan = found.solution and held(self.at(value), without_stops(found.solution), self.settings)
             if plan is None:
                 why = found.reason or "the plan to the shortest arm's pose does not hold for the goal"
                 record = SizeTrial.of(self.at(value), "not found", why, found.cpu, limit)
@@ -308,7 +283,7 @@ class SizeSearch:
             else:
                 record = SizeTrial.of(plan.problem, "verified", "", found.cpu, limit)
                 self.failed.pop(value, None)
-                self.ends[value] = q
+                self.ends[value] = poses
                 self.keep(value, plan, long=long)
             self.trials.append(record)
             self.tell(f"{record.words(self.size.name)}: {record.outcome}")
@@ -342,12 +317,3 @@ def room_to_grow(solution: Solution) -> float:
     gaps = {check.name: check.worst - check.limit for check in solution.checks}
     # Links that are thicker by an amount come closer to each other by twice as much.
     return max(min(gaps.get("wall clearance", 0.0), 0.5 * gaps.get("self-collision", np.inf)), 0.0)
-
-
-def _has_short_pose(problem: Problem) -> bool:
-    """Return whether the shortest arm with a pose at the goal can be computed: equal links and one goal of the tip."""
-    goal = problem.goal.for_tip
-    if goal is None or problem.stops or not is_covered(problem.arm) or problem.arm.proportions is not None:
-        return False
-    plain = goal.path is None and goal.look_at is None and goal.up is None and not goal.via
-    return plain and problem.coverage is None and problem.planner.method == "nlp"

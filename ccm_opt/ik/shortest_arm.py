@@ -42,8 +42,8 @@ _SHORTFALL_WEIGHT = 20.0
 _PLANES = 8
 """Largest number of half-spaces a link. Heuristic."""
 _FREE_OF_TUBE = 1.5
-"""Distance from the end of a guide tube up to which links stay straight, in link lengths: an arm that leaves the tube
-along its own shape bends only there."""
+"""Distance from the end of a guide tube up to which the joints of an arm that leaves it along its own shape stay
+straight, in link lengths. Derived: the leader's paths leave the axis there."""
 _ITERATIONS = 200
 
 
@@ -76,7 +76,9 @@ class _Rows:
         self.upper += [upper] * column.numel()
 
 
-def shortest_arm(problem: Problem, near: FloatArray, slack: float, least: float = 0.0) -> ShortPose | None:
+def shortest_arm(
+    problem: Problem, near: FloatArray, slack: float, least: float = 0.0, *, led: bool = True
+) -> ShortPose | None:
     """Return the shortest arm with a pose at a problem's goal that is found from a pose of the problem's arm.
 
     Links are of one length. Contacts between links and loads are left to who plans a motion to the pose.
@@ -87,6 +89,8 @@ def shortest_arm(problem: Problem, near: FloatArray, slack: float, least: float 
         slack: share of the joint limits that is left unused; the arm keeps a like share of the distance by which the
             chord of a link cuts a bend at its limit, beyond its clearance.
         least: least length of a link [m].
+        led: whether the pose is to be reached along the arm's own shape out of a guide tube, at the end of which joints
+            stay straight.
 
     Returns:
         The pose; None if none was found that is free and within the limits.
@@ -96,7 +100,7 @@ def shortest_arm(problem: Problem, near: FloatArray, slack: float, least: float 
     if goal is None:
         raise ProblemError("the goal is a pose of the whole arm, which has the arm's length")
     now = _Chain(arm.joint_positions_at(near), arm.link_length, float(near[-1]) if arm.base_axes else 0.0)
-    bounds = _Bounds(slack, slack * arm.joint_limit * arm.link_length / 8.0, least)
+    bounds = _Bounds(slack, slack * arm.joint_limit * arm.link_length / 8.0, least, _FREE_OF_TUBE if led else 0.0)
     move = _LARGEST_MOVE
     for _ in range(_ROUNDS):
         found = _improved(problem, goal, now, replace(bounds, move=move))
@@ -112,7 +116,7 @@ def shortest_arm(problem: Problem, near: FloatArray, slack: float, least: float 
             break
         # Half-spaces that let links through walls were drawn too far from where the links are now.
         move = min(_GROWTH * move, _LARGEST_MOVE) if free else max(_SHRINKAGE * move, _LEAST_MOVE)
-    return _pose(problem, now)
+    return _pose(problem, now, bounds.ahead)
 
 
 @dataclass(frozen=True)
@@ -123,12 +127,14 @@ class _Bounds:
         slack: share of the joint limits that is left unused.
         spare: gap beyond the required clearance [m].
         least: least length of a link [m].
+        ahead: distance from the end of a guide tube up to which joints stay straight, in link lengths.
         move: largest change of a coordinate, in link lengths.
     """
 
     slack: float
     spare: float
     least: float
+    ahead: float
     move: float = _LARGEST_MOVE
 
 
@@ -154,7 +160,7 @@ def _gap(problem: Problem, chain: _Chain) -> float:
     return float(np.min(gaps, initial=problem.arm.link_length))
 
 
-def _pose(problem: Problem, chain: _Chain) -> ShortPose | None:
+def _pose(problem: Problem, chain: _Chain, ahead: float) -> ShortPose | None:
     """Return the pose of a chain; None if it is not free, or a bend exceeds its limit."""
     arm = _arm(problem, chain)
     steps = np.diff(chain.points, axis=0)
@@ -168,16 +174,16 @@ def _pose(problem: Problem, chain: _Chain) -> ShortPose | None:
         headings = np.unwrap(np.append(arm.base_heading, np.arctan2(steps[:, 1], steps[:, 0])))
         q = np.append(np.diff(headings), [feed] * len(arm.base_axes))
     bends = q[arm.coordinates.bends]
-    bends[np.repeat(_straight(arm, chain), arm.bends_a_joint)] = 0.0
+    bends[np.repeat(_straight(arm, chain, ahead), arm.bends_a_joint)] = 0.0
     q[arm.coordinates.bends] = bends
     free = _gap(problem, replace(chain, points=arm.joint_positions_at(q))) >= 0.0
     return ShortPose(chain.link_length, q) if free and bool(np.all(np.abs(bends) <= arm.bend_limits)) else None
 
 
-def _straight(arm: Arm, chain: _Chain) -> BoolArray:
-    """Return a mask of the joints of a chain that a guide tube keeps straight, shape (n,)."""
+def _straight(arm: Arm, chain: _Chain, ahead: float) -> BoolArray:
+    """Return a mask of the joints that stay straight up to a distance from a guide tube's end, shape (n,)."""
     places = chain.feed + chain.link_length * np.arange(arm.links)
-    return np.asarray(places < arm.hole + _FREE_OF_TUBE * chain.link_length - 1e-9)
+    return np.asarray(places < arm.hole + ahead * chain.link_length - 1e-9)
 
 
 def _improved(problem: Problem, goal: TipGoal, now: _Chain, bounds: _Bounds) -> _Chain | None:
@@ -192,11 +198,11 @@ def _improved(problem: Problem, goal: TipGoal, now: _Chain, bounds: _Bounds) -> 
     direction = ca.DM(arm.direction)
     rows = _Rows()
     rows.add(points[:, 0] - (ca.DM(arm.base / unit) + feed * direction), 0.0, 0.0)
-    _add_links(rows, arm, now, links, length, shortfall, bounds.slack)
+    _add_links(rows, arm, now, links, length, shortfall, bounds)
     if arm.base_axes:
-        straight = int(np.sum(_straight(arm, now)))
+        straight = int(np.sum(_straight(arm, now, bounds.ahead)))
         if straight < n:
-            rows.add(feed + (straight - _FREE_OF_TUBE) * length - arm.hole / unit, 0.0)
+            rows.add(feed + (straight - bounds.ahead) * length - arm.hole / unit, 0.0)
     _add_goal(rows, problem, goal, points[:, n] - ca.DM(goal.position / unit), links[:, n - 1], length)
     _add_half_spaces(rows, problem, now, moves, shortfall, bounds)
     x = ca.vertcat(ca.vec(moves), length, feed, shortfall)
@@ -225,11 +231,13 @@ def _improved(problem: Problem, goal: TipGoal, now: _Chain, bounds: _Bounds) -> 
     return _Chain(moved, unit * float(values[count]), unit * float(values[count + 1]))
 
 
-def _add_links(rows: _Rows, arm: Arm, now: _Chain, links: ca.SX, length: ca.SX, shortfall: ca.SX, slack: float) -> None:
+def _add_links(
+    rows: _Rows, arm: Arm, now: _Chain, links: ca.SX, length: ca.SX, shortfall: ca.SX, bounds: _Bounds
+) -> None:
     """Add that links are of one length, straight in a guide tube, and turn from one to the next within the limits."""
     direction = ca.DM(arm.direction)
     turns = np.minimum(np.append(arm.base_limit, np.full(arm.links - 1, arm.joint_limit)), np.pi)
-    straight = _straight(arm, now)
+    straight = _straight(arm, now, bounds.ahead)
     before = ca.horzcat(length * direction, links[:, :-1])
     for link in range(arm.links):
         if straight[link]:
@@ -237,7 +245,7 @@ def _add_links(rows: _Rows, arm: Arm, now: _Chain, links: ca.SX, length: ca.SX, 
             continue
         rows.add(ca.sumsqr(links[:, link]) - length**2, 0.0, 0.0)
         if turns[link] < np.pi:
-            cosine = np.cos((1.0 - slack) * turns[link])
+            cosine = np.cos((1.0 - bounds.slack) * turns[link])
             rows.add(ca.dot(before[:, link], links[:, link]) - cosine * length**2 + shortfall, 0.0)
 
 
