@@ -215,7 +215,9 @@ class LinkLayout:
         first, share = self.mount_end
         if share > 1.0 - ROUNDING:
             return self.links, np.zeros((*points.shape[:-2], 0, 2, points.shape[-1]))
-        axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
+        axes = np.empty((*points.shape[:-2], points.shape[-2] - 1 - first, 2, points.shape[-1]))
+        axes[..., 0, :] = points[..., first:-1, :]
+        axes[..., 1, :] = points[..., first + 1 :, :]
         axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
         return first, axes
 

@@ -74,10 +74,8 @@ def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int
         q: configurations at the keyframes, shape (K, c) [rad, m].
         depth: allowed number of bisections of an interval; None for the certificate's setting.
     """
-    failing = np.zeros(0, dtype=np.intp)
-    for limit in limits:
-        failing = np.union1d(failing, limit.failures(q, depth))
-    return failing
+    failing = [each for limit in limits if len(each := limit.failures(q, depth))]
+    return np.unique(np.concatenate(failing)) if failing else np.zeros(0, dtype=np.intp)
 
 
 def failing_edges(
