@@ -156,7 +156,7 @@ def test_what_a_guide_tube_forbids_is_refused_by_its_key(table: str, value: obje
 @pytest.mark.drawn(25, of="dear tests")
 @pytest.mark.planning
 def test_plan_on_a_feed_axis_keeps_sections_straight_in_the_tube(tmp_path: Path) -> None:
-    """By the commands: the plan keeps clear by a model of true arcs of its own, is checked and simulated."""
+    """By the commands: the plan keeps clear by a model of true arcs of its own, is checked, followed and retargeted."""
     problem = parse_problem(toml(DATA))
     assert problem_data(problem_from_mapping(problem_data(problem))) == problem_data(problem)
     file = tmp_path / "fed.toml"
@@ -165,6 +165,17 @@ def test_plan_on_a_feed_axis_keeps_sections_straight_in_the_tube(tmp_path: Path)
     assert solved.exit_code == 0, solved.output
     with np.load(tmp_path / "fed" / "solution.npz") as arrays:
         assert broken_promises(DATA, dict(arrays), kind=ArcArm) == []
+        sample = len(arrays["time"]) // 2
+        bends, feed = np.rad2deg(arrays["drive_values"][sample]), arrays["base_feed"][sample]
     assert CliRunner().invoke(app, ["check", str(tmp_path / "fed")]).exit_code == 0
     record = json.loads((tmp_path / "fed" / "solution.json").read_text())
     assert record["simulation"]["outcome"] == "followed"
+
+    asked = ("--position", "0.22,-0.02,0.08", f"--joints-deg={','.join(map(str, bends))}", f"--feed={feed}")
+    out = ("--out", str(tmp_path / "moved"), "--no-pictures")
+    moved = CliRunner().invoke(app, ["retarget", str(tmp_path / "fed"), *asked, *out])
+    assert moved.exit_code == 0, moved.output
+    with np.load(tmp_path / "moved" / "fed" / "solution.npz") as arrays:
+        np.testing.assert_allclose(arrays["joint_positions"][-1, -1], [0.22, -0.02, 0.08], atol=1e-3)
+        assert len(arrays["stops"]) == 1
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "moved" / "fed")]).exit_code == 0

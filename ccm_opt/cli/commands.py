@@ -362,7 +362,7 @@ def retarget_command(
         str | None,
         typer.Option(
             metavar="A,B,…",
-            help="Instead, the joint angles measured then, in degrees; in space two a joint.",
+            help="Instead, the angles of the joints, or even sections, measured then, in degrees; in space two each.",
         ),
     ] = None,
     feed: Annotated[

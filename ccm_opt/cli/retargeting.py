@@ -66,14 +66,17 @@ def retarget_folder(
 
 
 def _measured(problem: Problem, joints: str | None, feed: float | None) -> JointPose:
-    """Return the measured pose of the arm; in space there are two angles a joint.
+    """Return the measured pose of the arm, two angles a joint in space; of sections that bend evenly, their bends.
 
     Raises:
         ProblemError: there are too few or too many angles, or a feed of an arm without a feed axis.
     """
     arm = problem.arm
     angles = 1 if problem.dimension == 2 else 2
-    bends = np.deg2rad(_numbers(joints or "", "--joints-deg", angles * arm.links))
+    count = arm.links if arm.sections is None else len(arm.sections.counts)
+    bends = np.deg2rad(_numbers(joints or "", "--joints-deg", angles * count))
+    if arm.sections is not None:
+        bends = arm.sections.coupling @ bends
     if feed is not None and arm.feed is None:
         raise ProblemError("--feed: the arm has no feed axis")
     if feed is None and arm.feed is not None:

@@ -12,7 +12,7 @@ from ccm_opt.core.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_sections
+from ccm_opt.driver.arguments import compiled_terms, expect_arguments
 from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -71,7 +71,6 @@ def retarget(
         VerificationError: the verifier rejects the motion.
     """
     expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
-    refuse_sections(solution.problem.arm, "new goals on the way")
     expect_arguments(progress=progress, planner=planner, settings=settings)
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     moment = _moment(solution, time)
