@@ -192,7 +192,7 @@ def _sized(search: SizeSearch, trials: Sequence[SizeTrial], **places: int) -> Ar
             search.begin()
             search.shorten()
             search.narrow()
-            search.shorten()
+        search.shorten()
         search.confirm()
         return search.result(trials, **places)
     except KeyboardInterrupt as interrupt:
