@@ -1,7 +1,9 @@
 """Checks of arms in space, and of goals on the way, in words: as a user says them, and never as the verifier does."""
 
+import numpy as np
 import pytest
 
+from ccm_opt.problem import Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import Check
 from ccm_opt.viz.checks_section import checks_in_words
 from ccm_opt.viz.document import PageUnits
@@ -75,6 +77,15 @@ def test_a_rest_must_be_no_shorter_than_asked_for() -> None:
     check = Check("stop 1 pause", 1.2, 1.0, "s", "from t = 10.74 s", passed=True)
     (row,) = checks_in_words((check,), MILLIMETRES)
     assert (row.title, row.limit, row.used, row.where, row.time) == ("Rest at goal 1", "at least 1 s", None, "", 10.74)
+
+
+def test_titles_name_goals() -> None:
+    """A goal's name follows its number; the end of a tour is "the goal"."""
+    stops = [Stop(TipGoal(np.zeros(2), name=name), Tolerances()) for name in ("valve", "", "weld")]
+    names = ("stop 1 position", "stop 2 position", "goal position")
+    rows = checks_in_words([Check(name, 0.0, 1.0, "m", "", passed=True) for name in names], MILLIMETRES, stops)
+    titles = {"Tip error at goal 1 ('valve')", "Tip error at goal 2", "Tip error at the goal ('weld')"}
+    assert {row.title for row in rows} == titles
 
 
 def test_a_joint_in_the_plane_has_one_bend() -> None:

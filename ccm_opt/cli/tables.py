@@ -54,7 +54,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     problem = solution.problem
     units = result_units(problem)
     in_space = problem.dimension == 3
-    words = checks_in_words(solution.checks, units, in_space=in_space)
+    words = checks_in_words(solution.checks, units, problem.numbered_goals, in_space=in_space)
     shown_checks = words if output().verbose else [check for check in words if not check.of_itself]
     partly = solution.tour is not None and bool(solution.tour.left_out)
     table = checks_table(f"{problem.name}: {'solved in part' if partly else 'solved'}", shown_checks)

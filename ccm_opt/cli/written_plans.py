@@ -89,7 +89,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
     def show() -> None:
         console = report_console()
-        words = checks_in_words(checks, result_units(problem), in_space=problem.dimension == 3)
+        words = checks_in_words(checks, result_units(problem), problem.numbered_goals, in_space=problem.dimension == 3)
         shown_checks = [check for check in words if output().verbose or not check.of_itself or not check.passed]
         console.print(checks_table(f"{problem.name}: {verdict}", shown_checks))
         if len(shown_checks) < len(words):

@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from ccm_opt.problem.poses import Stop, name_suffix
 from ccm_opt.problem.solution import Check, SimulationVerdict, Solution
 from ccm_opt.viz.document import Child, Markup, PageUnits, element, joined, table
 
@@ -54,6 +55,8 @@ _PAUSE = re.compile(r"stop (\d+) pause")
 """Pattern of the name of the check of the pause at an intermediate goal."""
 _AT_LEAST = re.compile(r"stop \d+ pause|(goal|stop \d+) (least distance|line of sight)|surface seen")
 """Pattern of the names of the checks whose value must be at least its limit; gaps are told apart by their names."""
+_GOAL = re.compile(r"goal \d+|the goal")
+"""Pattern of a goal in the title of a check."""
 _VIEW = {
     "least distance": "Distance from what is seen at",
     "greatest distance": "Distance from what is seen at",
@@ -93,16 +96,25 @@ class CheckWords:
     of_itself: bool
 
 
-def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
+def checks_in_words(
+    checks: Iterable[Check], units: PageUnits, goals: Sequence[Stop] = (), *, in_space: bool = False
+) -> list[CheckWords]:
     """Return all checks of a plan as texts, the most important first, checks of the plan's consistency last.
 
     Args:
         checks: checks of the verifier.
         units: units of the page.
+        goals: goals in the order of the visits, whose names are added to titles.
         in_space: whether joints have two bend angles, which have separate names.
     """
     ordered = sorted(checks, key=lambda check: (_self_check_rows(check), check.passed, _rank(check.name)))
-    return [_in_words(check, units, in_space=in_space) for check in ordered]
+    suffixes = {f"goal {k}": name_suffix(stop.goal) for k, stop in enumerate(goals, start=1)}
+    suffixes["the goal"] = name_suffix(goals[-1].goal) if goals else ""
+
+    def named(words: CheckWords) -> CheckWords:
+        return replace(words, title=_GOAL.sub(lambda goal: goal[0] + suffixes.get(goal[0], ""), words.title))
+
+    return [named(_in_words(check, units, in_space=in_space)) for check in ordered]
 
 
 def _self_check_rows(check: Check) -> bool:
@@ -204,7 +216,9 @@ def checks_section(solution: Solution, units: PageUnits) -> Markup:
         solution: the plan.
         units: units of the page.
     """
-    checks = checks_in_words(solution.checks, units, in_space=solution.problem.dimension == 3)
+    checks = checks_in_words(
+        solution.checks, units, solution.problem.numbered_goals, in_space=solution.problem.dimension == 3
+    )
     demanded = [check for check in checks if not check.of_itself]
     internal = [check for check in checks if check.of_itself]
     failed = sum(not check.passed for check in internal)
