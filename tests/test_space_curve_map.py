@@ -9,10 +9,15 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.limits.limit_stack import AtRest, FeedLimit, JointLimit
 from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.pose import Term
+from ccm_opt.planning.settings import SpaceMotionSettings
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.robot.biarc import bend_shares, free_before, straight_at_exit
+from ccm_opt.robot.link_layout import Proportions
 from tests.arms import held_bends
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy
@@ -262,3 +267,20 @@ def _difference(curve: CurveMap, v: FloatArray) -> FloatArray:
     """The derivative of the configuration by the last unknown, by central differences."""
     step = np.append(np.zeros(len(v) - 1), 1e-5)
     return (curve.configuration(v + step) - curve.configuration(v - step)) / 2e-5
+
+
+@given(st.floats(0.1, 0.9), st.floats(0.0, 0.2), st.sampled_from([11, 16, 22]), st.integers(0, 3))
+@settings(max_examples=30, deadline=None)
+def test_an_arm_that_never_leaves_its_tube_wholly_is_fed(travel: float, inside: float, knots: int, locked: int) -> None:
+    """A step of the tip straight ahead feeds it, also where the last joints are locked, as those of tools are."""
+    arm = snake(24, feed=Feed(0.0, travel, 1.0 + inside))
+    limits = np.ones(48)
+    limits[48 - 2 * locked :] = 0.0
+    arm = replace(arm, proportions=Proportions(np.ones(24), np.ones(24), limits))
+    q = np.zeros(len(arm.coordinates))
+    curve, v = CurveMap.through(arm, q, knots)
+    pose = curve.pose(v)
+    stepper = SpaceStepper(curve, (AtRest(), JointLimit(arm, 1.0, 1.0), FeedLimit()), SpaceMotionSettings())
+    ahead = stepper.step(pose, [Term(pose.moving[-1], np.array([0.02, 0.0, 0.0]), 1e4)])
+    assert ahead.q[-1] > 0.005  # of 20 mm; steps are bounded
+    assert ahead.q[:-1] == pytest.approx(q[:-1], abs=1e-9)

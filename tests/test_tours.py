@@ -24,6 +24,7 @@ from ccm_opt.planning.joining import PathJoiner, Tube, chain_time
 from ccm_opt.problem import JointPose, PlannerOptions, Problem, Stop, TipGoal, Tolerances, TourEnd
 from ccm_opt.problem.solution import JointPath, Tour, UnvisitedGoal
 from ccm_opt.robot.base_axes import Feed
+from ccm_opt.robot.tool import Tool
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.tour import in_order
@@ -327,6 +328,10 @@ def test_a_joined_motion_keeps_the_preferred_clearance_of_the_motions_it_joins(b
     assert path is not None
     q = path.spline(np.linspace(0.0, 1.0, 400))
     np.testing.assert_allclose(q[[0, -1]], chain[[0, -1]])
+    tipped = replace(
+        problem, arm=replace(problem.arm, tool=Tool(tip=np.array([0.02, 0.0, 0.0]), direction=np.eye(3)[0]))
+    )
+    assert [PathJoiner(each, np.ones(8)).joins(-aside, above) for each in (problem, tipped)] == [True, True]
     assert np.min(gaps(problem, q)) >= 0.9 * problem.wanted_gap
     assert np.max(joiner.lack(path)) <= 0.1
 

@@ -40,6 +40,11 @@ that no joint bends on a span on which it is inside the tube. Within a piece ben
 the curve; measured in pipes, with pieces of whole links, an arm of 1 m deviates by up to 27 mm."""
 
 
+_LEAST_EFFECT = 0.1
+"""Least effect of a knot's curvature on the bends with which it is scaled, relative to the greatest one or that on a
+link. Heuristic: enough for steps to be well conditioned where joints are locked, or stay in the guide tube."""
+
+
 @dataclass(frozen=True, eq=False)
 class CurveMap(CurveUnknowns):
     """The map from unknowns v, shape (p,), to configurations q, shape (c,).
@@ -74,12 +79,15 @@ class CurveMap(CurveUnknowns):
             q: the configuration, shape (c,) [rad, m].
             knots: number of knots; without a guide tube at most one less than the number of links, and at least 3.
         """
+        length = arm.length
         if arm.feed is None:
             knots = max(3, min(knots, arm.links - 1))
-        spacing = arm.length / (knots - 1)
-        plain = cls(arm, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
-        shapes = plain._shapes(plain._places_at_full_feed)
-        norms = np.maximum(np.linalg.norm(shapes, axis=0), 1e-9 * np.max(np.linalg.norm(shapes, axis=0)))
+        else:
+            # What never leaves the guide tube has no curve.
+            length = max(min(length, length + arm.feed.high - arm.hole), arm.link_length)
+        plain = cls(arm, length / (knots - 1), knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
+        norms = np.linalg.norm(plain._shapes(plain._places_at_full_feed), axis=0)
+        norms = np.maximum(norms, _LEAST_EFFECT * max(float(np.max(norms)), arm.link_length))
         of_base = np.ones(0 if arm.feed else 2)
         scale = np.concatenate((of_base, 1.0 / norms, 1.0 / norms, plain.axis_scale))
         plain = replace(plain, scale=scale)

@@ -132,7 +132,7 @@ class PathJoiner:
     def _contact_shortening(self) -> "_Shortening":
         """Shortening of chains in space without regard to their gaps."""
         problem = problem_with_tool_links(replace(self.problem, goal=self.problem.start, stops=()))
-        *_, certificate = self._certificates(problem, self.problem.start.configuration(self.problem.arm)[None])
+        *_, certificate = self._certificates(problem, problem.start.configuration(problem.arm)[None])
         return _Shortening(certificate, _with_bodies(self.pace, problem.arm, 1.0), _tube(problem))
 
     def lack(self, path: JointPath) -> FloatArray:
