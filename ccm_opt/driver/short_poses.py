@@ -12,7 +12,7 @@ from ccm_opt.ik.shortest_arm import shortest_arm
 from ccm_opt.problem import JointPose, Problem, Stop
 from ccm_opt.problem.solution import Solution
 
-_SLACKS = (0.02, 0.1, 0.2, 0.3)
+_SLACKS = (0.02, 0.05, 0.1, 0.2, 0.3)
 """Shares of the joint limits that the shortest arm in a pose leaves unused, tried in turn: an arm at its limits reaches
 farthest, and seldom has a motion to its pose. Heuristic."""
 _SLACKS_AT_TUBE = (0.1, 0.2)
