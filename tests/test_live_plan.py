@@ -13,6 +13,8 @@ from ccm_opt.cli.compare.suites import clutter
 from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.driver import live_plan
 from ccm_opt.driver.live_plan import LivePlan
+from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.resuming import known_motion
 from ccm_opt.problem import JointPose, TipGoal
 
 from .conftest import PROBLEMS
@@ -162,5 +164,21 @@ def test_a_plan_that_was_loaded_is_planned_on(name: str, tmp_path: Path) -> None
     assert answer.current
     assert answer.same_route
     assert is_certified(live)
+    whole = live.finished()  # in space drags are timed coarsely
+    assert all(check.passed for check in whole.checks)
+    assert (whole.trajectory.duration < live.plan.trajectory.duration) == ("space" in name)
     with pytest.raises(ProblemError, match=r"expected a ccm_opt\.Solution"):
         LivePlan.from_plan(solution.problem)  # type: ignore[arg-type]
+
+
+@pytest.mark.drawn(1)
+def test_a_motion_that_touches_is_adapted_from_the_path_that_was_certified_instead() -> None:
+    """A known motion need not be certified itself: where it cannot be adapted, the path between its ends is."""
+    solution = solved_in_space("swan-neck-in-space")
+    known = known_motion(solution.problem.arm, solution.trajectory.positions)
+    unknowns = known.unknowns + 0.5 * np.sin(np.linspace(0.0, np.pi, len(known.unknowns)))[:, None]
+    touching = replace(known, unknowns=unknowns, configurations=known.curve.configurations(unknowns))
+    planner = MotionPlanner(first_found=True)
+    for instead, resumed in ((None, False), (solution.path.keyframes, True)):
+        planned = planner.planned_in_space(solution.problem, (replace(touching, instead=instead),))
+        assert planned.resumed == resumed

@@ -17,7 +17,7 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_without_effect
-from ccm_opt.driver.legs import plan_legs
+from ccm_opt.driver.legs import Leg, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.solution_assembly import described, draft_solution
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, failed_checks, timed_and_verified, verified
@@ -179,6 +179,7 @@ class LivePlan:
     reason: str = field(init=False, default="")
     _planner: _FollowingPlanner = field(init=False, repr=False)
     _verified: VerifiedPlan = field(init=False, repr=False)
+    _coarse: tuple[Leg, ...] = field(init=False, repr=False, default=())
     _settings: Settings = field(init=False, repr=False)
     begun: InitVar[Solution | None] = None
 
@@ -333,7 +334,7 @@ class LivePlan:
         begin = time.process_time()
         followed = self.current
         plan = self.plan
-        verified = self._verified
+        verified, coarse = self._verified, self._coarse
         planner = self._planner
         self._planner = replace(planner, known=(), dragging=False)
         self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
@@ -342,7 +343,7 @@ class LivePlan:
             self.current = True
             self.reason = ""
             self.plan = plan
-            self._verified = verified
+            self._verified, self._coarse = verified, coarse
             self._planner = planner
         elif not self.current:
             self._planner = planner
@@ -352,15 +353,31 @@ class LivePlan:
     def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
         """Return the current plan with its clearance over time, tolerated errors, and simulation.
 
+        A plan in space that was made during a drag, where timing is coarse, is timed as by ``solve``.
+
         Args:
             progress: function called when a stage starts.
         """
         expect_arguments(progress=progress)
         problem, plan = self.plan.problem, self._verified
+        stages = Stages(progress)
         if self._settings is not self.settings:
-            checks = verified(problem, plan.trajectory, plan.joints, self.settings.verification)
-            plan = replace(plan, checks=checks)
-        return described(problem, plan, Stages(progress), self.settings)
+            with on_one_thread(), words_in(problem.length_unit):
+                plan = self._timed_finely(stages) or plan
+            if plan is self._verified:
+                checks = verified(problem, plan.trajectory, plan.joints, self.settings.verification)
+                plan = replace(plan, checks=checks)
+        return described(problem, plan, stages, self.settings)
+
+    def _timed_finely(self, stages: Stages) -> VerifiedPlan | None:
+        """Return the current plan timed as by ``solve`` if it was timed coarsely and is then faster; else None."""
+        if not self._coarse:
+            return None
+        try:
+            fine = timed_and_verified(self.plan.problem, self._coarse, stages, None, self._terms, self.settings)
+        except (NoPlanFound, VerificationError):
+            return None
+        return fine if fine.trajectory.duration < self._verified.trajectory.duration else None
 
     def _changed(self, problem: Problem) -> LiveAnswer:
         """Replan a changed problem and return the result; if no plan is found, the last plan is kept."""
@@ -410,6 +427,7 @@ class LivePlan:
         legs = plan_legs(problem, self._planner)
         settings = self._settings if self._planner.dragging else self.settings
         self._keep(timed_and_verified(problem, legs, stages, None, self._terms, settings), stages)
+        self._coarse = () if settings is self.settings else tuple(legs)
         self._planner.known = self._planner.made
 
     @on_one_thread()
