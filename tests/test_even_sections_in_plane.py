@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.core.errors import ProblemFileError
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.planning.plane_in_space import arm_in_space, rows_in_space
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.robot.arc_sections import Tendons
 from ccm_opt.robot.frames import drive_torques, joint_positions_3d, revolute_angles
 from ccm_opt.verification.chain_motion import acceleration_bounds, chain_points, link_directions
@@ -164,3 +165,11 @@ def test_plan_of_true_arcs_touches_nothing(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["check", str(tmp_path / "even")]).exit_code == 0
     record = json.loads((tmp_path / "even" / "solution.json").read_text())
     assert record["simulation"]["outcome"] == "followed"
+
+
+def test_places_are_told_in_the_plane() -> None:
+    """A start in contact, which is found in space, is told with two numbers."""
+    rows = [{"name": "on the arm", "circle": {"center": [0.3, 0.0], "radius": 0.02}}]
+    data = DATA | {"workspace": DATA["workspace"] | {"obstacles": rows}, "start": {"shape": "straight"}}
+    with pytest.raises(ProblemError, match=r"'on the arm' at \([-\d.]+, [-\d.]+\) m"):
+        MotionPlanner().plan(parse_problem(toml(data)))
