@@ -181,7 +181,7 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
     if task.goal_pose is None:
         refuse_goal(problem, task, task.goal)
     # All else being equal, the pose nearest to the start is the best.
-    return GoalPoses(problem, tree, near=task.start, terms=terms), in_space(task, settings.poses)
+    return GoalPoses(problem, tree, near=task.start, terms=terms, room=task.goal.room), in_space(task, settings.poses)
 
 
 def binding_sides(goal_poses: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:

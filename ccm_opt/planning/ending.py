@@ -283,7 +283,7 @@ def _ended_in_better_pose(problem: Problem, task: SpaceTask, motion: SpaceMotion
     """Return the motion of ``ended_by_nlp`` for a goal of the tip, within the task's deadline."""
     goal = task.limited_goal
     terms = None if task.user is None else task.user.terms
-    asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_CLEARANCE_SHARE)
+    asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_CLEARANCE_SHARE, room=task.goal.room)
     ending = _solve_goal_pose(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap or task.deadline.passed():

@@ -10,6 +10,7 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray, in_space
 from ccm_opt.core.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.core.length_words import long_length, place, short_length
 from ccm_opt.core.polyline import unit_vector
+from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
@@ -134,11 +135,12 @@ def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
     turning = direction is not None and allowed.heading > _PRECISE_TURN
     room = (_CLEARANCE_USED * allowed.position * wide, _CLEARANCE_USED * allowed.heading * turning)
     spare = (_TOLERANCE_SHARE * allowed.position, _TOLERANCE_SHARE * allowed.heading)
-    position = goal.position if wide else aim(problem, goal)
+    position = goal.position if wide or problem.dimension == 3 else aim(problem, goal)
     # An aim next to the goal has used up some of the tolerance.
-    left = _CLEARANCE_USED * allowed.position - float(np.hypot(*(position - goal.position)))
+    left = _CLEARANCE_USED * allowed.position - float(np.linalg.norm(position - goal.position))
     near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
-    return GoalPose(position, direction, room=room, near_enough=near_enough)
+    roll = TipRoll.of(goal, problem.arm, allowed.roll)
+    return GoalPose(position, direction, room=room, near_enough=near_enough, roll=roll)
 
 
 def aim(problem: Problem, goal: TipGoal) -> FloatArray:

@@ -12,8 +12,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import short_length
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.ends import tip_goal
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.limit_stack import AxisLimit, ContactLimit, FeedLimit, assembled_limits, within_limits
@@ -321,10 +321,8 @@ def space_task(
     if goal_pose is not None:
         tip = GoalPose(arm.joint_positions_at(goal_pose)[-1], arm.link_rotations(goal_pose)[-1][:, 0])
     else:
-        # Half of the tolerances is left to the stages after planning.
-        near_enough = (0.5 * problem.tolerances.position, 0.5 * problem.tolerances.heading)
-        roll = TipRoll.of(goal, arm, problem.tolerances.roll)
-        tip = GoalPose(goal.tip(arm), goal.direction, near_enough=near_enough, roll=roll)
+        assert goal.for_tip is not None  # noqa: S101 - a goal is for the tip or for all joints
+        tip = tip_goal(problem, goal.for_tip)
     return SpaceTask(
         arm=arm,
         tree=tree,
