@@ -169,6 +169,10 @@ class Drawn:
         elif "feed" in kinds and "coupled" not in kinds and rng.random() < (0.8 if {"plane", "even"} & kinds else 0.3):
             length = sum(row["length"] if "length" in row else row["links"] * row["link_length"] for row in rows)
             arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
+            apart = rng.spawn(1)[0]  # other draws stay what they are
+            if apart.random() < 0.5 and "even" not in kinds:
+                # Part of the arm never leaves the tube, and at the start the tip may be inside.
+                arm["feed"]["hole"] = round(apart.uniform(0.0, 0.6) * length, 3)
         if "coupled" in kinds:
             arm["coupling"] = self._coupling(FileArm(arm, space=True).limits.ravel() > 0.0)
         return arm
