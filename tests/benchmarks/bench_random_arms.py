@@ -167,12 +167,7 @@ class Drawn:
         if "axes" in kinds:
             arm["base"]["axes"] = [self._axis() for _ in range(int(rng.integers(1, 5)))]
         elif "feed" in kinds and "coupled" not in kinds and rng.random() < (0.8 if {"plane", "even"} & kinds else 0.3):
-            length = sum(row["length"] if "length" in row else row["links"] * row["link_length"] for row in rows)
-            arm["feed"] = {"range": [round(-0.6 * length, 3), 0.0]}
-            apart = rng.spawn(1)[0]  # other draws stay what they are
-            if apart.random() < 0.5 and "even" not in kinds:
-                # Part of the arm never leaves the tube, and at the start the tip may be inside.
-                arm["feed"]["hole"] = round(apart.uniform(0.0, 0.6) * length, 3)
+            arm["feed"] = self._feed(rows, kinds)
         if "coupled" in kinds:
             arm["coupling"] = self._coupling(FileArm(arm, space=True).limits.ravel() > 0.0)
         return arm
@@ -212,6 +207,15 @@ class Drawn:
             return row | {"kind": "prismatic", "range": [-round(rng.uniform(0.0, 0.3), 3), 0.3]}
         turns = row | {"kind": "revolute", "range_deg": [-round(rng.uniform(0.0, 120.0), 1), 90.0]}
         return turns | ({"position": rng.normal(0.0, 0.15, 3).round(3).tolist()} if rng.random() < 0.6 else {})
+
+    def _feed(self, rows: list[dict[str, Any]], kinds: frozenset[str]) -> dict[str, Any]:
+        length = sum(row["length"] if "length" in row else row["links"] * row["link_length"] for row in rows)
+        feed: dict[str, Any] = {"range": [round(-0.6 * length, 3), 0.0]}
+        apart = self.rng.spawn(1)[0]  # other draws stay what they are
+        if apart.random() < 0.5 and "even" not in kinds:
+            # Part of the arm never leaves the tube, and at the start the tip may be inside.
+            feed["hole"] = round(apart.uniform(0.0, 0.6) * length, 3)
+        return feed
 
     def _place(self, kinds: frozenset[str]) -> None:
         """Draw a goal pose, and bodies clear of it and of the start."""
