@@ -16,13 +16,14 @@ from ccm_opt.io.controller_points import controller_points, message_checks, spar
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.text_agreement import text_checks
 from ccm_opt.problem.solution import JointTrajectory
-from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps
+from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps, check_message_limits
 from ccm_opt.verification.newton_euler import drive_efforts
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 from .arms import plain_arm
 from .corruption.plans import Folder, write_plans
 from .promises import in_space
-from .promises.cases import FULL, Case, fed, fixed
+from .promises.cases import FULL, LINKS, Case, fed, fixed
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -248,6 +249,21 @@ def test_no_pose_is_farther_from_the_plan_than_is_told(seed: int) -> None:
     for now in rng.uniform(0.0, plan.time[-1], 20):
         pose = arm.joint_positions(arm.headings(message.at_times(np.array([now]))))
         assert np.min(np.max(np.linalg.norm(places - pose, axis=2), axis=1)) <= told + piece
+
+
+@pytest.mark.parametrize(("travel", "kept"), [(1e-8, True), (1e-5, False)])
+def test_an_axis_between_points_leaves_its_range_by_rounding_at_most(travel: float, kept: bool) -> None:
+    """A cubic from rest at the end of the range to a point with more than three times the mean velocity swings back."""
+    problem = fed().problem
+    problem = replace(problem, limits=replace(problem.limits, jerk=None, feed_jerk=None))
+    positions = np.zeros((3, LINKS + 1))
+    positions[1:, -1] = travel, 5.0 * travel
+    rates = np.zeros((3, LINKS + 1))
+    rates[1, -1] = 4.0 * travel / 0.01
+    message = Message(np.array([0.0, 0.01, 0.03]), positions, rates, None, problem.arm.coordinates)
+    check = check_message_limits(problem, message, [], DEFAULT_VERIFICATION)
+    assert check.passed == kept
+    assert kept or check.where.startswith("feed range")
 
 
 FLUSH = {

@@ -11,7 +11,7 @@ changes the timing on the same path; the deviation across the piece is bounded h
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -187,7 +187,8 @@ def check_message_limits(
 
     Returns:
         A check whose worst value is the greatest used fraction of a limit on bends, their rates, or efforts. The check
-        also fails if the motion violates a point limit, a requirement of the base axes, or a pause.
+        also fails if the motion violates a point limit, a requirement of the base axes, or a pause. Between points,
+        axes may leave their ranges by the fraction by which bends may exceed their limits.
     """
     steps = _Steps.from_message(message)
     found = _rate_shares(problem, steps, settings.bend_tolerance) + _effort_shares(problem, steps)
@@ -197,9 +198,11 @@ def check_message_limits(
     if problem.arm.base_axes:
         needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     drives = JointStates((), *states, *needed)
+    widths = [axis.high - axis.low for axis in problem.arm.base_axes]
+    past = max(settings.range_tolerance, settings.limit_tolerance * min(widths, default=0.0))
     others = [
         *check_points(problem.arm, problem.limits, dense, settings),
-        *check_base_axes(problem, dense, drives, needed, settings),
+        *check_base_axes(problem, dense, drives, needed, replace(settings, range_tolerance=past)),
         *check_pauses(problem, dense, settings),
     ]
     worst, where = max(found)
