@@ -14,7 +14,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.io.reading import load_problem
+from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, pose_on_path, pose_path, slide
 from ccm_opt.planning.leader_paths import ElasticBand
@@ -321,3 +321,34 @@ def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> Non
     scale = np.append(1.0 / problem.limits.velocity[1::3], 1.0 / (problem.limits.feed_velocity or 1.0))
     times = [np.abs(np.diff(q * scale, axis=0)).max(axis=1).sum() for q in (found, alone[0].configurations)]
     assert times[0] <= (1.0 + 1e-4) * times[1]
+
+
+PARTLY_FED = """
+schema = 1
+name = "partly-fed"
+limits = { velocity = 1.5, acceleration = 6.0, feed_velocity = 0.3, feed_acceleration = 1.0 }
+start = { shape = "straight", feed = -0.219 }
+goal = { position = [0.16041, -0.24688] }
+
+[workspace]
+bounds = [-0.405, -0.512, 0.426, 0.434]
+clearance = 0.002
+obstacles = [{ name = "ball", circle = { center = [0.1112, 0.0298], radius = 0.0339 } }]
+
+[arm]
+links = 4
+link_length = 0.0912
+radius = 0.0143
+joint_limit_deg = 27.6
+base = [0.0, 0.0]
+base_heading_deg = -50.3
+feed = { range = [-0.219, 0.0], hole = 0.193 }
+"""
+
+
+@pytest.mark.planning
+def test_a_motion_that_is_not_found_in_the_plane_is_sought_in_space() -> None:
+    """An arm of few links that never leaves its guide tube wholly follows no leader to the goal."""
+    plan = solve(parse_problem(PARTLY_FED))
+    tip = plan.problem.arm.joint_positions_at(plan.trajectory.positions[-1])[-1]
+    np.testing.assert_allclose(tip, [0.16041, -0.24688], atol=1e-3)

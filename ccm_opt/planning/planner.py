@@ -65,6 +65,9 @@ _SHARE_IN_THE_PLANE = 0.9
 """Fraction of the time limit that the search in the plane may use. Heuristic: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
+_SPACE_SHARE, _LEAST_IN_SPACE = 0.1, 2.0
+"""Time in which a motion that was not found in the plane is sought in space: a fraction of the time limit, and at least
+so long [s]. Heuristic: of random arms that never leave their guide tube wholly, most take less than a second."""
 _ADAPTING_SHARE = 0.7
 """Fraction of the time left in the plane that adapting a known motion may use: the rest is for the smooth path, which
 takes a tenth as long in the swan's neck. Heuristic."""
@@ -170,12 +173,32 @@ class MotionPlanner:
             whole = problem_with_tool_links(problem, weighed=True)
             return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
         if problem.dimension == 2:
-            with planning_units(problem) as units:
-                path = self.planned(units.scaled(problem)).path
-            return units.path_in_metres(path, problem.arm)
+            return self._in_plane(problem)
         if problem.goal.path is None:
             return self.planned_in_space(problem).path
         return self._along_path(problem, self._space_task(problem)[1], problem.goal.path)
+
+    def _in_plane(self, problem: Problem) -> JointPath:
+        """Return a path of an arm in the plane; where none is found on a feed axis, it is sought as one in space.
+
+        Raises:
+            NoPlanFound: no motion was found; gives the reason and advice.
+        """
+        limit = problem.planner.time_limit
+        deadline = Deadline.after(limit)
+        try:
+            with planning_units(problem) as units:
+                path = self.planned(units.scaled(problem)).path
+            return units.path_in_metres(path, problem.arm)
+        except MotionNotFound:
+            if problem.arm.feed is None or self.terms is not None or problem.goal.path is not None or deadline.passed():
+                raise
+            options = replace(
+                problem.planner, time_limit=min(deadline.left, max(_SPACE_SHARE * limit, _LEAST_IN_SPACE))
+            )
+            with suppress(NoPlanFound):
+                return self.planned_in_space(replace(problem, planner=options)).path
+            raise
 
     def planned_in_space(self, problem: Problem, known: Sequence[SpaceMotion] = ()) -> PlannedPath:
         """Plan a certified motion in space and a smooth path along it.
