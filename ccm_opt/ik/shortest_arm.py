@@ -18,6 +18,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, in_space
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.ipopt_call import ipopt_answer
+from ccm_opt.core.polyline import vector_headings
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
@@ -171,8 +172,8 @@ def _pose(problem: Problem, chain: _Chain, ahead: float) -> ShortPose | None:
     if arm.dimension == 3:
         q = configuration_from_positions(arm, points)
     else:
-        headings = np.unwrap(np.append(arm.base_heading, np.arctan2(steps[:, 1], steps[:, 0])))
-        q = np.append(np.diff(headings), [feed] * len(arm.base_axes))
+        headings = np.unwrap(np.append(arm.base_heading, vector_headings(steps)))
+        q = arm.configuration(np.diff(headings), feed)
     bends = q[arm.coordinates.bends]
     bends[np.repeat(_straight(arm, chain, ahead), arm.bends_a_joint)] = 0.0
     q[arm.coordinates.bends] = bends
@@ -182,8 +183,7 @@ def _pose(problem: Problem, chain: _Chain, ahead: float) -> ShortPose | None:
 
 def _straight(arm: Arm, chain: _Chain, ahead: float) -> BoolArray:
     """Return a mask of the joints that stay straight up to a distance from a guide tube's end, shape (n,)."""
-    places = chain.feed + chain.link_length * np.arange(arm.links)
-    return np.asarray(places < arm.hole + ahead * chain.link_length - 1e-9)
+    return arm.held(chain.feed - ahead * chain.link_length)
 
 
 def _improved(problem: Problem, goal: TipGoal, now: _Chain, bounds: _Bounds) -> _Chain | None:
