@@ -67,6 +67,17 @@ def test_walls_left_out_are_out_of_reach(seed: int) -> None:
     assert shapely.distance(at_goal, beside).min() > scene.arm.radius
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_walk_ends_among_the_polygons_of_a_field(seed: int) -> None:
+    """The goal of a field in which a way is known touches no polygon, and is another pose than the start."""
+    scene = polygon_field(seed, FieldKind.known(64))
+    axis = shapely.LineString(scene.arm.joint_positions(scene.goal))
+    assert (
+        min(shapely.distance(axis, each.core) - each.rounding for each in scene.workspace.obstacles) > scene.arm.radius
+    )
+    assert not np.allclose(scene.goal, scene.start)
+
+
 def test_a_room_of_few_walls_stays_as_it_is() -> None:
     """Where every wall is near and simple, planning sees the very workspace of the problem."""
     scene = polygon_field(1, FieldKind(100))

@@ -67,7 +67,7 @@ def _after_leg(scene: Scene, rng: np.random.Generator, walk: Walk) -> FloatArray
         return scene.start  # no way of the tip leads there
     ways = [_certified_part(run, path) for path in task.tip_paths[: walk.paths]]
     farthest = max(ways, key=lambda way: path_length(np.array([pose.points[-1] for pose in way])), default=[run.start])
-    return farthest[-1].q
+    return task.arm.headings(farthest[-1].q)
 
 
 def _drawn_goal(scene: Scene, rng: np.random.Generator) -> TipGoal:
