@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.ik.curve_frames import bend_matrix
 from ccm_opt.ik.goal_poses import GoalPoses
+from ccm_opt.ik.spline_curve import bend_matrix
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits

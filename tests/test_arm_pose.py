@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ik.compiled_terms import compile_terms
-from ccm_opt.ik.curve_frames import PlanarFrames
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.lifted_curve import LiftedCurve
+from ccm_opt.ik.link_frames import PlanarFrames
 from ccm_opt.ik.pose_program import HoldingLoads
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import Constraint, Cost
@@ -69,10 +69,10 @@ def curve_rows() -> ca.Function:
 @cache
 def rows_of_mapping(links: int) -> ca.Function:
     """The mapping's ties, and what keeps joints among their pieces."""
-    frames = PlanarFrames(SEGMENTS, links)
+    frames = PlanarFrames(links, segments=SEGMENTS)
     _, ties = frames.link_rows()
-    kept = frames.joints.joint_order_rows()
-    return ca.Function("rows", [frames.parts[0].variables, frames.lies], [ties.expression, kept.expression])
+    kept = frames.followed.joints.joint_order_rows()
+    return ca.Function("rows", [frames.followed.parts[0].variables, frames.lies], [ties.expression, kept.expression])
 
 
 @given(curvature_values, piece_widths)

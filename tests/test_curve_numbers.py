@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from ccm_opt.ik.curve_frames import CurveNumbers, bend_matrix
+from ccm_opt.ik.spline_curve import CurveNumbers, bend_matrix
 
 SEEDS = st.integers(0, 2**32 - 1)
 

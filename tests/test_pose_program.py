@@ -1,5 +1,6 @@
 """The goal-pose NLP as data: its start keeps every equation, and each block of rows says what it should."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import casadi as ca
@@ -10,48 +11,55 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.bishop_shooting import BishopFrames
-from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
+from ccm_opt.ik.goal_poses import driven
+from ccm_opt.ik.pose_program import PoseSize, pose_program
 from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import PoseQuestion
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.couplings import CoupledJoints
+from tests.arc_arms import arc_arm
 from tests.space_arms import FEED_OF_TESTS, planar_twin, turned_arm
 from tests.space_clutter import curve_directions
 
 SEEDS = st.integers(0, 2**32 - 1)
-DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
+KINDS = pytest.mark.parametrize("kind", ["plane", "space", "coupled", "arcs"])
 LINKS = 8
 SEGMENTS = 2
 
 
-def program(dimension: int, *, loaded: bool = False) -> PoseProgram:
-    """Of a small arm, two sides a joint."""
-    return pose_program(PoseSize(dimension, LINKS, 2, SEGMENTS, loaded))
-
-
-def random_arm(random: np.random.Generator, dimension: int, **changes: object) -> Arm:
-    """An arm that lies anyhow."""
+def random_arm(random: np.random.Generator, kind: str, **changes: object) -> Arm:
+    """An arm that lies anyhow: each joint of its own, two drives for all, or two sections that bend evenly."""
+    if kind == "arcs":
+        return arc_arm((3, 4), (0.4, 0.3), **changes)
     arm = turned_arm(random, LINKS, **changes)
-    return arm if dimension == 3 else planar_twin(arm)
+    if kind == "coupled":
+        ratios = np.zeros((2 * LINKS, 2))
+        ratios[::2, 0], ratios[1::2, 1] = random.uniform(0.2, 1.0, (2, LINKS))
+        arm = replace(arm, coupled=CoupledJoints(ratios, ("drive1", "drive2"), arm.bend_limits, arm.lengths))
+    return planar_twin(arm) if kind == "plane" else arm
 
 
-def question(dimension: int, seed: int, *, fed: bool = False, loaded: bool = False) -> PoseQuestion:
+def question(kind: str, seed: int, *, fed: bool = False, loaded: bool = False) -> PoseQuestion:
     """A pose at random with two sides beside each of two joints, through which it has a gap of 4 and of 6 mm."""
     random = np.random.default_rng(seed)
-    arm = random_arm(random, dimension, feed=FEED_OF_TESTS if fed else None)
+    arm = random_arm(random, kind, feed=FEED_OF_TESTS if fed else None)
     q = random.uniform(-0.3, 0.3, len(arm.coordinates))
-    if dimension == 3:  # near a curve, which the offsets lead to
+    if kind == "space":  # near a curve, which the offsets lead to
         curve = curve_directions(arm, 9)
         q = curve @ random.normal(0.0, 0.3, curve.shape[1])
+    if arm.drives is not None:
+        q[: 2 * LINKS] = arm.drives.coupling @ (0.5 * random.uniform(-1.0, 1.0) * arm.drives.drive_limits)
     q = np.clip(q, arm.lower_limits, arm.upper_limits)
     points, rotations = arm.joint_positions_at(q), arm.link_rotations(q)
     joint = np.array([3, 6])
     normals = rotations[joint, :, 1]
     offsets = np.sum(normals * points[joint], axis=1) - np.array([0.004, 0.006])
     regions = JointRegions(joint, normals, offsets, np.ones(2))
-    gravity = np.full(dimension, 3.0)
-    limits = np.full(len(arm.bend_limits), 5.0) if loaded else None
-    built = program(dimension, loaded=loaded)
+    gravity = np.full(arm.dimension, 3.0)
+    bent_by = len(arm.bend_limits if arm.drives is None else arm.drives.drive_names)
+    limits = np.full(bent_by, 5.0) if loaded else None
+    built = pose_program(PoseSize(arm.dimension, LINKS, 2, SEGMENTS, loaded, (), (), (), *driven(arm)))
     return PoseQuestion(
         program=built,
         settings=PoseSettings(),
@@ -69,14 +77,14 @@ def question(dimension: int, seed: int, *, fed: bool = False, loaded: bool = Fal
     )
 
 
-@DIMENSIONS
+@KINDS
 @given(seed=SEEDS, fed=st.booleans(), loaded=st.booleans())
 @settings(max_examples=15, deadline=None)
 def test_the_start_keeps_every_equation_and_has_the_gap_of_its_sides(
-    dimension: int, seed: int, fed: bool, loaded: bool
+    kind: str, seed: int, fed: bool, loaded: bool
 ) -> None:
     """Splines, turns, frames, links, loads, points and goal fit together; what a pose has across its curve is left."""
-    asked = question(dimension, seed, fed=fed, loaded=loaded)
+    asked = question(kind, seed, fed=fed, loaded=loaded)
     built = asked.program
     function = ca.Function("rows", [built.variables, built.parameters.column], [built.constraints])
     rows = np.asarray(function(asked.start_values, asked.parameters), dtype=np.float64).ravel()
@@ -94,10 +102,10 @@ def test_the_start_keeps_every_equation_and_has_the_gap_of_its_sides(
     assert np.min(rows[sides]) > -1e-9
 
 
-@DIMENSIONS
-def test_variables_stand_where_their_names_say(dimension: int) -> None:
+@KINDS
+def test_variables_stand_where_their_names_say(kind: str) -> None:
     """Places cover the column without gaps, each is as long as its symbols, and rows have names of their own."""
-    built = program(dimension, loaded=True)
+    built = question(kind, 1, loaded=True).program
     places = list(built.unknowns.places.values())
     assert places[0].start == 0
     assert places[-1].stop == built.variables.numel()
@@ -114,12 +122,12 @@ def test_variables_stand_where_their_names_say(dimension: int) -> None:
 @settings(max_examples=10, deadline=None)
 def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
     """Shooting from link to link arrives where the curve's own integration does, to the order of its steps."""
-    asked = question(3, seed)
+    asked = question("space", seed)
     arm = asked.arm
     frames = asked.program.frames
     assert isinstance(frames, BishopFrames)
-    values = frames.values(asked.nearest_curve, frames.lies_at(arm.bend_pairs(asked.start)), None)
-    curve = frames.curve(arm, asked.nearest_curve, 0.0)
+    values = frames.values(arm.bend_pairs(asked.start), None)
+    curve = frames.curve(arm, values, 0.0)
     wanted, _ = curve.sample_frames(np.linspace(0.0, curve.length, LINKS + 1)[:-1])
     w, x, y, z = values["frames"].T
     along = np.stack((w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)), axis=1)
@@ -127,12 +135,12 @@ def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
     assert np.max(np.abs(along @ arm.base_rotation.T - wanted[..., 0])) < 0.05 * (bend * arm.link_length) ** 3 + 1e-9
 
 
-@DIMENSIONS
+@KINDS
 @given(seed=SEEDS)
 @settings(max_examples=10, deadline=None)
-def test_holding_torques_are_the_slopes_of_the_potential_energy(dimension: int, seed: int) -> None:
+def test_holding_torques_are_the_slopes_of_the_potential_energy(kind: str, seed: int) -> None:
     """What the joints bear is the derivative of the energy of all links and the payload by their bends."""
-    asked = question(dimension, seed, loaded=True)
+    asked = question(kind, seed, loaded=True)
     arm = asked.arm
 
     def energy(q: FloatArray) -> float:
@@ -140,19 +148,19 @@ def test_holding_torques_are_the_slopes_of_the_potential_energy(dimension: int, 
         centres = 0.5 * (points[1:] + points[:-1])
         return float(-(arm.masses @ (centres @ asked.gravity)) - arm.payload * points[-1] @ asked.gravity)
 
-    steps = 1e-6 * np.eye(len(arm.bend_limits))
+    steps = 1e-6 * (np.eye(len(arm.bend_limits)) if arm.drives is None else arm.drives.coupling.T)
     slopes = np.array([(energy(asked.start + step) - energy(asked.start - step)) / 2e-6 for step in steps])
     shares = asked.start_values[asked.program.unknowns.places["torque shares"]]
     assert asked.torque_limits is not None
     np.testing.assert_allclose(shares * asked.torque_limits, -slopes, atol=1e-7)
 
 
-@DIMENSIONS
-def test_sides_that_say_nothing_are_kept_anywhere(dimension: int) -> None:
+@KINDS
+def test_sides_that_say_nothing_are_kept_anywhere(kind: str) -> None:
     """Padding never binds, and a side of a pair asks for its share of the gap alone."""
-    asked = question(dimension, 0)
+    asked = question(kind, 0)
     sides = asked.padded_sides()
-    assert sides["normals"].shape == (LINKS + 1, 2, dimension)
+    assert sides["normals"].shape == (LINKS + 1, 2, asked.arm.dimension)
     said = np.any(sides["normals"] != 0.0, axis=2)
     assert said.sum() == 2
     assert np.all(sides["offsets"][~said] < -asked.wanted_gap / asked.arm.length)

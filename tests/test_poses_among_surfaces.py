@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.ik.bishop_shooting import axis, link_quaternions, product, quaternions_of, turned_by
+from ccm_opt.ik.bishop_shooting import link_quaternions
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.pose_settings import DEFAULT_POSES
 from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.ik.space_links import axis, product, quaternions_of, turned_by
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.base_axes import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody

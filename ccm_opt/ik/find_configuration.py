@@ -29,7 +29,6 @@ from ccm_opt.core.polyline import (
     wrap,
 )
 from ccm_opt.ik.configuration_task import ConfigurationTask
-from ccm_opt.ik.curve_frames import CurveNumbers
 from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose, shortfalls
 from ccm_opt.ik.multiple_shooting import (
     ConfigurationNLP,
@@ -38,6 +37,7 @@ from ccm_opt.ik.multiple_shooting import (
     solve_nlp,
     unpack_variables,
 )
+from ccm_opt.ik.spline_curve import CurveNumbers
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import EVEN_KNOTS, PIECES, SegmentType, curvature_spline, end_angle, piece_coefficients
 from ccm_opt.scene.corridor import ConvexRegion

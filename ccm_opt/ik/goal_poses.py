@@ -22,6 +22,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+Rows = tuple[tuple[float, ...], ...]
 _GOAL = 1.0
 """Path parameter at the goal."""
 _REGION_SIZES = (8, 16, 24, 32, 48, 64, 96, 128)
@@ -178,14 +179,23 @@ class GoalPoses:
         """
         arm = self.problem.arm
         regions = self.regions(start, drawn_with)
-        torque = self.problem.limits.torque
-        loads = None if torque is None else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])]
+        loads = self._loads
         sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
         segments = self.settings.segments_for(arm.links)
         along = () if arm.tool_links is None else tuple(arm.tool_links.along.ravel().tolist())
         roll = TipRoll.of(self.target, arm, self.problem.tolerances.roll)
         up = () if roll is None else tuple(arm.up_in_last_link.tolist())
-        size = PoseSize(arm.dimension, arm.links, sides, segments, loads is not None, _link_shares(arm), along, up)
+        size = PoseSize(
+            arm.dimension,
+            arm.links,
+            sides,
+            segments,
+            loads is not None,
+            _link_shares(arm),
+            along,
+            up,
+            *driven(arm),
+        )
         plain = pose_program(size)
         program = plain if self.terms is None else with_user_terms(plain, self.terms)
         weights = self.settings.objective_weights(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
@@ -206,6 +216,17 @@ class GoalPoses:
             room=self.room,
             torque_limits=loads,
         ).solve()
+
+    @property
+    def _loads(self) -> FloatArray | None:
+        """Torque with which a pose may load each bend, or each drive that moves several; None if it is not limited."""
+        arm = self.problem.arm
+        torque = self.problem.limits.torque
+        if torque is None:
+            return None
+        if arm.drives is not None:
+            return TORQUE_SHARE * arm.drives.of_drives(torque[: 3 * arm.links])
+        return np.asarray(TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])])
 
     def strays(self, pose: ArmPose) -> bool:
         """Return whether a solution has less clearance than the sides of its regions imply.
@@ -295,3 +316,16 @@ class GoalPoses:
 def _link_shares(arm: Arm) -> tuple[float, ...]:
     """Return the length of each link as a fraction of the arm's; empty if all are equal."""
     return () if arm.proportions is None else tuple((arm.lengths / arm.length).tolist())
+
+
+def driven(arm: Arm) -> tuple[Rows, Rows, tuple[float, ...]]:
+    """Return the coupling of the bends to drives, the travels of tendons for these, and half of the arcs of an arm.
+
+    They are as in ``PoseSize``, and empty for an arm whose bends have drives of their own.
+    """
+    drives = arm.drives
+    if drives is None:
+        return (), (), ()
+    coupling, travels = drives.coupling, drives.travel_rows @ drives.coupling
+    arcs = () if arm.arcs is None else tuple((arm.arcs / arm.length).tolist())
+    return tuple(map(tuple, coupling.tolist())), tuple(map(tuple, travels.tolist())), arcs

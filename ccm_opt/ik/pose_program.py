@@ -13,10 +13,9 @@ from functools import cached_property, lru_cache
 import casadi as ca
 
 from ccm_opt.ik.bishop_shooting import BishopFrames
-from ccm_opt.ik.curve_frames import CurveFrames, PlanarFrames
-from ccm_opt.ik.lifted_curve import LiftedCurve
+from ccm_opt.ik.driven_links import DrivenLinks
+from ccm_opt.ik.link_frames import LinkFrames, PlanarFrames
 from ccm_opt.ik.row_program import RowBlock, RowProgram, Symbols, equal_to_zero, not_negative
-from ccm_opt.robot.segment import PIECES
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,11 @@ class PoseSize:
         along: direction of each link in the frame in which it is turned by its joint, ``dimension`` numbers a link;
             empty if all lie along x.
         up: up axis of the last link in that frame, three numbers; empty if the goal allows any roll.
+        coupling: derivatives of the bends by the drives that move several together, joint by joint, a row for each of
+            the 2 ``links`` bends; empty if every bend has its own.
+        travels: fraction of its travel that each limited tendon takes for a unit of each drive, a row a tendon.
+        arcs: half of the length of the arc about each joint, and 0 for the tip, as a fraction of the arm's length;
+            empty if joints are no arcs.
     """
 
     dimension: int
@@ -43,6 +47,16 @@ class PoseSize:
     shares: tuple[float, ...] = ()
     along: tuple[float, ...] = ()
     up: tuple[float, ...] = ()
+    coupling: tuple[tuple[float, ...], ...] = ()
+    travels: tuple[tuple[float, ...], ...] = ()
+    arcs: tuple[float, ...] = ()
+
+    def frames(self) -> LinkFrames:
+        """Return the symbols of the links, and of what bends them."""
+        links = (self.links, self.shares, self.along, self.up)
+        if self.coupling:
+            return DrivenLinks(*links, coupling=self.coupling, travels=self.travels, arcs=self.arcs)
+        return (PlanarFrames if self.dimension == 2 else BishopFrames)(*links, segments=self.segments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +74,11 @@ class HoldingLoads:
         axes: rotation axes, one array of shape (1, n) or (3, n) for each of the k bends of a joint.
         weights: force on the centre of each link, shape (d, n).
         payload: force on the tip, shape (d, 1).
-        limits: torque limits, shape (k, n).
+        limits: torque limits, shape (k, n), or (m, 1) of m drives.
+        coupling: derivatives of the bends, joint by joint, by drives that move several together, shape (k n, m); None
+            if every bend has its own.
+        growths: how much longer the links before and behind each joint get with each of the k bends, shape (1, n) each;
+            empty if they do not.
     """
 
     points: ca.SX
@@ -68,10 +86,12 @@ class HoldingLoads:
     weights: ca.SX
     payload: ca.SX
     limits: ca.SX
+    coupling: ca.DM | None = None
+    growths: tuple[ca.SX, ...] = ()
 
     @cached_property
     def symbols(self) -> dict[str, ca.SX]:
-        """Symbols by name: "moments", shape (1 or 3, n), and "torque shares", shape (k, n).
+        """Symbols by name: "moments", shape (1 or 3, n), and "torque shares", shape (k, n) or (m, 1).
 
         Column j of the moments is the moment about the base of the weights of link j, all later links and the payload.
         "torque shares" are torques as fractions of their limits.
@@ -79,7 +99,7 @@ class HoldingLoads:
         links = self.weights.shape[1]
         return {
             "moments": ca.SX.sym("moment", self.axes[0].shape[0], links),
-            "torque shares": ca.SX.sym("torque_share", len(self.axes), links),
+            "torque shares": ca.SX.sym("torque_share", *self.limits.shape),
         }
 
     def values(self) -> tuple[ca.SX, ca.SX]:
@@ -100,6 +120,8 @@ class HoldingLoads:
         beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
         own = ca.horzcat(*(self._link_moment(link) for link in links))
         joints = [f"joint {link + 1}{bend}" for link in links for bend in ([""], [" a", " b"])[len(self.axes) - 1]]
+        if self.coupling is not None:
+            joints = [f"drive {number + 1}" for number in range(self.coupling.shape[1])]
         about = "xyz"[-moments.shape[0] :]
         of_links = tuple(f"link {link + 1}: gap in its moment about {name}" for link in links for name in about)
         of_joints = tuple(f"{joint}: gap in its torque" for joint in joints)
@@ -116,15 +138,26 @@ class HoldingLoads:
         return _moment(0.5 * (self.points[:, link] + self.points[:, link + 1]), self.weights[:, link])
 
     def _torques(self, moments: ca.SX) -> ca.SX:
-        """Return the torques about the k axes of every joint, shape (k, n), from the moments about the base."""
+        """Return the torques about the k axes of every joint, shape (k, n), or of the drives, shape (m, 1).
+
+        They follow from the moments about the base.
+        """
         # Σ_{i ≥ j} (c_i - P_j) × w_i = Σ c_i × w_i - P_j × Σ w_i
-        force = self.payload
-        about = []
+        beyond = [self.payload]
         for link in reversed(range(self.weights.shape[1])):
-            force = force + self.weights[:, link]
-            about.append(moments[:, link] - _moment(self.points[:, link], force))
-        whole = ca.horzcat(*reversed(about))
-        return ca.vertcat(*(ca.sum1(whole * axis) for axis in self.axes))
+            beyond.append(beyond[-1] + self.weights[:, link])
+        forces = ca.horzcat(*beyond[::-1])
+        links = range(self.weights.shape[1])
+        whole = ca.horzcat(*(moments[:, link] - _moment(self.points[:, link], forces[:, link]) for link in links))
+        torques = ca.vertcat(*(ca.sum1(whole * axis) for axis in self.axes))
+        if self.growths:
+            # What pulls at the middle and beyond the end of each link, along it.
+            steps = self.points[:, 1:] - self.points[:, :-1]
+            along = steps / ca.repmat(ca.sqrt(ca.sum1(steps**2)), steps.shape[0], 1)
+            pull = ca.sum1(along * 0.5 * (forces[:, :-1] + forces[:, 1:]))
+            both = pull + ca.horzcat(0, pull[:, :-1])
+            torques += ca.vertcat(*(growth * both for growth in self.growths))
+        return torques if self.coupling is None else self.coupling.T @ ca.vec(torques)
 
 
 def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
@@ -140,19 +173,19 @@ class PoseProgram(RowProgram):
 
     Attributes:
         size: size for which the program was built.
-        frames: symbols of the curve and of the links that follow the curve.
+        frames: symbols of the links, and of what bends them.
         loads: torques that hold the arm under gravity; None if torque is not limited.
         magnitude: order of magnitude of the objective, by which the solver divides it: the largest of the user's
             weights, at least 1.
     """
 
     size: PoseSize
-    frames: CurveFrames
+    frames: LinkFrames
     loads: HoldingLoads | None
     magnitude: float = 1.0
 
 
-def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
+def place_rows(frames: LinkFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
     """Return the constraints of forward kinematics: P_0 at the feed position, P_(j+1) = P_j + l_j x_j for every link.
 
     Args:
@@ -167,7 +200,7 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
     d = points.shape[0]
     at_base = tuple(f"base: gap in {name}" for name in "xyz"[:d])
     of_links = tuple(f"link {link + 1}: gap in {name} of its end" for link in range(n) for name in "xyz"[:d])
-    gaps = points[:, 1:] - points[:, :-1] - frames.direction(frames.lies) / ca.repmat(frames.per_length.T, d, 1)
+    gaps = points[:, 1:] - points[:, :-1] - frames.steps()
     return (
         equal_to_zero(at_base, points[:, 0] - ca.vertcat(feed, ca.SX.zeros(d - 1))),
         equal_to_zero(of_links, ca.vec(gaps)),
@@ -211,27 +244,16 @@ def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
     return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
 
 
-def uneven_knots(curve: LiftedCurve) -> ca.SX:
-    """Return a cost that pulls knots towards even spacing and segments towards equal length.
-
-    It is Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)² over the distances a_i of neighbouring knots and the lengths L_k of the K
-    segments, in a curve of length 1.
-    """
-    lengths = curve.segment_lengths
-    shares = curve.pieces.width / ca.vec(ca.repmat(lengths, PIECES, 1))
-    return ca.sumsqr(shares - 1 / PIECES) + ca.sumsqr(lengths * curve.segments - 1)
-
-
-def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
+def _parameters(size: PoseSize, frames: LinkFrames) -> dict[str, ca.SX]:
     """Return the parameters of the goal-pose NLP, except the weights, as symbols by name.
 
     They stand for the goal, the arm's surroundings and the loads, which change from one solution to the next.
     """
     d = size.dimension
-    bends = len(frames.directions)
+    near = ca.SX.sym("near", len(frames.directions), size.links)
     found = {
         "wanted gap": ca.SX.sym("wanted_gap"),
-        "near": ca.SX.sym("near", bends, size.links),
+        "near": near,
         "first shares": ca.SX.sym("first_share", size.links),
         "goal": ca.SX.sym("goal", d),
         "goal room": ca.SX.sym("goal_room"),
@@ -244,7 +266,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
         found |= {
             "link weights": ca.SX.sym("link_weight", d, size.links),
             "payload": ca.SX.sym("payload", d),
-            "torque limits": ca.SX.sym("torque_limit", bends, size.links),
+            "torque limits": ca.SX.sym("torque_limit", *((len(size.coupling[0]), 1) if size.coupling else near.shape)),
         }
     return found
 
@@ -253,8 +275,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 @lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
     """Return the goal-pose NLP of a size, with its symbols, constraints and objective; nothing is solved."""
-    kind = PlanarFrames if size.dimension == 2 else BishopFrames
-    frames: CurveFrames = kind(size.segments, size.links, size.shares, size.along, size.up)
+    frames = size.frames()
     points = ca.SX.sym("point", size.dimension, size.links + 1)
     feed = ca.SX.sym("feed")
     gap = ca.SX.sym("gap")
@@ -265,22 +286,20 @@ def pose_program(size: PoseSize) -> PoseProgram:
         region_rows(points, gap, Symbols(given)),
         goal_row(points[:, size.links], given["goal"], given["goal room"]),
     ]
+    costs = dict(frames.costs)
     parts = {
-        # The fraction of the preferred clearance that the tightest link lacks, and ∫ κ² ds, twice the elastic energy of
-        # a unit rod.
+        # The fraction of the preferred clearance that the tightest link lacks.
         "room": 1 - gap / given["wanted gap"],
-        "bending": ca.sum1(ca.vertcat(*(part.pieces.squared_curvature() for part in frames.parts))),
+        "bending": costs.pop("bending"),
         "distance": ca.sumsqr(frames.bends - given["near"]),
-        "knots": uneven_knots(frames.parts[0]),
-        # The mean square deviation of the curvatures from their chords between knots.
-        "bows": ca.sumsqr(ca.vertcat(*(part.bows for part in frames.parts))) / frames.parts[0].count,
-        **frames.costs,
+        **costs,
     }
     unknowns = {**frames.symbols, "points": points, "feed": feed}
     loads = None
     if size.loaded:
         forces = (given["link weights"], given["payload"], given["torque limits"])
-        loads = HoldingLoads(points, frames.joint_axes(), *forces)
+        coupling = ca.sparsify(ca.DM(size.coupling)) if size.coupling else None
+        loads = HoldingLoads(points, frames.joint_axes(), *forces, coupling, frames.growths())
         rows += loads.rows()
         shares = loads.symbols["torque shares"]
         parts["torque"] = ca.sumsqr(shares) / shares.numel()

@@ -8,15 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.ipopt_call import ipopt_answer
-from ccm_opt.ik.curve_frames import CurveNumbers
 from ccm_opt.ik.pose_program import PoseProgram
 from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.row_program import IPOPT_SWITCHES, RowAnswer, built_solver, row_answer
 from ccm_opt.ik.tip_roll import TipRoll
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
 from ccm_opt.robot.biarc import bend_shares
 
 _LIMIT_SHARE = 0.98
@@ -74,6 +73,21 @@ _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
 the arm is known (heuristic; measured: with the options for a feasible start clutter takes a sixth more iterations)."""
 
 
+@dataclass(frozen=True, eq=False)
+class _BentBy:
+    """What bends the joints of an arm: their bends, or drives that move several of them.
+
+    Attributes:
+        values: values in the start pose, shape (m,) [rad].
+        limits: bounds on their absolute values, shape (m,) [rad].
+        places: arc length that has to be out of a guide tube for each to move, shape (m,) [m].
+    """
+
+    values: FloatArray
+    limits: FloatArray
+    places: FloatArray
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseQuestion:
     """Input of one goal-pose NLP: a symbolic program with the goal, the start pose and the regions of the joints.
@@ -95,7 +109,8 @@ class PoseQuestion:
         clamped: whether the first link keeps its heading.
         room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
             equally good.
-        torque_limits: torque limit of the drive of each bend, shape (bends,) [N m]; None if torque is not limited.
+        torque_limits: torque limit of each bend, shape (bends,), or of each drive that moves several, shape (m,) [N m];
+            None if torque is not limited.
     """
 
     program: PoseProgram
@@ -157,16 +172,10 @@ class PoseQuestion:
         return self.program.frames.lies_at(self._bends(self.start))
 
     @cached_property
-    def nearest_curve(self) -> CurveNumbers:
-        """Curve of length 1 whose bends best match those of the start configuration."""
-        turns = self.program.frames.turns_of(self._bends(self.start))
-        return CurveNumbers.near(turns, self.program.size.segments, self.program.size.shares)
-
-    @cached_property
-    def _frame_symbol_counts(self) -> dict[str, FloatArray]:
-        """Values at the start pose of the variables and parameters that depend on the type of frames, by name."""
+    def _frame_values(self) -> dict[str, FloatArray]:
+        """Values at the start pose of the symbols and parameters of the links and what bends them, by name."""
         beside = None if self.roll is None else self.roll.beside @ self._axes
-        return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1], beside)
+        return self.program.frames.values(self._bends(self.start), self._goal[1], beside)
 
     @cached_property
     def parameters(self) -> FloatArray:
@@ -182,24 +191,26 @@ class PoseQuestion:
             "goal room": np.array([self.room[0] / length or 1.0]),
         }
         loads = self._forces if self.program.size.loaded else {}
-        return self.program.parameters.filled(numbers | self._frame_symbol_counts | self.padded_sides() | loads)
+        return self.program.parameters.filled(numbers | self._frame_values | self.padded_sides() | loads)
 
     @cached_property
     def _forces(self) -> dict[str, FloatArray]:
-        """Weights of the links (n, d) and the payload (d,), and torque limits (n, k), by name of the parameter.
+        """Weights of the links (n, d) and the payload (d,), and torque limits, by name of the parameter.
+
+        The limits are those of the bends, shape (n, k), or of the drives, shape (m,).
 
         Forces are fractions of the total weight, torques fractions of total weight times arm length, in base axes.
         """
         arm = self.arm
         gravity = self.gravity @ self._axes
         whole = float(np.sum(arm.masses) + arm.payload) * float(np.linalg.norm(gravity)) or 1.0
-        limits = self._bends(np.asarray(self.torque_limits))
+        limits = np.asarray(self.torque_limits)
         # The guide tube carries the links whose joints it holds.
-        held = np.arange(len(limits)) < self.first_bending
+        limits = np.where(self.held, np.inf, limits)
         return {
             "link weights": arm.masses[:, None] * gravity / whole,
             "payload": arm.payload * gravity / whole,
-            "torque limits": np.where(held[:, None], np.inf, limits) / (arm.length * whole),
+            "torque limits": (limits if arm.drives else self._bends(limits)) / (arm.length * whole),
         }
 
     def padded_sides(self) -> dict[str, FloatArray]:
@@ -236,9 +247,8 @@ class PoseQuestion:
         reach = self.room[0] / length
         low, high = self.feed_range
         by_name = {
-            **frames.curve_bounds(),
             **frames.bounds(self._lies, direction, self.room[1], 0.0 if self.roll is None else self.roll.room),
-            "bends": self.bend_bounds(_LIMIT_SHARE),
+            frames.bent_by: self.bend_bounds(_LIMIT_SHARE),
             "points": (np.vstack((-free, position - reach)), np.vstack((free, position + reach))),
             "feed": (np.array([low / length]), np.array([high / length])),
             "gap": (np.array([self._least_gap / length]), np.array([self.wanted_gap / length])),
@@ -270,10 +280,7 @@ class PoseQuestion:
         points = arm.joint_positions_at(self.start)
         gap = min(self._start_gap, self.wanted_gap)
         numbers = {
-            **self.program.frames.curve_values(self.nearest_curve),
-            **self._frame_symbol_counts,
-            "bends": self.start[: len(arm.bend_limits)],
-            "links": self._lies,
+            **self._frame_values,
             "points": (points - arm.base) @ self._axes / arm.length,
             "feed": np.array([arm.coordinates.advance(self.start) / arm.length]),
             "gap": np.array([gap / arm.length]),
@@ -281,8 +288,9 @@ class PoseQuestion:
         loads = self.program.loads
         if loads is not None:
             unknowns = self.program.unknowns
-            known = [unknowns["links"], unknowns["points"], loads.weights, loads.payload, loads.limits]
-            given = [numbers["links"].T, numbers["points"].T, *(each.T for each in self._forces.values())]
+            names = ("links", "points", self.program.frames.bent_by)
+            known = [*(unknowns[name] for name in names), loads.weights, loads.payload, loads.limits]
+            given = [each.T for each in (*(numbers[name] for name in names), *self._forces.values())]
             values = ca.Function("loads", known, list(loads.values()))(*given)
             numbers |= {name: np.asarray(each).T for name, each in zip(loads.symbols, values, strict=True)}
         return self.program.unknowns.filled(numbers)
@@ -296,8 +304,8 @@ class PoseQuestion:
         feed = float(values["feed"][0]) * arm.length
         return ArmPose(
             arm=arm,
-            q=np.clip(arm.configuration(values["bends"], feed), arm.lower_limits, arm.upper_limits),
-            curve=frames.curve(arm, frames.numbers(values), feed),
+            q=np.clip(arm.configuration(frames.bends_of(values), feed), arm.lower_limits, arm.upper_limits),
+            curve=frames.curve(arm, values, feed),
             gap=float(values["gap"][0]) * arm.length,
             answer=row_answer(
                 self.program,
@@ -311,28 +319,43 @@ class PoseQuestion:
         )
 
     def _bend_multipliers(self, of_bounds: FloatArray) -> dict[str, float]:
-        """Return the Lagrange multipliers of the joint limits by name, such as "joint 3: bend left".
+        """Return the Lagrange multipliers of the joint limits by name, such as "joint 3: bend left" or "section2_a".
 
         ``of_bounds`` are the multipliers of the bounds of all variables, shape (variables,).
         """
         k = self.arm.bends_a_joint
-        place = self.program.unknowns.places["bends"]
+        place = self.program.unknowns.places[self.program.frames.bent_by]
         lower, upper = self.bounds
         free = lower[place] < upper[place]
         found = {}
         for bend in np.flatnonzero(free).tolist():
             multiplier = of_bounds[place][bend]
+            if self.arm.drives is not None:
+                found[f"{self.arm.drives.drive_names[bend]}: limit"] = float(multiplier)
+                continue
             side = _SIDES[bend % k][int(multiplier < 0.0)]
             found[f"joint {bend // k + 1}: bend {side}"] = float(multiplier)
         return found
 
-    @property
-    def first_bending(self) -> int:
-        """Index of the first joint outside the guide tube at the start pose, the first that may bend."""
-        return int(np.sum(self.arm.held(float(self.arm.coordinates.advance(self.start)))))
+    @cached_property
+    def _bent_by(self) -> _BentBy:
+        """What bends the joints: bends of their own, or drives."""
+        arm = self.arm
+        if arm.drives is None:
+            places = np.repeat(arm.bending_places, arm.bends_a_joint)
+            return _BentBy(self.start[: len(arm.bend_limits)], arm.bend_limits, places)
+        moves = np.any(arm.drives.coupling.reshape(arm.links, arm.bends_a_joint, -1) != 0.0, axis=1)
+        places = np.min(np.where(moves, arm.bending_places[:, None], np.inf), axis=0)
+        return _BentBy(self._frame_values["drives"], arm.drives.drive_limits, places)
+
+    @cached_property
+    def held(self) -> BoolArray:
+        """Mask of the bends, or of the drives, that the guide tube holds at the start pose."""
+        feed = float(self.arm.coordinates.advance(self.start))
+        return np.asarray(feed + self._bent_by.places < self.arm.hole - HELD_TOLERANCE)
 
     def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the lower and upper bounds of all bends, each of shape (bends,) [rad].
+        """Return the lower and upper bounds of all bends, or of the drives, each of shape (bends,) [rad].
 
         Bends of joints inside the guide tube are zero. Just beyond the tube the bounds are small, because a sharp bend
         near the tube would have to be made, or undone, within a short length of feed.
@@ -341,23 +364,21 @@ class PoseQuestion:
             share: fraction of the limits that a pose may use.
         """
         arm = self.arm
-        feed = float(arm.coordinates.advance(self.start))
-        places = feed + arm.joint_places[:-1] - arm.hole
-        bends = self.start[: len(arm.bend_limits)]
-        limits = share * arm.bend_limits * np.repeat(bend_shares(arm, places), arm.bends_a_joint)
+        own = self._bent_by
+        out = float(arm.coordinates.advance(self.start)) + own.places - arm.hole
+        limits = share * own.limits * bend_shares(arm, out)
         # The start may use more of its limits than that.
-        limits = np.maximum(limits, np.minimum(np.abs(bends), arm.bend_limits))
-        limits[: arm.bends_a_joint * self.first_bending] = 0.0
+        limits = np.maximum(limits, np.minimum(np.abs(own.values), own.limits))
+        limits[self.held] = 0.0
         lower, upper = -limits, limits
         if self.clamped:
-            lower[: arm.bends_a_joint] = upper[: arm.bends_a_joint] = bends[: arm.bends_a_joint]
+            lower[: arm.bends_a_joint] = upper[: arm.bends_a_joint] = own.values[: arm.bends_a_joint]
         return lower, upper
 
     @property
     def feed_range(self) -> tuple[float, float]:
         """Lower and upper bound on the base position with which the joints that may bend stay outside the tube [m]."""
         low, high = self.arm.base_range
-        first = self.first_bending
-        if not self.arm.base_axes or first >= self.arm.links:
+        if not self.arm.base_axes or np.all(self.held):
             return low, high
-        return min(max(low, self.arm.hole - float(self.arm.joint_places[first])), high), high
+        return min(max(low, self.arm.hole - float(np.min(self._bent_by.places[~self.held]))), high), high

@@ -12,6 +12,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 
+Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
+"""Lower and upper bounds of symbols, by name."""
+
 
 @dataclass(frozen=True)
 class RowBlock:
@@ -31,6 +34,11 @@ def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
 def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
     """Return constraint rows that require every entry of an expression to be at least zero, with one name per entry."""
     return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
+
+
+def pinned_bounds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper bounds that fix variables at finite values and leave those with the value ∞ free."""
+    return np.where(np.isfinite(values), values, -np.inf), values
 
 
 @dataclass(frozen=True, eq=False)

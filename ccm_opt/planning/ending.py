@@ -270,9 +270,9 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         task: search task of the problem.
         motion: motion to the goal.
     """
-    # The program's poses bend every joint by itself, which drives that move several cannot, on a base that no axes
-    # but a feed axis carry; and it takes long for the many short links of bodies beside the arm.
-    untried = task.arm.drives or task.arm.carrier or not np.all(task.arm.arc_shares)
+    # The program's base is one that no axes but a feed axis carry, and it takes long for the many short links of bodies
+    # beside the arm.
+    untried = task.arm.carrier or not np.all(task.arm.arc_shares)
     if task.goal_pose is not None or untried or task.deadline.passed():
         return Ending(task, motion)
     ending = _ended_in_better_pose(problem, task.deadline_within(_ENDING_SHARE * task.deadline.left), motion)
@@ -318,7 +318,8 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
     refused = partial(pose_record, wanted, best, len(answers))
     # The part of the pose that the motion's own curve cannot reproduce becomes one more unknown, 0 over the motion and
     # 1 in the pose.
-    curve, end = motion.curve.blended_to(straight_at_exit(task.arm, best.q))
+    wanted_end = best.q if task.arm.drives else straight_at_exit(task.arm, best.q)
+    curve, end = motion.curve.blended_to(wanted_end)
     begun = motion.without_blending(curve)
     stepper = task.stepper(curve, 0.0)
     last = moved_onto(stepper.space, goal, stepper.pose(end))
