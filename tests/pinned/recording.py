@@ -23,8 +23,9 @@ DEEPEST = 4
 TOLERANCE = 1e-8
 """Tolerated relative difference of a sum, since processors add in different orders."""
 
-UNSTEADY = ("_called",)
-"""Functions that return arrays which C code has filled only partly."""
+UNSTEADY = ("_called", "Message.coefficients")
+"""Functions that return arrays which C code has filled only partly, and those whose figures are other ones on other
+processors: the coefficients of a message are roundings of its points over powers of the time between them."""
 
 Figure = tuple[int, int, float, float]
 """Number of calls, number of returned numbers, their weighted sum, and the weighted sum of their magnitudes."""
