@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,12 @@ pytestmark = [
 ]
 
 
-def rendered(page: str, folder: Path, fragment: str = "") -> str:
-    """The page's elements once its scripts have run; what they complain of fails the test."""
+def rendered(page: str, folder: Path, fragment: str = "", *, software: bool = False) -> str:
+    """The page's elements once its scripts have run, with WebGL by software; what they complain of fails the test."""
     file = folder / "report.html"
     file.write_text(page, encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=5000"]
+    options = ["--headless", "--no-sandbox", "--enable-logging=stderr", "--virtual-time-budget=5000"]
+    options += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"] if software else ["--disable-gpu"]
     command = [BROWSER, *options, f"--user-data-dir={folder / 'profile'}", "--dump-dom", f"{file.as_uri()}{fragment}"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     complaints = [line for line in run.stderr.splitlines() if "CONSOLE" in line]
@@ -82,3 +84,20 @@ def test_the_page_of_a_comparison_draws_its_curves(tmp_path: Path) -> None:
     first, second = (found.count("V") for found in re.findall(r'<path class="curve"[^>]* d="([^"]*)"', dom))
     assert (first, second) == (2, 1)
     assert dom.count('class="point"') == 1
+
+
+def test_the_viewer_draws_with_fewer_pixels_only_while_something_moves(tmp_path: Path) -> None:
+    """Without a graphics card, frames in quick succession are coarse, those after a rest and the canvas's size not."""
+    script = (files("ccm_opt.cli.view") / "coarse.js").read_text(encoding="utf-8")
+    draw = """
+        const canvas = document.createElement("canvas");
+        canvas.width = canvas.height = 100;
+        const gl = canvas.getContext("webgl2");
+        document.title = [0, 16, 32, 600, 616].map(time => {
+          Object.defineProperty(document.timeline, "currentTime", { value: time, configurable: true });
+          gl.viewport(0, 0, 100, 100);
+          gl.clear(gl.COLOR_BUFFER_BIT);
+          return [gl.drawingBufferWidth, gl.getParameter(gl.VIEWPORT)[3], canvas.width].join(" ");
+        }).join(", ");"""
+    dom = rendered(f"<title></title><script>{script}</script><script>{draw}</script>", tmp_path, software=True)
+    assert re.findall(r"<title>(.*)</title>", dom) == ["100 100 100, 70 70 100, 70 70 100, 100 100 100, 70 70 100"]

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from functools import partial
 from math import floor
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -27,7 +28,7 @@ from ccm_opt.cli.view.dragging import Handles
 from ccm_opt.cli.view.driving import DriveControls
 from ccm_opt.cli.view.frames import MotionFrames
 from ccm_opt.cli.view.hand import PATH as HAND
-from ccm_opt.cli.view.hand import SCRIPT, Hands
+from ccm_opt.cli.view.hand import Hands
 from ccm_opt.cli.view.readings import Readings
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW
@@ -50,6 +51,8 @@ HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?", re.ASCII)
 rebinding."""
 PATIENCE = 0.2
 """Maximum time to wait for connected pages when the viewer ends, so that Ctrl-C ends it within a second [s]."""
+SCRIPTS = tuple(Path(__file__).with_name(name) for name in ("hand.js", "coarse.js"))
+"""The scripts that the page runs beside viser's."""
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 
 
@@ -125,7 +128,7 @@ def _serve_guarded(
         if response is not None:
             response.headers["Referrer-Policy"] = "no-referrer"  # links on the page must not reveal the token
             head, body, rest = response.body.rpartition(b"</body>")
-            response.body = head + b"<script>" + SCRIPT.read_bytes() + b"</script>" + body + rest
+            response.body = head + b"<script>" + b"".join(map(Path.read_bytes, SCRIPTS)) + b"</script>" + body + rest
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
         return response
@@ -179,8 +182,7 @@ class ViewerApp:
         self.scene = Scene(self.server, frames)
         self.scene.draw()
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
-        if hasattr(self.server.gui, "main_panel"):  # viser 1.1; before, the panel lies over the scene
-            self.server.gui.main_panel.dock_right()
+        self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(self._connected)
         self._summary = _summary(frames, checks)
         self._status = self.server.gui.add_markdown(self._summary)

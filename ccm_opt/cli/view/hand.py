@@ -4,7 +4,6 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,6 @@ from websockets.exceptions import ConnectionClosed
 
 from ccm_opt.core.arrays import FloatArray
 
-SCRIPT = Path(__file__).with_suffix(".js")
-"""The script that the page runs beside its own."""
 PATH = "/hand"
 """Path of the WebSocket, after that of the page."""
 PATIENCE = 0.5

@@ -127,7 +127,13 @@ class Scene:
 
     def draw(self) -> None:
         """Draw the whole scene: workspace, goals and motion."""
-        self.server.scene.set_up_direction("+z")
+        scene = self.server.scene
+        scene.set_up_direction("+z")
+        # Shadows and reflected surroundings would take 85 % of a frame's time where no graphics card renders it; walls
+        # of glass throw none, and matt surfaces reflect little.
+        scene.configure_default_lights(cast_shadow=False)
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/daylight", intensity=VIEW.daylight)
         self.draw_bounds(self.frames.problem)
         self.draw_motion()
 
@@ -153,12 +159,12 @@ class Scene:
         if workspace.dimension == 2:
             ring = shapely.get_coordinates(workspace.boundary.exterior)
             for name, depth in (("near", -self.depth), ("far", self.depth)):
-                self._line(f"/room/{name}", self.world(ring, depth), colours.WALLS, 0.004)
+                self._line(f"/room/{name}", self.world(ring, depth), colours.WALLS, 2.0)
         elif workspace.bounds is not None:
             counted = np.arange(8)[:, None] >> np.arange(3) & 1
             corners = self.world(np.where(counted == 1, workspace.bounds[1], workspace.bounds[0]))
             edges = np.array([corners[[a, a | bit]] for a in range(8) for bit in (1, 2, 4) if not a & bit])
-            self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
+            self._segments("/room/edges", edges, colours.WALLS, 2.0)
 
     def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
         """Draw one obstacle, replacing an earlier one of the same name; obstacles in space are transparent.
@@ -261,12 +267,10 @@ class Scene:
             batched_scales=np.maximum(np.append(0.0, self.radii), np.append(self.radii, 0.0)),
         )
         chosen = np.linspace(0, len(self.frames.points) - 1, VIEW.frames).astype(int)
-        self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 0.004)
+        self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 2.5)
         for number, line, edge in goal_sights(self.frames.problem, self.frames.trajectory):
-            self._line(f"/sight {number}", self.world(line), colours.GOAL, 0.004)
-            self._line(
-                f"/field of view {number}", self.world(np.vstack((line[:1], edge, line[:1]))), colours.GOAL, 0.002
-            )
+            self._line(f"/sight {number}", self.world(line), colours.GOAL, 2.5)
+            self._line(f"/field of view {number}", self.world(np.vstack((line[:1], edge, line[:1]))), colours.GOAL, 2.0)
         self._draw_layers(start[own_joints(self.frames.problem.arm)])
         self.pose(0.0)
 
@@ -279,7 +283,7 @@ class Scene:
             few = np.linspace(0, len(self.frames.points) - 1, VIEW.poses).astype(int)
             points = self.world(self.frames.points[few][:, own_joints(self.frames.problem.arm)])
             pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
-            scene.add_line_segments(LAYERS["poses on the way"], pieces, colours.TUBE, thickness=0.003)
+            self._segments(LAYERS["poses on the way"], pieces, colours.TUBE, 2.0)
         if "swept region" in self.shown:
             swept = shapely.transform(self.frames.swept(), lambda places: places / self.unit)
             mesh = extruded(swept, -0.2 * self.radius, 0.2 * self.radius)
@@ -292,12 +296,12 @@ class Scene:
         """Draw the shortest path homotopic to the final pose, and the convex regions along it, if switched on."""
         route = np.array(layers.get("route", []), dtype=np.float64)
         if "route" in self.shown and len(route) > 1:
-            self._line(LAYERS["route"], self.world(route), colours.GOAL, 0.006)
+            self._line(LAYERS["route"], self.world(route), colours.GOAL, 3.0)
         regions = layers.get("regions", [])
         if "regions" in self.shown and isinstance(regions, list) and regions:
             rings = [self.world(np.array([*ring, ring[0]], dtype=np.float64)) for ring in regions]
             sides = np.vstack([np.stack((ring[:-1], ring[1:]), axis=1) for ring in rings])
-            self.server.scene.add_line_segments(LAYERS["regions"], sides, colours.REGION, thickness=0.003)
+            self._segments(LAYERS["regions"], sides, colours.REGION, 2.0)
 
     def switch(self, layer: str, *, on: bool) -> None:
         """Switch a layer of the given name on or off."""
@@ -341,10 +345,13 @@ class Scene:
     def _mesh(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **options: Any) -> Any:
         return self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
 
-    def _line(self, name: str, places: FloatArray, colour: tuple[int, int, int], thickness: float) -> None:
-        """Draw a line through points in scene coordinates, shape (n, 3)."""
-        pieces = np.stack((places[:-1], places[1:]), axis=1)
-        self.server.scene.add_line_segments(name, pieces, colour, thickness=thickness)
+    def _line(self, name: str, places: FloatArray, colour: tuple[int, int, int], width: float) -> None:
+        """Draw a line through points in scene coordinates, shape (n, 3), with a width [pixels]."""
+        self._segments(name, np.stack((places[:-1], places[1:]), axis=1), colour, width)
+
+    def _segments(self, name: str, pieces: FloatArray, colour: tuple[int, int, int], width: float) -> None:
+        """Draw line segments in scene coordinates, shape (n, 2, 3), with a width [pixels]."""
+        self.server.scene.add_line_segments(name, pieces, colour, thickness=width, thickness_units="screen")
 
 
 def scene_path(folder: str, name: str) -> str:

@@ -23,6 +23,7 @@ class ViewSettings:
         most_triangles: maximum number of triangles of all obstacles in space; with more, surfaces are simplified.
         cell: initial width of the grid cells for simplifying surfaces, as a fraction of the scene's extent.
         glass: opacity of obstacles in space, from 0 to 1.
+        daylight: intensity of the light from all sides, in units of viser's.
         names: size of names, as a fraction of viser's.
         letter: width of a letter of a name [pixels].
         line: height of a name [pixels].
@@ -46,6 +47,7 @@ class ViewSettings:
     most_triangles: int = 60_000
     cell: float = 0.004
     glass: float = 0.35
+    daylight: float = 1.5
     names: float = 0.8
     letter: float = 7.0
     line: float = 20.0
