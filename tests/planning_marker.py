@@ -14,10 +14,10 @@ import pytest
 PLANNERS = frozenset(
     """
     solve find_pose pareto retarget reach_map LivePlan Servo tolerance_of simulate
-    MotionPlanner plan plan_legs find_motion find_by_ways optimise search_by_trees CurveDraws
+    MotionPlanner plan plan_legs find_motion find_by_ways optimise CurveDraws
     GoalPoses poses_at_goal goal_poses solve_files
     compare compare_methods run_apart RunProcess completed execute with_constraint_first
-    by_walks by_trees by_candidates connected straight FollowSearch runpy
+    by_walks by_candidates connected straight FollowSearch runpy
     subprocess dask_cluster Process
     """.split()  # noqa: SIM905 - legible
 )

@@ -20,7 +20,7 @@ def failure(name: str, remaining: float, wall: str) -> Failure:
     return Failure(name, "the tip stopped", remaining, ("link 3", wall, 1e-3), np.full(24, remaining), np.zeros(24))
 
 
-EXHAUSTED = (StrategyInVain("candidates", 3, exhausted=True), StrategyInVain("trees", 1, exhausted=True))
+EXHAUSTED = (StrategyInVain("candidates", 3, exhausted=True), StrategyInVain("RRT-Connect", 1, exhausted=True))
 FAILURES = [failure("far", 0.4, "'post'"), failure("near", 0.1, "'door'"), failure("middle", 0.2, "'post'")]
 
 
@@ -40,7 +40,7 @@ def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
     bends = np.zeros(task.arm.links)
     bends[[2, 4]] = task.arm.bend_limits[[2, 4]] * [1.0, -1.0]
     best = replace(failure("near", 0.1, "'door'"), pose=bends, bends=bends)
-    cut = StrategyInVain("trees", 0, exhausted=left > 0.0)
+    cut = StrategyInVain("RRT-Connect", 0, exhausted=left > 0.0)
     diagnosis = nothing_found(task, [best], (cut,)).diagnosis
     assert "joints 3 and 5 at the limit of" in diagnosis.reason
     assert any(line.startswith("raise arm.joint_limit_deg (not tried): ") for line in diagnosis.advice)
@@ -64,7 +64,7 @@ def test_what_was_exhausted_is_said() -> None:
     """When every strategy is exhausted the failure is none of time, and words and record say how much was tried."""
     error = nothing_found(motion_task(clutter(1, 5).problem()), FAILURES, EXHAUSTED)
     assert isinstance(error, MotionNotFound)
-    assert error.diagnosis.reason.endswith("; exhausted: candidates (3 attempts), trees (1 attempt)")
+    assert error.diagnosis.reason.endswith("; exhausted: candidates (3 attempts), RRT-Connect (1 attempt)")
     strategies = json.loads(json.dumps(error.diagnosis.evidence["strategies"]))
     assert strategies[0] == {"name": "candidates", "attempts": 3, "exhausted": True}
 
@@ -72,10 +72,10 @@ def test_what_was_exhausted_is_said() -> None:
 def test_time_limit_is_said() -> None:
     """A strategy that the time cut short makes the failure one of time, with the same evidence and what was cut."""
     task = replace(motion_task(clutter(1, 5).problem()), deadline=Deadline.after(0.0))
-    error = nothing_found(task, FAILURES, (EXHAUSTED[0], StrategyInVain("trees", 0, exhausted=False)))
+    error = nothing_found(task, FAILURES, (EXHAUSTED[0], StrategyInVain("RRT-Connect", 0, exhausted=False)))
     assert isinstance(error, TimeLimitReached)
     assert error.diagnosis.evidence["in_the_way"] == {"'post'": 2, "'door'": 1}
-    assert "exhausted: candidates (3 attempts); not begun: trees" in error.diagnosis.reason
+    assert "exhausted: candidates (3 attempts); not begun: RRT-Connect" in error.diagnosis.reason
 
 
 def test_a_search_in_vain_lists_its_strategies() -> None:
@@ -85,5 +85,5 @@ def test_a_search_in_vain_lists_its_strategies() -> None:
         find_motion(task)
     listed = caught.value.diagnosis.evidence["strategies"]
     assert isinstance(listed, list)
-    assert [each["name"] for each in listed] == ["arcs at the limits", "candidates", "RRT-Connect again", "trees"]
+    assert [each["name"] for each in listed] == ["arcs at the limits", "candidates", "RRT-Connect again"]
     assert not any(each["exhausted"] for each in listed)

@@ -416,3 +416,19 @@ def test_a_fold_joins_its_route_wherever_that_has_vertices(seed: int, extra: int
     arcs = np.linspace(0.0, plain[0].length, 50)
     np.testing.assert_allclose(plain[0].at(arcs), divided[0].at(arcs), atol=1e-9)
     np.testing.assert_allclose(plain[1], divided[1])
+
+
+def test_what_is_remembered_is_made_once() -> None:
+    """Items are made when first asked for, and given again from the first to every later asker."""
+    made: list[int] = []
+
+    def items() -> Iterator[FloatArray]:
+        for k in range(3):
+            made.append(k)
+            yield np.array([float(k)])
+
+    remembered = CachedItems(items())
+    assert next(iter(remembered))[0] == 0.0
+    assert made == [0]
+    assert [item[0] for item in remembered] == [item[0] for item in remembered] == [0.0, 1.0, 2.0]
+    assert made == [0, 1, 2]

@@ -10,11 +10,11 @@ import pytest
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.random_tip_paths import WALKS, TipWays, find_by_walks, is_walked
+from ccm_opt.planning.random_tip_paths import WALKS, PoseTree, TipWays, find_by_walks, is_walked
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import TipWalkSettings
-from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
+from tests.scenes import Scene, clutter, make_stepper, motion_task, open_scene, sweep_gaps, swept
 
 LINKS = 24.0
 """Nominal links to the arm's length."""
@@ -112,3 +112,16 @@ def test_it_is_tried_among_many_walls_alone_and_for_the_tip_alone() -> None:
     assert is_walked(task)
     assert not is_walked(replace(task, goal_pose=task.start))
     assert not is_walked(replace(task, tip_paths=()))
+
+
+def test_the_way_to_a_node_leads_through_its_ancestors() -> None:
+    """It holds the root and all edges in order, and counts every pose once."""
+    stepper, root = make_stepper(open_scene(1))
+    bend = np.eye(len(root.v))[5]
+    poses = [root, *(stepper.pose(root.v + 0.1 * k * bend) for k in range(1, 6))]
+    tree = PoseTree()
+    tree.add(-1, [root])
+    middle = tree.add(0, poses[1:3])
+    tree.add(0, poses[5:])
+    last = tree.add(middle, poses[3:5])
+    assert tree.poses_to_node(last) == poses[:5]

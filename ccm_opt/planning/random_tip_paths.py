@@ -26,7 +26,6 @@ from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun, stack_configurations
 from ccm_opt.planning.settings import TipWalkSettings
@@ -152,7 +151,7 @@ def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = Fal
     Args:
         task: arm, workspace, start, goal and limits.
         failures: list to which the failures of candidates are appended.
-        late: whether this is the second attempt, before the search by trees, with more and other walks than the first.
+        late: whether this is the second attempt, after all candidates, with other walks than the first.
     """
     settings = task.settings.tip_walks
     runs = [PlanarRun.from_task(task, margin) for margin in settings.margins]
@@ -190,6 +189,52 @@ def _candidate(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
 
 
 @dataclass
+class PoseTree:
+    """Search tree of poses of an arm, with the motions between them.
+
+    Attributes:
+        poses: pose of each node.
+        parents: index of the parent of each node, -1 for the root.
+        edges: for each node, poses of the motion from the parent to the node, without that of the parent.
+        uses: number of times that each node has been chosen for an extension.
+    """
+
+    poses: list[Pose] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    edges: list[list[Pose]] = field(default_factory=list)
+    uses: list[int] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def add(self, parent: int, edge: list[Pose]) -> int:
+        """Add the last pose of a motion as a node, and return the index of the node.
+
+        Args:
+            parent: index of the node at which the motion begins, -1 for the root.
+            edge: poses of the motion after that of the parent.
+        """
+        self.poses.append(edge[-1])
+        self.parents.append(parent)
+        self.edges.append(edge)
+        self.uses.append(0)
+        return len(self) - 1
+
+    def tip_distances(self, place: FloatArray) -> FloatArray:
+        """Return the distance of the tip of every node to a point (2,), shape (nodes,) [m]."""
+        distances: FloatArray = np.linalg.norm(np.array([node.tip for node in self.poses]) - place, axis=1)
+        return distances
+
+    def poses_to_node(self, node: int) -> list[Pose]:
+        """Return all poses of the motion from the root to a node."""
+        edges = []
+        while node >= 0:
+            edges.append(self.edges[node])
+            node = self.parents[node]
+        return [pose for edge in reversed(edges) for pose in edge]
+
+
+@dataclass
 class TipWalks:
     """Search by random walks of the tip, which begin at the start or at the end of an earlier walk.
 
@@ -205,11 +250,10 @@ class TipWalks:
     ways: TipWays
     rng: np.random.Generator
     settings: TipWalkSettings
-    reached: PoseTree = field(init=False)
+    reached: PoseTree = field(init=False, default_factory=PoseTree)
 
     def __post_init__(self) -> None:
-        self.reached = PoseTree(self.ways.arm)
-        self.reached.add_root(self.runs[0].start)
+        self.reached.add(-1, [self.runs[0].start])
 
     def search(self, walks: int, failures: list[Failure]) -> Motion | None:
         """Return the certified motion of the first walk that reaches the goal, or None after ``walks`` walks.
@@ -280,7 +324,7 @@ class TipWalks:
         if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached
-        distances = reached.tip_distances(self.runs[0].goal.position) / reached.arm.length
+        distances = reached.tip_distances(self.runs[0].goal.position) / self.ways.arm.length
         weights = np.exp(-distances / _NEARNESS) / (1.0 + np.array(reached.uses))
         node = int(self.rng.choice(len(reached), p=weights / weights.sum()))
         reached.uses[node] += 1

@@ -34,9 +34,6 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.bad_pose import joints_at_limits
 from ccm_opt.scene.contact_finder import ContactFinder, describe_clearance
 
-TREES = "trees"
-"""Candidate name of motions found by search trees of poses."""
-
 
 @dataclass(frozen=True)
 class Failure:
@@ -323,17 +320,15 @@ def nothing_found(
         strategies: records of all strategies, in order.
     """
     tried = sorted(failures, key=lambda f: f.remaining)
-    trees = [f.message for f in failures if f.candidate == TREES]
     held: tuple[str, ...] = ()
     if tried:
         best = tried[0]
         what = "the tip" if task.goal_pose is None else "a joint"
-        count = len(tried) - len(trees)
-        candidates = f"{count} candidate{'s' * (count != 1)}"
+        candidates = f"{len(tried)} candidate{'s' * (len(tried) != 1)}"
         reason = (
             f"no motion found in {candidates}; the best ({best.candidate}) ended with {what} "
             f"{short_length(best.remaining)} from the goal: {best.message}; nearest there: {best.obstacle}"
-        ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
+        )
         joints, held = joints_at_limits(task.arm, best.bends)
         reason += f"; {joints}" if joints else ""
     else:

@@ -240,7 +240,7 @@ class TipWalkSettings:
             arrive, and along 1.2 to 2.0, where the whole arm has to take another route, never.
         early_walks: number of walks before poses at the goal are sought. Heuristic: at most half the time of a failed
             search for such poses.
-        late_walks: number of walks before the search by trees. Heuristic: a few times as many.
+        late_walks: number of walks after all candidates. Heuristic.
     """
 
     margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)

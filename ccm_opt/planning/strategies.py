@@ -22,19 +22,15 @@ from ccm_opt.planning.refinement import coarse_task, taken_over
 from ccm_opt.planning.rrt_connect import CONNECT, FEW_LINKS
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.sampled_run import SAMPLED_ROUNDS
-from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
+from ccm_opt.planning.search import Failure, Strategy, first_found
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
-TREE_MARGINS = (0.12, 0.06, 0.024)
-"""Planning margins with which trees of poses are grown, in nominal links: with a wide margin trees grow faster, with a
-narrow one they reach through narrow passages. Heuristic."""
 _MOST_LINKS = 48
 """Number of links above which RRT-Connect is not used. Heuristic: the cost of a pose grows with the links."""
 
@@ -62,7 +58,7 @@ _LATE_BUDGETS = (60000, 60000)
 
 
 class Turn(IntEnum):
-    """When RRT-Connect is tried: EARLY before, MIDDLE among, LATE after the candidates, LAST after pose trees.
+    """When RRT-Connect is tried: EARLY before, MIDDLE among, LATE after the candidates.
 
     SOON is before those candidates that need poses at the goal, which are costly to find.
     """
@@ -70,7 +66,6 @@ class Turn(IntEnum):
     EARLY = 0
     LATE = 1
     MIDDLE = 2
-    LAST = 3
     SOON = 4
 
 
@@ -137,13 +132,12 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
     # Without a tip path a motion of the arm is unlikely; with few links there may still be one closer to a wall.
     if not task.tip_paths and not few:
         return ()
-    # Thin arms of many links have their late turn after the trees, since checking their poses takes long.
-    slow = not few and needs_dense_sampling(task)
-    if turn in {Turn.LATE, Turn.LAST}:
-        return _LATE_BUDGETS if slow == (turn is Turn.LAST) else ()
+    if turn is Turn.LATE:
+        return _LATE_BUDGETS
     if few:
         return FEW_BUDGETS if turn is Turn.EARLY else ()
-    if slow or (task.goal_pose is None) != (turn is Turn.SOON):
+    # Checking poses of thin arms takes long.
+    if needs_dense_sampling(task) or (task.goal_pose is None) != (turn is Turn.SOON):
         return ()
     if turn is Turn.SOON:
         return _SOON_BUDGETS
@@ -223,23 +217,8 @@ def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
     return None
 
 
-def find_by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion found by growing trees of poses from start and goal, or None if they do not meet in time."""
-    if not task.tip_paths:
-        return None
-    full = task.at_full_limits()
-    runs = [PlanarRun.from_task(full, margin) for margin in TREE_MARGINS]
-    narrowest = runs[-1]
-    try:
-        poses = search_by_trees(runs)
-        return narrowest.motion(TREES, narrowest.certified_without_pauses(poses))
-    except Stalled as stalled:
-        failures.append(narrowest.failure(TREES, stalled))
-    return None
-
-
 def _independent_of_path_parameter(task: MotionTask) -> bool:
-    """Return whether no limit of a task depends on the path parameter, which candidates and tree poses do not have."""
+    """Return whether no limit of a task depends on the path parameter, which candidates do not have."""
     return not task.parametric
 
 
@@ -319,8 +298,6 @@ STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
     Strategy("tracking", tracked, lambda task: bool(task.user_limits), costly=True),
     _connecting(f"{CONNECT} again", Turn.LATE),
     Strategy(f"{WALKS} again", partial(find_by_walks, late=True), is_walked, costly=True),
-    Strategy(TREES, find_by_trees, _independent_of_path_parameter, costly=True),
-    _connecting(f"{CONNECT} again", Turn.LAST),
 )
 """Search strategies for planar arms on a fixed base, in order of trial."""
 SAMPLERS = tuple(_connecting(f"{CONNECT}, turn {turn.name.lower()}", turn) for turn in Turn)
