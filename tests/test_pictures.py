@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -23,7 +26,7 @@ from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import PlanDrawing
 from ccm_opt.viz.films import make_film, motion_gif, motion_mp4
-from ccm_opt.viz.plan import even_steps, plan_figure, plan_picture
+from ccm_opt.viz.plan import even_steps, number_goals, plan_figure, plan_picture
 from ccm_opt.viz.settings import FILM
 from ccm_opt.viz.views import action_window
 
@@ -109,6 +112,32 @@ def test_the_least_gap_is_marked_where_it_is(plan: PlanDrawing) -> None:
     to_link = shapely.distance(shapely.LineString(pose[near.link - 1 : near.link + 1]), shapely.Point(place))
     assert to_link == pytest.approx(shapely.distance(post.core, shapely.Point(place)), rel=1e-9)
     assert label in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_the_legend_fits_beside_a_narrow_drawing(plan: PlanDrawing) -> None:
+    """All of it is within the figure where the motion is much higher than wide, and the gap has a long label."""
+    figure = plan_figure(replace(plan, points=plan.points @ np.array([[0.0, 1.0], [0.05, 0.0]])))
+    (legend,) = figure.legends
+    assert "least gap" in legend.get_texts()[-1].get_text()
+    legend.get_texts()[-1].set_text("least gap 1234.5 mm at 123.45 s")
+    figure.draw_without_rendering()
+    extent = legend.get_window_extent()
+    assert extent.x0 >= 0.0
+    assert extent.x1 <= figure.bbox.width
+
+
+@settings(max_examples=20)
+@given(
+    st.lists(st.tuples(*[st.floats(0.0, 1.0)] * 2), min_size=2, max_size=3),
+    st.none() | st.floats(-np.pi, np.pi),
+)
+def test_numbers_of_goals_stay_within_their_view(places: list[tuple[float, float]], heading: float | None) -> None:
+    """No disc leaves a view two inches wide, also of goals at its edge."""
+    axes = Figure(figsize=(2.0, 2.0), dpi=72).add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    number_goals(axes, np.array(places), [heading] * len(places))
+    centres = 144.0 * np.array([text.get_position() for text in axes.texts])
+    assert np.all(np.minimum(centres, 144.0 - centres) >= 7.0 - 1e-9)
 
 
 def test_poses_are_equally_far_apart(plan: PlanDrawing) -> None:

@@ -61,8 +61,8 @@ _LEAST_WEDGE = 0.05
 def number_goals(axes: Axes, places: FloatArray, headings: Sequence[float | None], scale: float = 1.0) -> None:
     """Draw the numbers of goals in discs behind the goals' arrows, or above goals without an arrow.
 
-    A disc that would cover another one or the ring of another goal is turned about its goal, or drawn farther away with
-    a line to the goal.
+    A disc that would cover another one or the ring of another goal, or leave the axes, is turned about its goal, or
+    drawn farther away with a line to the goal.
 
     Args:
         axes: axes to draw in, with their limits set.
@@ -72,16 +72,18 @@ def number_goals(axes: Axes, places: FloatArray, headings: Sequence[float | None
     """
     unit = points_a_metre(axes) / scale
     of_goals = unit * places
+    low, high = unit * np.stack((axes.get_xlim(), axes.get_ylim()), axis=1)
     centres: list[FloatArray] = []
     for number, (place, at, heading) in enumerate(zip(places, of_goals, headings, strict=True), start=1):
         away = (0.5 * np.pi if heading is None else heading + np.pi) + _DISC_TURNS
         offsets = np.outer(_DISC_DISTANCES, np.exp(1j * away)).ravel()
         tried = at + np.column_stack((offsets.real, offsets.imag))
         others = np.delete(of_goals, number - 1, axis=0)
-        free = np.minimum(
+        free = np.minimum.reduce((
             _least_distance(tried, np.reshape(centres, (-1, 2))) / _DISC_APART,
             _least_distance(tried, others) / _DISC_FROM_RING,
-        )
+            np.minimum(tried - low, high - tried).min(axis=1) / (0.5 * _DISC_SIZE),
+        ))  # fmt: skip
         best = int(np.argmax(np.minimum(free, 1.0)))
         centres.append(tried[best])
         x, y = tried[best] / unit

@@ -27,8 +27,8 @@ VIEW_SIDE = 4.6
 """Longest side of one view beside a chart [inch]. Heuristic."""
 SPACE_DOTS_PER_INCH = 110
 """Resolution of PNG files of scenes in space [1/inch]. Heuristic."""
-_LEAST_WIDTH = 2.6
-"""Minimum width of a planar drawing, so that the legend fits [inch]."""
+_LEAST_ACROSS = 5.3
+"""Minimum width of the figure of a planar arm, so that the legend fits [inch]."""
 _MOST_IN_THREE = 8
 """Maximum number of entries of a planar legend in three columns; more rows would cover the labels of the axis."""
 _BESIDE_ACTION = 0.07
@@ -80,11 +80,11 @@ def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float,
     """
     sizes = PICTURES
     wide, high = np.ptp(window, axis=0) * sizes.longest_side / float(np.ptp(window, axis=0).max())
-    width = max(_LEAST_WIDTH, wide)
     height = max(sizes.least_height, high)
-    across = sizes.left + width + sizes.right
+    across = max(sizes.left + wide + sizes.right, _LEAST_ACROSS)
     up = sizes.bottom + height + sizes.top
-    return (across, up), (sizes.left / across, sizes.bottom / up, width / across, height / up)
+    left = sizes.left + 0.5 * (across - sizes.left - wide - sizes.right)
+    return (across, up), (left / across, sizes.bottom / up, wide / across, height / up)
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Sheet:
 
         main = axes_at(0.5 * (size[0] - main_width), sides_height + 1.4, main_width, main_height)
         gap = (across - scale * spans[:, 0].sum()) / 3.0 + 0.6
-        left, views = 0.6, []
+        left, views = 0.7, []
         for each, (width, height) in zip(SIDES, scale * spans, strict=True):
             views.append((axes_at(left, 0.85 + sides_height - height, width, height), each))
             left += width + gap
